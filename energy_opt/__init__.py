@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
 
-if TYPE_CHECKING:  # what editors and type checkers see; at run time `_PLACES` says where things are
+if TYPE_CHECKING:  # for editors and type checkers; at run time `_PLACES` has the places
     from energy_opt import conditions as conditions
     from energy_opt import effects as effects
     from energy_opt.cell.scene_files import read_scene as load_scene
@@ -71,7 +71,7 @@ _PLACES = {
     "source_model": "energy_opt.front.given",
 }
 _OWN_NAMES = {"load_scene": "read_scene"}
-# Names of version 0.1 that are still found here, for a version; effects are, too.
+# Names of version 0.1 that are kept for one version; effects are kept, too.
 _EARLIER = {
     **dict.fromkeys(("Move", "Settings"), "energy_opt.motion"),
     "Answer": "energy_opt.front.answer",

@@ -7,10 +7,10 @@ import sys
 
 def command() -> int:
     """Run the command; returns the exit code."""
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # sums, and so answers, do not depend on the machine's number of cores
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # sums, and so answers, then do not depend on the number of cores
     heeded = signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
     if heeded:
-        signal.signal(signal.SIGINT, lambda *_: os._exit(130))  # no work that could be lost is under way
+        signal.signal(signal.SIGINT, lambda *_: os._exit(130))  # no work can be lost yet
     from energy_opt.cli.faults import interrupt
     from energy_opt.cli.main import main
 
@@ -19,7 +19,7 @@ def command() -> int:
     try:
         return main()
     finally:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # all is written, nothing is left to end
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # all files are written
 
 
 if __name__ == "__main__":

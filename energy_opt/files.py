@@ -21,10 +21,10 @@ import yaml
 
 from energy_opt.errors import BadInput
 
-LARGEST_TEXT = 10**9  # bytes of a file that is read whole: an hour of a log at 1 kHz has a third of it
-LARGEST_DOCUMENT = 32 * 10**6  # bytes of a TOML, JSON or YAML document
+LARGEST_TEXT = 10**9  # [bytes] largest file that is read whole: an hour of a log at 1 kHz has a third of it
+LARGEST_DOCUMENT = 32 * 10**6  # [bytes] largest TOML, JSON or YAML document
 DEEPEST = 64  # levels of a document; messages of the field have fewer than ten
-MOST_NODES = 2 * 10**6  # values of a YAML document, aliases written out
+MOST_NODES = 2 * 10**6  # most values of a YAML document, aliases expanded
 
 
 @contextmanager
@@ -131,7 +131,8 @@ def read_text(path: Path, most: int = LARGEST_TEXT) -> str:
         raise BadInput(f"{path}: {reason}") from None
 
 
-LONG_KEY = re.compile(r"""(?<![\w"'.-])(?:[\w"'-]++\s*+\.\s*+){64}""")  # a.b.c…, read in quadratic time
+# a.b.c…: tomllib reads such keys in quadratic time
+LONG_KEY = re.compile(r"""(?<![\w"'.-])(?:[\w"'-]++\s*+\.\s*+){64}""")
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -141,7 +142,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise BadInput(f"{path}: not valid TOML: a key of more than {DEEPEST} parts")
     try:
         return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # of numbers with thousands of digits, too
+    except (ValueError, RecursionError) as error:  # ValueError also for numbers with thousands of digits
         raise BadInput(f"{path}: not valid TOML: {_reason(error)}") from None
 
 
@@ -161,14 +162,14 @@ def read_json(path: Path) -> Any:
 
 
 def _reason(error: Exception) -> str:
-    """What a parser said, in one line."""
+    """A parser's message in one line."""
     return "nested too deeply" if isinstance(error, RecursionError) else " ".join(str(error).split())
 
 
 class _Loader(yaml.SafeLoader):
     """YAML with the angle tags of ROS parameter files (`!degrees 360.0`), bounded in depth and in size.
 
-    Size counts what a document comes to with every alias replaced by what it means, so that a few lines of
+    Size counts every alias as the values that it refers to, so that a few lines of
     aliases of aliases do not become billions of values.
     """
 
@@ -178,7 +179,7 @@ class _Loader(yaml.SafeLoader):
         self._sizes: dict[int, int] = {}
 
     def compose_node(self, parent: Any, index: Any) -> Any:
-        """A node as PyYAML composes it; a YAMLError where a bound is passed."""
+        """A node as PyYAML composes it; a YAMLError if a bound is exceeded."""
         alias = self.check_event(yaml.AliasEvent)
         before, self._depth = self._total, self._depth + 1
         if self._depth > DEEPEST:
@@ -196,7 +197,7 @@ class _Loader(yaml.SafeLoader):
 
 
 class _FastLoader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]  # none without libyaml
-    """The same by libyaml: five times as fast, without bounds, and deep nesting overruns its stack: see `_tame`."""
+    """The same by libyaml: five times as fast, but without bounds; deep nesting overruns its stack: see `_tame`."""
 
 
 for _loader in (_Loader, _FastLoader):
@@ -205,7 +206,7 @@ for _loader in (_Loader, _FastLoader):
 
 
 def _tame(text: str) -> bool:
-    """Whether a YAML text surely has no alias and nests less than `DEEPEST` levels, by indents, dashes and brackets."""
+    """True if a YAML text surely has no alias and fewer than `DEEPEST` levels, by indents, dashes and brackets."""
     if "*" in text or any(len(indent[0]) >= DEEPEST for indent in re.finditer(r"^[ \t?-]*", text, re.MULTILINE)):
         return False
     depth = 0

@@ -16,10 +16,10 @@ from energy_opt.errors import BadInput
 from energy_opt.files import read_json, write_json
 from energy_opt.results import ANSWERS, digest_of, earlier
 
-ASIDE = ".writing-"  # and the process that writes there
+ASIDE = ".writing-"  # prefix of temporary folders, before the number of the process that writes there
 
 
-_taken: dict[Path, tuple[int, list[Path]]] = {}  # by folder: what holds its lock, and the folders made for it
+_taken: dict[Path, tuple[int, list[Path]]] = {}  # by folder: the descriptor of its lock, and the folders created for it
 
 
 def take_folder(out: Path) -> None:
@@ -47,7 +47,7 @@ def take_folder(out: Path) -> None:
 
 
 def _locked(out: Path) -> tuple[int, list[Path]]:
-    """A descriptor that locks a folder, and the folders that were made for it, innermost first."""
+    """A descriptor that locks a folder, and the folders created for it, innermost first."""
     while True:
         created = [folder for folder in (out, *out.parents) if not folder.exists()]
         out.mkdir(parents=True, exist_ok=True)
@@ -57,11 +57,11 @@ def _locked(out: Path) -> tuple[int, list[Path]]:
         except BlockingIOError:
             os.close(handle)
             raise
-        except OSError:  # not here
+        except OSError:  # no locks on this file system
             pass
         if out.exists() and os.path.samestat(os.fstat(handle), out.stat()):
             return handle, created
-        os.close(handle)  # another run, which wrote nothing, has just removed it
+        os.close(handle)  # another run, which wrote nothing, has just removed the folder
 
 
 def leave_folder(out: Path) -> None:
@@ -73,7 +73,7 @@ def leave_folder(out: Path) -> None:
     for folder in created:
         try:
             folder.rmdir()
-        except OSError:  # something is in it
+        except OSError:  # the folder is not empty
             break
     os.close(handle)
 
@@ -135,20 +135,21 @@ def _list_files(aside: Path, last: str, names: Sequence[Path]) -> None:
 
 
 def _sweep(out: Path) -> None:
-    """Remove what runs that were killed have left aside."""
+    """Remove temporary folders of killed runs."""
     for folder in out.glob(f"{ASIDE}*"):
         process = folder.name.removeprefix(ASIDE).partition("-")[0]
         try:
             os.kill(int(process), 0)
         except ProcessLookupError:
             shutil.rmtree(folder, ignore_errors=True)
-        except (OSError, ValueError, OverflowError):  # another user's, alive; or not ours by its name
+        # another user's process is alive, or the folder has a foreign name
+        except (OSError, ValueError, OverflowError):
             pass
 
 
 @contextmanager
 def _undisturbed() -> Iterator[None]:
-    """Ctrl-C waits until the block has ended; in another than the main thread it never came."""
+    """Delay Ctrl-C until the block has ended; in other threads than the main one it never arrives."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -6,7 +6,7 @@ import re
 
 from energy_opt.errors import BadInput
 
-LONGEST = 128  # characters
+LONGEST = 128  # most characters of a name
 _NAME = re.compile(rf"[\w\-./]{{1,{LONGEST}}}")
 
 

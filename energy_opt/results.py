@@ -11,12 +11,13 @@ from typing import Any, Self
 from energy_opt.errors import BadInput
 from energy_opt.files import read_json, to_json
 
-# What says that a folder holds a verb's results; reports, plots and tables of several verbs have the same names.
+# Files that show that a folder holds a verb's results; reports, plots and tables of several verbs have the same names.
 ANSWERS = {"result.json": "optimize", "tradeoff.json": "tradeoff", "job.json": "job", "results.jsonl": "bench",
            "identify.json": "identify", "diagnosis.json": "diagnose",
            "evaluate.json": "evaluate", "place.json": "place", "passport.json": "passport"}  # fmt: skip
-SUFFIXES = (".csv", ".yaml", ".json", ".mcap", ".goal.yaml", ".script", ".franka.csv")  # of every format written
-# All that each verb may write beside it: what is there of an earlier run goes when a new one is written.
+# suffixes of every written format
+SUFFIXES = (".csv", ".yaml", ".json", ".mcap", ".goal.yaml", ".script", ".franka.csv")
+# All files that each verb may write besides its answer: those of an earlier run are removed when a new one is written.
 BESIDE = {
     "result.json": (*(f"trajectory{s}" for s in SUFFIXES), "trajectory_*hz.csv", "moves.yaml", "moves.script",
                     "plot.png", "report.html"),

@@ -14,7 +14,7 @@ from energy_opt.errors import BadInput, near
 
 
 def _number(value: object) -> object:
-    """Numbers alone: text and truth values are no numbers, though pydantic could convert them."""
+    """Only numbers: text and truth values are refused, though pydantic could convert them."""
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise ValueError("expected a number")
     try:
@@ -39,7 +39,7 @@ Number = Annotated[float, BeforeValidator(_number), Field(allow_inf_nan=False)]
 Name = Annotated[str, StringConstraints(strict=True, min_length=1, max_length=128, pattern=r"^[^\x00-\x1f\x7f]+$")]
 
 
-# What is expected, by pydantic's name of a fault, where its own words are long.
+# Expected values by pydantic's name of a fault, if its own words are long.
 PLAIN = {
     "string_type": "text", "string_too_short": "text that is not empty", "string_pattern_mismatch": "text in one line",
     "list_type": "a list", "dict_type": "a table", "model_type": "a table", "bool_type": "true or false",
@@ -107,12 +107,12 @@ def _joined(place: list[str]) -> str:
 
 
 def _place(document: Any, loc: tuple[Any, ...]) -> list[str]:
-    """Where a fault is: keys of tables, and of tables in a list `step 2 (weld)`."""
+    """Place of a fault: keys of tables, and entries of lists as `step 2 (weld)`."""
     out: list[str] = []
     at = document
     for part in loc:
         if isinstance(part, int):
-            if not isinstance(at, list):  # one value is a list of itself
+            if not isinstance(at, list):  # the file has a single value in place of a list
                 continue
             at = at[part] if part < len(at) else None
             named = at.get("name") if isinstance(at, Mapping) else None
@@ -125,7 +125,7 @@ def _place(document: Any, loc: tuple[Any, ...]) -> list[str]:
 
 
 def _keys(model: Any, loc: tuple[Any, ...]) -> list[str]:
-    """The keys that a table at `loc` of a model knows."""
+    """The known keys of a table at `loc` of a model."""
     for part in loc:
         if isinstance(part, int):
             continue

@@ -1,4 +1,4 @@
-"""A whole batch: runs the remaining moves of a suite, keeps each result as it comes, and writes tables at the end."""
+"""A whole batch: runs the remaining moves of a suite, keeps each result as it arrives, and writes tables at the end."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Batch(Found):
         records: of every finished move, in the order of the suite. summary: summary.json.
         interrupted: whether it stopped early; `resume` runs the remaining moves.
         left_out: number of earlier records that belong to another version of the suite.
-        out: the folder of its results. request: what was asked, if known.
+        out: the folder of its results. request: the request, if known.
     """
 
     records: list[Row]
@@ -44,13 +44,13 @@ class Batch(Found):
 
     @property
     def exit_code(self) -> int:
-        """Of the command line."""
+        """The exit code of the command line."""
         if self.interrupted:
             return 130
         return 0 if self.summary["status"].get("solved") else 4
 
     def document(self) -> dict[str, Any]:
-        """summary.json."""
+        """The content of summary.json."""
         return self.summary
 
     def text(self, out: Path | None = None) -> str:
@@ -95,7 +95,7 @@ def run_batch(
         show: called after every move with a line for the user and the finished share of the remaining moves.
         solve: what workers do with a task; workers must be able to import it.
         command: the command line, for the report.
-        worth: how often in a year all moves are made, each once; the summary states what the savings are worth.
+        worth: runs of all moves per year, each once; the summary states the value of the savings.
 
     Raises:
         BadInput: `out` holds an unfinished batch and `resume` is False, or results of another suite or version and
@@ -127,7 +127,7 @@ def run_batch(
                 show(text, (len(records) - before) / len(left))
         except KeyboardInterrupt:
             interrupted = True
-            for record in read_journal(journal.path)[1]:  # it may have come between the disk and `records`
+            for record in read_journal(journal.path)[1]:  # it may be on disk but not yet in `records`
                 if record["key"] in wanted:
                     records.setdefault(record["key"], record)
         found = [records[key]["row"] for key in wanted if key in records]
@@ -149,7 +149,7 @@ def run_batch(
 
 
 def _said(row: Row) -> str:
-    """A finished move as a line: what it was, how it ended, and the seconds that building and solving took."""
+    """A finished move as a line: its name, its status, and the seconds of building and solving."""
     named = " ".join(str(row[name]) for name in ("robot", "move", "mode", "timing") if row[name])
     times = [
         f"{kind} {row[f'{kind}_seconds']:.2f} s" for kind in ("build", "solve") if row[f"{kind}_seconds"] is not None

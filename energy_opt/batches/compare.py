@@ -1,4 +1,4 @@
-"""Comparison of two runs of a suite: which moves got better or worse beyond noise."""
+"""Comparison of two runs of a suite: moves that got better or worse beyond noise."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from energy_opt.batches.summary import DEFECT, grouped
 from energy_opt.errors import BadInput
 from energy_opt.files import read_text
 
-ENERGY_NOISE = 1e-3  # share of the loss below which two solves of one move count as equal
-ENERGY_FLOOR = 1e-3  # J, the same for moves that lose next to nothing
-TIME_NOISE = 0.10  # share by which a median time may move from run to run on one machine
-SIGNIFICANCE = 0.01  # of the sign test that a change of times must pass as well
+ENERGY_NOISE = 1e-3  # share of the loss: smaller differences between two solves of one move count as noise
+ENERGY_FLOOR = 1e-3  # [J] the same for moves with almost no loss
+TIME_NOISE = 0.10  # share by which a median time may differ between runs on one machine
+SIGNIFICANCE = 0.01  # level of the sign test that a change of times must pass as well
 RANKS = {"solved": 0, "not_converged": 1, "infeasible": 2, "failed": 3}
 
 
 def compare(old: Path, new: Path) -> dict[str, Any]:
     """Compare two results (folders of `bench --out`, or their results.parquet).
 
-    Energies are compared move by move and counted beyond the solver's tolerance; a change of status or a new violation
-    of a limit counts by itself; times are compared as the median ratio over moves, with a sign test, and only where
-    both runs name the same machine.
+    Energies are compared move by move, beyond the solver's tolerance; a change of status or a new violation of a limit
+    always counts; times are compared as the median ratio over moves, with a sign test, and only if both runs name the
+    same machine.
 
     Raises:
-        BadInput: a path holds no results, or the two have no move in common.
+        BadInput: a path has no results, or the two have no move in common.
     """
     before, after = (_records(path) for path in (old, new))
     keys = [key for key in before if key in after]
@@ -55,7 +55,7 @@ def compare(old: Path, new: Path) -> dict[str, Any]:
 
 
 def _records(path: Path) -> dict[tuple[Any, ...], Row]:
-    """The records of a folder or of a results.parquet, by what identifies a move."""
+    """The records of a folder or of a results.parquet, by the identity of the move."""
     file = path / "results.parquet" if path.is_dir() else path
     return {tuple(row[name] for name in IDENTITY): row for row in read_parquet(file)}
 
@@ -73,7 +73,7 @@ def _machine(path: Path) -> tuple[Any, ...] | None:
 
 
 def _change(a: Row, b: Row) -> dict[str, Any] | None:
-    """What changed for one move beyond noise, or None."""
+    """The change of one move beyond noise, or None."""
     named = {name: b[name] for name in IDENTITY}
     if a["status"] != b["status"]:
         verdict = "better" if RANKS.get(b["status"], 3) < RANKS.get(a["status"], 3) else "worse"
@@ -93,7 +93,7 @@ def _change(a: Row, b: Row) -> dict[str, Any] | None:
         return None
     same_duration = abs(a["duration"] - b["duration"]) <= 1e-3 * a["duration"]
     if not same_duration and b["timing"] != "free":
-        return None  # the minimum time itself moved, so the energies answer different questions
+        return None  # the minimum time itself changed, so the energies are not comparable
     what = "energy_loss" if same_duration else "energy_total"
     old, new = a[what], b[what]
     if abs(new - old) <= max(ENERGY_FLOOR, ENERGY_NOISE * abs(a["energy_loss"])):

@@ -1,4 +1,4 @@
-"""Where moves are computed (processes of this machine, or a Dask cluster), and what keeps the workers busy."""
+"""Where moves are computed (processes of this machine, or a Dask cluster), and the distribution of moves to workers."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from energy_opt.batches.task import Task
 from energy_opt.batches.work import solve_task
 from energy_opt.errors import BadInput, EnergyOptError
 
-# For workers: one thread for linear algebra, and no code from the current folder (a `selectors.py` that lies there).
+# For workers: one thread for linear algebra, and no imports from the current folder (such as a `selectors.py` there).
 _FOR_WORKERS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "PYTHONSAFEPATH")
 
 
 @dataclass(frozen=True)
 class Place:
-    """A running set of workers: submit to `executor`, keep about `window` moves in its hands."""
+    """A running set of workers: submit to `executor`, with about `window` moves at a time."""
 
     executor: Executor
     window: int
@@ -35,7 +35,7 @@ Opener = Callable[[], AbstractContextManager[Place]]
 
 
 def _follow_parent() -> None:
-    """In a worker: leave Ctrl-C to the parent, and do not outlive it."""
+    """In a worker: leave Ctrl-C to the parent, and exit when the parent ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
 
@@ -49,7 +49,7 @@ def _follow_parent() -> None:
 
 @contextmanager
 def local(jobs: int) -> Iterator[Place]:
-    """`jobs` processes of this machine, each with one thread for linear algebra; killed when left by an exception."""
+    """`jobs` processes of this machine, each with one thread for linear algebra; killed on an exception."""
     before = {name: os.environ.get(name) for name in _FOR_WORKERS}
     others = set(multiprocessing.active_children())
     os.environ.update({name: value or "1" for name, value in before.items()})
@@ -100,10 +100,10 @@ Solver = Callable[[Task], Record]
 
 
 def run_tasks(tasks: Sequence[Task], place: Opener, solve: Solver = solve_task) -> Iterator[Record]:
-    """Records of all tasks, in the order in which they come.
+    """Records of all tasks, in the order of arrival.
 
-    Tasks that were in the hands of a pool whose worker died are tried again, each alone; the one that kills its
-    worker again becomes a row that says so.
+    If a worker dies, the tasks of its pool are tried again, each alone; a task that kills its worker again gets a
+    record with that reason.
     """
     left = deque(sorted(tasks, key=_by_build(tasks)))
     while left:
@@ -115,14 +115,14 @@ def run_tasks(tasks: Sequence[Task], place: Opener, solve: Solver = solve_task) 
 
 
 def _by_build(tasks: Sequence[Task]) -> Callable[[Task], tuple[int, int]]:
-    """Sort key that keeps tasks of one built problem together, in the order of the suite otherwise."""
+    """Sort key that keeps tasks of one built problem together, otherwise in the order of the suite."""
     first: dict[object, int] = {}
     group = {task.index: first.setdefault(task.build, task.index) for task in tasks}
     return lambda task: (group[task.index], task.index)
 
 
 def _drain(left: deque[Task], place: Opener, solve: Solver) -> Generator[Record, None, list[Task]]:
-    """Run tasks from `left` until it is empty or a worker dies; returns the tasks that were under way when one did."""
+    """Run tasks from `left` until it is empty or a worker dies; returns the tasks that were running when one died."""
     running: dict[Future[Record], Task] = {}
     suspects: list[Task] = []
     with place() as at:

@@ -1,4 +1,4 @@
-"""Moves of a suite: given ones by joint name or in order, and random ones that a seed fixes."""
+"""Moves of a suite: given ones by joint name or in order, and random ones with a seed."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from energy_opt.robot import Limits, Robot
 
 @dataclass(frozen=True)
 class NamedMove:
-    """Start and goal (n,) [rad] under a name, with points to pass between, or a path: ending and text of its file.
+    """Start and goal (n,) [rad] under a name, with via points, or a path: suffix and text of its file.
 
     Attributes:
-        ends: where they are poses of the tool, these as `Ends.to_text` has them; `start`, `goal` do not count then.
+        ends: text of `Ends.to_text` if they are poses of the tool; `start`, `goal` are then ignored.
     """
 
     name: str
@@ -34,7 +34,7 @@ class NamedMove:
 
 
 def joint_ranges(limits: Limits) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper end (n,) of each joint's range; a joint without an end counts as one turn, [-pi, pi]."""
+    """Lower and upper end (n,) of each joint's range; a joint without limits counts as one turn, [-pi, pi]."""
     bounded = np.isfinite(limits.lower) & np.isfinite(limits.upper)
     return np.where(bounded, limits.lower, -np.pi), np.where(bounded, limits.upper, np.pi)
 
@@ -107,7 +107,7 @@ def given_path(name: str, file: Path, joints: Sequence[str]) -> NamedMove:
     """A move along the path in a file.
 
     Raises:
-        BadInput: it holds no waypoints or trajectory of these joints.
+        BadInput: it has no waypoints or trajectory of these joints.
     """
     found = read_path(file, joints)
     return NamedMove(name, tuple(found.start.tolist()), tuple(found.goal.tolist()), (), (file.suffix, read_text(file)))

@@ -1,4 +1,4 @@
-"""Records of a batch's results: their columns, the journal that they are kept in, and the table at the end."""
+"""Records of a batch's results: their columns, their journal, and the table at the end."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from energy_opt.results import earlier, no_folder_in_the_way, no_other_verb
 
 # Column: type. Energies in J, durations and seconds in s, savings in percent against "scaled" (the same duration);
 # energy_<baseline> is the total of a baseline, loss_<baseline> its loss; max_violation a fraction of the bound.
-MOST_RECORDS, MOST_BYTES = 10**6, 2 * 10**8  # of a results.parquet that is read
+MOST_RECORDS, MOST_BYTES = 10**6, 2 * 10**8  # largest results.parquet that is read
 COLUMNS: dict[str, str] = {
     "suite": "string",
     "robot": "string",
@@ -56,7 +56,7 @@ Row = dict[str, Any]
 
 
 class Record(TypedDict):
-    """What a worker hands back for one task: its key, its row, its process and the memory it holds [bytes]."""
+    """A worker's answer for one task: its key, its row, its process and the memory it uses [bytes]."""
 
     key: str
     row: Row
@@ -64,7 +64,7 @@ class Record(TypedDict):
 
 
 def identity(task: Task) -> Row:
-    """A row that says which task it is and nothing else yet."""
+    """A row with only the identity of its task."""
     row: Row = dict.fromkeys(COLUMNS)
     row |= {
         "suite": task.suite,
@@ -81,13 +81,13 @@ def identity(task: Task) -> Row:
 
 
 def failed(task: Task, reason: str) -> Record:
-    """The record of a move that came to nothing."""
+    """The record of a move that failed."""
     row = {**identity(task), "status": "failed", "error": " ".join(reason.split())}
     return {"key": task.key, "row": row, "worker": {}}
 
 
 def filled(row: Row, document: Mapping[str, Any]) -> Row:
-    """`row` with what a result's document (CONTRACT's result.json) says."""
+    """`row` with the values of a result's document (result.json)."""
     energy, certificate = document["energy"], document["certificate"]
     violations = [value for value in certificate["max_violation"].values() if value is not None]
     out = {
@@ -118,7 +118,7 @@ def filled(row: Row, document: Mapping[str, Any]) -> Row:
 
 
 def write_parquet(path: Path, records: Iterable[Row]) -> None:
-    """Write the records as a Parquet table, whole or not at all."""
+    """Write the records as a Parquet table, completely or not at all."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -157,9 +157,9 @@ NAME = "results.jsonl"
 
 
 def read_journal(path: Path) -> tuple[dict[str, Any], list[Record], int]:
-    """Header, records in the order of writing, and the length [bytes] of what is whole.
+    """Header, records in the order of writing, and the length [bytes] of the complete lines.
 
-    A last line that a death cut short is left out; {} and no records where not even the header is whole.
+    An incomplete last line is ignored; {} and no records if not even the header is complete.
 
     Raises:
         BadInput: not a journal, or a line before the last that is not JSON.
@@ -183,7 +183,7 @@ def read_journal(path: Path) -> tuple[dict[str, Any], list[Record], int]:
 
 
 def finished(folder: Path) -> bool:
-    """Does `folder` hold a batch that was done to the end?"""
+    """True if `folder` contains a finished batch."""
     try:
         return bool(json.loads((folder / "summary.json").read_text(encoding="utf-8"))["complete"])
     except (OSError, ValueError, KeyError, TypeError):
@@ -191,13 +191,13 @@ def finished(folder: Path) -> bool:
 
 
 class Journal:
-    """An open journal; only one process can hold it."""
+    """An open journal; only one process can open it."""
 
     def __init__(self, folder: Path, header: Mapping[str, Any], *, resume: bool, force: bool = False) -> None:
         """Open `folder`/results.jsonl; a new one unless `resume`.
 
         Raises:
-            BadInput: another process writes there, or an unfinished batch lies there and `resume` is False, or the
+            BadInput: another process writes there, or an unfinished batch is there and `resume` is False, or the
                 results of another suite, of an earlier version of this one, or of another verb, and `force` is False.
         """
         self.path = Path(folder) / NAME
@@ -252,7 +252,7 @@ class Journal:
         return []
 
     def append(self, record: Record | Mapping[str, Any]) -> None:
-        """Write one record and wait until the disk has it."""
+        """Write one record to the disk."""
         self._stream.write(json.dumps(plain(record), allow_nan=False).encode() + b"\n")
         self._stream.flush()
         os.fsync(self._stream.fileno())

@@ -26,7 +26,7 @@ HEADS = {
     "solve_seconds_geometric_mean": "geometric mean [s]",
     "max_violation": "largest violation [share of the bound]",
 }
-LISTED = 200  # failures that the page lists; all are in results.parquet
+LISTED = 200  # most failures on the page; all are in results.parquet
 
 
 def write_report(path: Path, records: Sequence[Row], summary: dict[str, Any]) -> None:
@@ -133,7 +133,7 @@ def _savings(report: Report, savings: Sequence[dict[str, Any]], records: Sequenc
 
 
 def _certificates(report: Report, certificates: dict[str, Any]) -> None:
-    """How many trajectories were judged, and the largest violations."""
+    """The number of judged trajectories, and the largest violations."""
     report.section("Worst certificates")
     report.text(
         f"{certificates['judged']} trajectories judged, {certificates['violated']} beyond a limit. "

@@ -55,14 +55,14 @@ from energy_opt.robot import Robot, known_robots
 from energy_opt.schema import faults_of
 
 FORMAT = "energy-opt/suite/1"
-MEMBERS = ("source-method-2", "careful")  # of the mean
+MEMBERS = ("source-method-2", "careful")  # models of the mean
 NAME = re.compile(r"[^\W_][\w .+-]*")  # it becomes a folder's name
-COMPILE_FROM = 20  # tasks on one built problem from which a compiler pays for itself
+COMPILE_FROM = 20  # least tasks on one built problem for which compiling pays
 
 
 @dataclass(frozen=True)
 class Suite:
-    """A suite with everything resolved; `tasks` in the order of its results."""
+    """A suite with everything resolved; `tasks` are in the order of the results."""
 
     name: str
     path: Path
@@ -70,7 +70,7 @@ class Suite:
 
     @property
     def digest(self) -> str:
-        """Changes with anything that could change a result."""
+        """A digest that changes with anything that could change a result."""
         return hashlib.sha256("".join(task.key for task in self.tasks).encode()).hexdigest()[:24]
 
 
@@ -86,10 +86,10 @@ def load_suite(
     """Read a suite and resolve robots, models and moves.
 
     Args:
-        overrides: entries that take the place of every table's own, each of `settings`; their files may be anywhere.
+        overrides: entries that replace every table's own, each of `settings`; their files may be anywhere.
         allow_outside, allow_large: the suite's own files may lie outside its folder, and be larger than usual.
-        seed: takes the place of the seeds of random moves and of the solver's starts.
-        compile: "always", "never", or "auto": compiled where enough moves share a built problem and a compiler exists.
+        seed: replaces the seeds of random moves and of the solver's starts.
+        compile: "always", "never", or "auto": compiled if enough moves share a built problem and a compiler exists.
 
     Raises:
         BadInput: names every fault of the file, one a line.
@@ -102,7 +102,7 @@ def load_suite(
 
 
 def check_suite(path: str | Path, *, allow_outside: bool = False, allow_large: bool = False) -> list[str]:
-    """Every fault of a suite file, one line each; empty where it is usable. Arguments are those of `load_suite`."""
+    """Every fault of a suite file, one line each; empty if it is usable. Arguments are those of `load_suite`."""
     try:
         load_suite(path, compile="never", allow_outside=allow_outside, allow_large=allow_large)
     except BadInput as error:
@@ -116,7 +116,7 @@ class _Reading:
 
     Attributes:
         path: the suite. overrides, seed, allow_outside, allow_large: as those of `load_suite`.
-        where: the group that is being read; it precedes each of its faults. faults: in order, without repeats.
+        where: the present group; it precedes each of its faults. faults: in order, without repeats.
     """
 
     path: Path
@@ -129,21 +129,21 @@ class _Reading:
 
     @contextmanager
     def at(self, key: str) -> Iterator[None]:
-        """A part of the file: what is wrong in it becomes a fault, and reading goes on after it."""
+        """A part of the file: its error becomes a fault, and reading continues after it."""
         try:
             yield
         except BadInput as error:
             self.faults[f"{self.where}{key}: {error}"] = None
 
     def inside(self, name: str, key: str) -> Path:
-        """The path that the entry `key` names: in the suite's folder, or anywhere where an option named it."""
+        """The path of the entry `key`: in the suite's folder, or anywhere if an option gave it."""
         return inside(self.path.parent, name, self.allow_outside or key in self.overrides)
 
     def file(self, name: str, key: str, others: Iterable[str] = ()) -> Path:
-        """The same of a file that is there.
+        """The path of an existing file, as by `inside`.
 
         Raises:
-            BadInput: there is none; `others` are names that would do in its place.
+            BadInput: there is none; `others` are names that would be accepted instead.
         """
         path = self.inside(name, key)
         if not path.is_file():
@@ -153,7 +153,7 @@ class _Reading:
         return path
 
     def suite(self) -> Suite:
-        """The suite, as far as it is sound."""
+        """The suite, as far as it is valid."""
         document = read_toml(self.path)
         name, groups = document.pop("name", self.path.stem), document.pop("groups", [])
         with self.at("format"):
@@ -183,7 +183,7 @@ class _Reading:
         return Suite(str(name), self.path, tuple(tasks))
 
     def _seeded(self, table: dict[str, Any]) -> dict[str, Any]:
-        """A table under the overrides and, where one is given and it is sound enough to take it, the seed."""
+        """A table with the overrides and, if given, the seed, where its entries are valid."""
         own = table.get("settings", {})
         table |= self.overrides
         if isinstance(own, Mapping) and "settings" in self.overrides:
@@ -220,7 +220,7 @@ class _Reading:
                     )  # fmt: skip
 
     def _robots(self, table: GroupTable) -> list[tuple[RobotSource, Robot]]:
-        """The robots that can be loaded, with what they are loaded from."""
+        """The robots that can be loaded, with their sources."""
         out, limits = [], None
         lock = tuple(sorted(table.lock.items()))
         with self.at("limits"):
@@ -235,14 +235,14 @@ class _Reading:
         return out
 
     def _model(self, name: str) -> PowerModel | None:
-        """The model of a file; None for those known by name, which are each robot's own."""
+        """The model of a file; None for named models, which depend on the robot."""
         with self.at("models"):
             if name != MEAN and not is_named(name):
                 return load_model(self.file(name, "models", [MEAN, *NAMED]))
         return None
 
     def _effects(self, name: str, model: PowerModel | None, robot: Robot) -> str:
-        """A model's content for a robot, as JSON; of the mean, that of its members."""
+        """A model's content for a robot, as JSON; for the mean, that of its members."""
         if name == MEAN:
             members = [{"name": member, **named_model(member, robot).to_document()} for member in MEMBERS]
             return to_json({MEAN: members})
@@ -253,7 +253,7 @@ class _Reading:
         return "" if model is None else to_json(model.to_document())
 
     def _surroundings(self, table: GroupTable) -> Surroundings:
-        """Body and cell that a table asks for."""
+        """Body and cell of a table."""
         given = table.model_dump(include=set(CellTable.model_fields) - {"scene", "srdf"}, exclude_none=True)
         given = {key: tuple(value) if isinstance(value, list) else value for key, value in given.items()}
         request, scene, srdf = CellRequest(), "", ""
@@ -272,7 +272,7 @@ class _Reading:
     def _moves(
         self, table: GroupTable, robot: Robot, around: Surroundings
     ) -> Iterator[tuple[NamedMove, list[Duration]]]:
-        """Given moves first, then random ones; each with durations of its own, where it has any."""
+        """Given moves first, then random ones; each with its own durations, if any."""
         for number, row in enumerate(table.moves, start=1):
             name = row.name or f"move{number:02d}"
             with self.at(f"moves {number} ({name}) on {robot.name}"):
@@ -290,7 +290,7 @@ class _Reading:
 
 
 def _with_compile(tasks: tuple[Task, ...], policy: str) -> Iterator[Task]:
-    """The tasks with "always" or "never"; "auto" compiles a built problem that COMPILE_FROM tasks share."""
+    """The tasks with "always" or "never"; "auto" compiles a built problem that at least COMPILE_FROM tasks share."""
     from energy_opt.numerics.compile import compiler
 
     shared = Counter(task.build for task in tasks) if policy == "auto" and compiler() else Counter()

@@ -19,12 +19,12 @@ from energy_opt.motion.result import ROUNDING
 from energy_opt.power.worth import PerYear, per_year_words
 
 PACKAGES = ("energy-opt", "casadi", "pin", "toppra", "numpy", "scipy")
-WORST = 5  # records that a list of the worst holds
-DEFECT = 1e-6  # a violation beyond this share of a bound counts as one
+WORST = 5  # most records in a list of the worst
+DEFECT = 1e-6  # share of a bound: a larger excess is a violation
 
 
 def distribution(values: Iterable[float | None]) -> dict[str, float | int | None]:
-    """Count, mean and quantiles of the values that are there."""
+    """Count, mean and quantiles of the values that are not None."""
     data = np.array([value for value in values if value is not None], dtype=float)
     names = ("worst", "p10", "median", "p90", "best")
     if data.size == 0:
@@ -48,9 +48,9 @@ def summarize(
 
     Args:
         records: in the order of the suite.
-        expected: how many the suite has; fewer records mean an interrupted batch.
-        run: what is to be said of this run itself (jobs, wall seconds, moves per second).
-        worth: how often in a year all moves of the batch are made, each once.
+        expected: number of moves in the suite; fewer records mean an interrupted batch.
+        run: facts about this run (jobs, wall seconds, moves per second).
+        worth: runs of all moves of the batch per year, each once.
     """
     solved = [row for row in records if row["status"] == "solved"]
     known = [row for row in solved if row["saving_total_percent"] is not None]
@@ -88,7 +88,7 @@ def _savings(solved: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def _proxies(solved: Sequence[Row]) -> list[dict[str, Any]]:
-    """How much more loss each other objective leaves than energy itself, on the same move at the same duration."""
+    """The additional loss of each other objective over energy itself, on the same move at the same duration."""
     same = [name for name in IDENTITY if name != "objective"]
     best = {tuple(row[name] for name in same): row for row in solved if row["objective"] == "energy"}
     names = ("robot", "mode", "model", "timing", "objective")
@@ -143,7 +143,7 @@ def _times(records: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def _certificates(records: Sequence[Row]) -> dict[str, Any]:
-    """How many results were judged, how many violate a limit, and the worst of them."""
+    """The number of judged results, the number that violate a limit, and the worst of them."""
     judged = [row for row in records if row["max_violation"] is not None]
     worst = sorted(judged, key=lambda row: -row["max_violation"])[:WORST]
     return {
@@ -154,7 +154,7 @@ def _certificates(records: Sequence[Row]) -> dict[str, Any]:
 
 
 def machine() -> dict[str, Any]:
-    """The machine and the versions that decide speed and digits."""
+    """The machine and the versions that affect speed and digits."""
     versions: dict[str, str | None] = {}
     for name in PACKAGES:
         try:

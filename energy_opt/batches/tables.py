@@ -1,4 +1,4 @@
-"""The tables of a suite as they are written: what each key may hold, and what it means in SI units."""
+"""The tables of a suite file: the allowed values of each key, converted to SI units."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from energy_opt.errors import BadInput
 from energy_opt.files import is_number
 from energy_opt.schema import Name, Number, Table, reads
 
-MEAN = "mean"  # the mean of source-method-2 and careful, which every verb plans under where no model is given
+MEAN = "mean"  # the mean of source-method-2 and careful, the default of every verb
 OF_POSES = ("start_pose", "goal_pose", "via_pose", "free", "pose_tolerance")
-Payload = tuple[float, ...]  # mass [kg] and centre of mass (3) [m], or empty: the model's own
+Payload = tuple[float, ...]  # mass [kg] and centre of mass (3) [m]; empty for the model's own
 
 
 def _payload(value: Any) -> Payload:
@@ -33,7 +33,7 @@ def _listed(value: Any) -> list[Any]:
     return value if isinstance(value, list) else [value]
 
 
-Listed = BeforeValidator(_listed)  # one value is a list of itself
+Listed = BeforeValidator(_listed)  # one value counts as a list of one
 Filled = Field(min_length=1)
 Timings = Annotated[list[Annotated[Duration, reads(Duration.parse)]], Listed]
 
@@ -66,12 +66,12 @@ class MoveTable(Table):
 
     @property
     def posed(self) -> bool:
-        """Whether an end or a point on the way is a pose of the tool."""
+        """True if an end or a via point is a pose of the tool."""
         return bool(self.model_fields_set.intersection(OF_POSES))
 
 
 class RandomTable(Table):
-    """Random moves: how many, from which seed, within which share of the joints' ranges."""
+    """Random moves: their number, seed, and share of the joints' ranges."""
 
     count: Annotated[int, Field(strict=True, gt=0)]
     seed: Annotated[int, Field(strict=True, ge=0)] = 0
@@ -79,7 +79,7 @@ class RandomTable(Table):
 
 
 class CellTable(Table):
-    """What the moves keep clear of, as `CellRequest` has it; files are named relative to the suite."""
+    """The cell of the moves, as in `CellRequest`; files are named relative to the suite."""
 
     self_collision: StrictBool | None = None
     planner: StrictStr | None = None
@@ -94,7 +94,7 @@ class CellTable(Table):
 
 
 class GroupTable(CellTable):
-    """A product of lists: the top level of a suite, or one of its [[groups]] over that."""
+    """A product of lists: the top level of a suite, or one of its [[groups]] on top of that."""
 
     robots: Annotated[list[StrictStr], Listed, Filled]
     modes: Annotated[list[Literal["retime", "reshape"]], Listed, Filled] = ["reshape"]

@@ -1,4 +1,4 @@
-"""One move of a batch: everything that decides its result, in a form that any worker on any machine can take."""
+"""One move of a batch: everything that affects its result, in a form for any worker on any machine."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What a move must keep clear of.
+    """The bodies that a move must keep clear of.
 
     Attributes:
-        request: as asked for, less its files.
-        scene, srdf: the content of these files (see `carried`); empty where there is none.
+        request: the request without its files.
+        scene, srdf: the content of these files (see `carried`); empty if there is none.
     """
 
     request: CellRequest = field(default_factory=CellRequest)
@@ -64,7 +64,7 @@ _MULTIPLE = re.compile(r"\s*([0-9.eE+-]+)\s*x\s*")
 
 @dataclass(frozen=True)
 class Duration:
-    """The duration that a move is asked for: seconds, a multiple of the minimum time, or free (neither)."""
+    """The requested duration of a move: seconds, a multiple of the minimum time, or free (neither)."""
 
     seconds: float | None = None
     multiple: float | None = None
@@ -88,12 +88,12 @@ class Duration:
         raise BadInput(f'{value!r} is not a duration; expected seconds above 0, a multiple such as "1.5x", or "free"')
 
     def of(self, fastest: float) -> float | None:
-        """Seconds, for a move that takes `fastest` [s] at least; None where it is free."""
+        """Duration [s] of a move whose shortest one is `fastest` [s]; None if it is free."""
         return self.seconds if self.multiple is None else self.multiple * fastest
 
     @property
     def label(self) -> str:
-        """As a suite writes it."""
+        """The text of a suite for this duration."""
         if self.seconds is not None:
             return f"{self.seconds:g}"
         return "free" if self.multiple is None else f"{self.multiple:g}x"
@@ -108,16 +108,16 @@ def _above_zero(number: float) -> float:
 
 @dataclass(frozen=True)
 class RobotSource:
-    """Where a robot comes from; files are carried as text, so that a worker elsewhere needs none of them."""
+    """The source of a robot; files are included as text, so that a worker elsewhere needs none of them."""
 
     name: str
     urdf: str | None = None
     limits: str | None = None
     lock: tuple[tuple[str, float], ...] = ()
-    file: str | None = field(default=None, compare=False)  # where the URDF was read; decides nothing
+    file: str | None = field(default=None, compare=False)  # where the URDF was read; does not affect results
 
     def load(self) -> Robot:
-        """The robot itself; from its own file where that is still the same, so that meshes beside it are found."""
+        """The robot itself; from its own file if that is unchanged, so that meshes beside it are found."""
         here = self.file is not None and Path(self.file).is_file() and read_text(Path(self.file)) == self.urdf
         with tempfile.TemporaryDirectory(prefix="energy-opt-") as folder:
             limits = Path(folder) / "joint_limits.yaml"
@@ -132,7 +132,7 @@ class RobotSource:
 
 @cache
 def _lasting(urdf: str, name: str) -> Path:
-    """A URDF's text as a file that lasts as long as this process: a robot's body is read when it is first needed."""
+    """A URDF's text as a file that lasts as long as this process: a robot's body is read when first needed."""
     folder = tempfile.mkdtemp(prefix="energy-opt-")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     path = Path(folder) / f"{name}.urdf"
@@ -142,17 +142,17 @@ def _lasting(urdf: str, name: str) -> Path:
 
 @dataclass(frozen=True)
 class Task:
-    """One row of the results, before it is known.
+    """One row of the results, not yet solved.
 
     Attributes:
-        index: its place in the suite; results are listed in this order, whoever finishes first.
-        start, goal: (n,) rad; via: points to pass.
+        index: its place in the suite; results are listed in this order.
+        start, goal: (n,) rad; via: via points.
         payload: mass [kg] and com (3) [m], empty for the model's own.
         model: the model's name in the suite; effects: its content, as in a model file.
-        settings: settings of the solver beside the defaults.
-        surroundings: the arm's body and its cell; path: ending and text of the file of a given path, or empty.
-        own_effects: text and place of the files of effects that the model may use.
-        ends: start, goal and points on the way as `Ends.to_text` has them, where some are poses; else empty.
+        settings: settings of the solver that differ from the defaults.
+        surroundings: the arm's body and its cell; path: suffix and text of the file of a given path, or empty.
+        own_effects: text and path of the files of effects that the model may use.
+        ends: start, goal and via points as text of `Ends.to_text`, if some are poses; else empty.
         compile: "always" or "never", decided for the whole suite, so that a resumed batch computes the same.
     """
 
@@ -178,18 +178,18 @@ class Task:
 
     @property
     def payload_label(self) -> str:
-        """The payload as --payload takes it, empty where the suite names none."""
+        """The payload in the form of --payload, empty if the suite names none."""
         return ",".join(f"{x:g}" for x in self.payload)
 
     @property
     def label(self) -> str:
-        """What tells this row from the others of its suite."""
+        """The identity of this row within its suite."""
         words = [self.robot.name, self.move, self.mode, self.timing.label, self.payload_label, self.model]
         return " ".join(word for word in [*words, self.objective] if word)
 
     @property
     def key(self) -> str:
-        """A digest of all that decides the result (neither its place in the suite nor what makes it fast)."""
+        """A digest of everything that affects the result (without its place in the suite and speed options)."""
         content = dataclasses.asdict(self)
         del content["index"], content["compile"], content["robot"]["file"]
         content["own_effects"] = [text for text, _ in self.own_effects]
@@ -202,16 +202,16 @@ class Task:
 
     @property
     def build(self) -> tuple[Any, ...]:
-        """What the built problem depends on; tasks that share it share a planner."""
+        """Everything that the built problem depends on; tasks that share it share a planner."""
         return (self.robot, self.mode, self.objective, self.settings, self.compile, self.power().structure)
 
     def power(self) -> PowerModel:
-        """The power model with the payload in it; of several models their mean."""
+        """The power model with the payload; for several models their mean."""
         models = [model for _, model in self.powers()]
         return models[0] if len(models) == 1 else Mixture.of(models)
 
     def powers(self) -> list[tuple[str, PowerModel]]:
-        """The models by name, each with the payload in it; the first is the one that results are stated under."""
+        """The models by name, each with the payload; results are stated under the first."""
         for text, where in self.own_effects:
             load_source(text, where)
         document, base = json.loads(self.effects), self.surroundings.request.base

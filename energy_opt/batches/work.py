@@ -1,4 +1,4 @@
-"""What a worker does with a task: build once for tasks that share a problem, solve, and answer with a record."""
+"""A worker's handling of a task: build once for tasks that share a problem, solve, and return a record."""
 
 from __future__ import annotations
 
@@ -22,11 +22,12 @@ if TYPE_CHECKING:
     from energy_opt.motion.path import JointPath
     from energy_opt.robot import Robot
 
-KEPT = 4  # built problems that a worker holds; tasks come grouped by problem, so this is plenty
+KEPT = 4  # most built problems that a worker keeps; enough, because tasks are grouped by problem
 
 _planners: OrderedDict[tuple[Any, ...], Planner] = OrderedDict()
 _cells: OrderedDict[tuple[Any, ...], Cell] = OrderedDict()
-_one_at_a_time = threading.Lock()  # a cluster's worker may have several threads; a built problem serves one move
+# a cluster's worker may have several threads; a built problem serves one move at a time
+_one_at_a_time = threading.Lock()
 
 
 def solve_task(task: Task) -> Record:
@@ -39,14 +40,14 @@ def solve_task(task: Task) -> Record:
             record["row"]["status"] = "infeasible"
         except EnergyOptError as error:
             record = failed(task, str(error))
-        except Exception as error:  # whatever a library throws at one move must not end the batch
+        except Exception as error:  # no error of a library in one move may end the batch
             record = failed(task, f"{type(error).__name__}: {error}")
         record["worker"] = {"process": os.getpid(), "memory": resident_memory()}
         return record
 
 
 def _planner(task: Task) -> Planner:
-    """The planner of a task. Tasks with the same build share one; the last KEPT planners of a process are kept."""
+    """The planner of a task. Tasks with the same build share one; a process keeps the last KEPT planners."""
     from energy_opt.motion import Planner, Settings
 
     key, model = task.build, task.power()
@@ -88,7 +89,7 @@ def _given_path(task: Task, robot: Robot) -> JointPath | None:
 
 
 def _move(task: Task, robot: Robot, duration: float | None) -> Move:
-    """The move; a retimed one follows a path through its via points, a reshaped one passes them as it likes."""
+    """The move; a retimed one follows a path through its via points, a reshaped one passes them freely."""
     from energy_opt.motion import Move
     from energy_opt.motion.path import through
 
@@ -130,7 +131,7 @@ def _posed(task: Task, planner: Planner, solver: Any, row: dict[str, Any]) -> Re
 
 
 def resident_memory() -> int | None:
-    """Memory that this process holds, bytes; None where the system does not say."""
+    """Memory of this process, bytes; None if the system does not provide it."""
     try:
         with open("/proc/self/statm", encoding="ascii") as stream:
             return int(stream.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")

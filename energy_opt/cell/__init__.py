@@ -1,1 +1,1 @@
-"""The cell: what is around the arm, the arm's own body, and the proof that a motion touches neither."""
+"""The cell: the arm's surroundings, its own body, and the proof that a motion touches neither."""

@@ -65,12 +65,12 @@ class Bodies:
         pairs = np.asarray(pairs, dtype=int).reshape(-1, 2)
         swap = moved[pairs[:, 0]] < moved[pairs[:, 1]]
         self.pairs = np.where(swap[:, None], pairs[:, ::-1], pairs)
-        # moves[side, pair, joint]: the joint moves that side and not the other
+        # moves[k, pair, joint]: True if the joint moves body k of the pair and not the other one
         a, b = kinematics.moves[self.joint[self.pairs[:, 0]]], kinematics.moves[self.joint[self.pairs[:, 1]]]
         self.moves = np.stack([a & ~b, b & ~a])
         self._rulers: dict[int, Ruler] = {}
         self._corners: dict[int, tuple[np.ndarray, float]] = {}
-        # pairs that a plane can be held between: convex bodies of which one is fixed while joints move the other
+        # pairs that a plane can separate: convex bodies, of which joints move only the first against the second
         convex = np.array([body.solid.convex for body in bodies], dtype=bool)
         first, second = self.pairs.T
         self.planar = convex[first] & convex[second] & ~self.moves[1].any(axis=1) & ~self.flat[first]
@@ -86,13 +86,13 @@ class Bodies:
         return np.matmul(turn, self.rotation[body]), shift + poses.origin[k, joint]
 
     def placements(self, poses: Poses, k: np.ndarray, body: np.ndarray) -> dict[tuple[int, int], Any]:
-        """Where bodies (M,) are at configurations (M,), as coal wants it, by configuration and body."""
+        """Poses of bodies (M,) at configurations (M,), as coal's transforms, by configuration and body."""
         k, body = np.divmod(np.unique(k * len(self.all) + body), len(self.all))
         names, frames = zip(k.tolist(), body.tolist(), strict=True), zip(*self.frames(poses, k, body), strict=True)
         return {name: placement(*frame) for name, frame in zip(names, frames, strict=True)}
 
     def ruler(self, pair: int) -> Ruler:
-        """What measures a pair's distance."""
+        """The ruler that measures a pair's distance; it is built once."""
         if pair not in self._rulers:
             a, b = self.pairs[pair]
             self._rulers[pair] = Ruler(self.all[a].solid, self.all[b].solid)
@@ -128,7 +128,7 @@ class Scenery:
         return turned + self.poses.origin[k, joint][:, None]
 
     def placed(self, k: int, body: int) -> Any:
-        """A body's placement as coal wants it."""
+        """A body's placement as coal's transform."""
         key = (0 if self.bodies.still[body] else k, body)
         if key not in self._placed:
             b, joint = self.bodies, self.bodies.joint[body]
@@ -157,7 +157,7 @@ class Scenery:
         bodies = b.pairs[pair]
         boxes, low, high = [], [], []
         for side in (0, 1):
-            at = np.where(b.still[bodies[:, side]], 0, k)  # what stays has one box for all configurations
+            at = np.where(b.still[bodies[:, side]], 0, k)  # a fixed body has one box for all configurations
             key, back = np.unique(at * len(b.all) + bodies[:, side], return_inverse=True)
             box = self.corners(key // len(b.all), key % len(b.all))
             boxes.append(box[back])
@@ -207,11 +207,11 @@ class Scenery:
         return out
 
 
-MOST_TRIANGLES = 1_000_000  # of a mesh, as in a scene
+MOST_TRIANGLES = 1_000_000  # most triangles of a mesh, as in a scene
 
 
 def arm_bodies(robot: Robot, package_dirs: Sequence[Path] = (), allow_large: bool = False) -> list[Body]:
-    """Every collision body of the description, joints that are locked held where they are.
+    """Every collision body of the description, with locked joints at their positions.
 
     Raises:
         BadInput: a mesh is missing, too large, or cannot be read; names the link.

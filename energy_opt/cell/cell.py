@@ -21,9 +21,10 @@ from energy_opt.robot.kinematics import Kinematics, pose_of
 from energy_opt.robot.tool import semantics, tool_of
 
 PAYLOAD = "payload"
-ALONG, NEARLY = 300, 1.2  # instants at which a given motion's distances are measured, up to which share of asked
-TOUCHING = 2.5 * GJK_ERROR  # [m] an end that is nearer than this touches, as far as can be told
-REMEMBERED = 8  # proofs of a cell
+# instants at which a given motion's distances are measured; up to this multiple of the asked clearance
+ALONG, NEARLY = 300, 1.2
+TOUCHING = 2.5 * GJK_ERROR  # [m] an end with a smaller distance counts as touching, given the solver's error
+REMEMBERED = 8  # most proofs that a cell remembers
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class Clearance:
 
     @property
     def proven(self) -> bool:
-        """Nothing is touched."""
+        """True if it is proven that nothing is touched."""
         return self.verdict == "proven"
 
     def __str__(self) -> str:
@@ -94,7 +95,7 @@ class Contact:
 
     @property
     def remedy(self) -> str:
-        """What would work."""
+        """Advice on a pose that would work."""
         by_design = "; where these links touch by design, --srdf FILE names them, or --self-collision off"
         return f"a pose that is free would work{by_design if self.own else ''}"
 
@@ -118,7 +119,7 @@ class Cell:
     def __init__(self, robot: Robot, request: CellRequest, scene: Scene | None = None) -> None:
         self.robot, self.request, self.scene = robot, request, scene
         self.asked = CLEARANCE if request.clearance is None else request.clearance
-        self._proofs: dict[bytes, Clearance] = {}  # of the last motions: a search and the judge ask for the same
+        self._proofs: dict[bytes, Clearance] = {}  # recent proofs: a search and the judge ask for the same motions
         kinematics = Kinematics(robot.body.tree())
         links = arm_bodies(robot, request.package_dirs, request.allow_large)
         self.own: OwnPairs | None = None
@@ -145,7 +146,8 @@ class Cell:
         pairs = kept_apart(things, self.own, whole.allowed)
         self.own_checks = bool(len(pairs)) and bool((pairs < len(links)).all(axis=1).any())
         self.bodies = Bodies(kinematics, [thing.body for thing in things], pairs)
-        self._allowed = np.full(len(self.bodies.pairs), np.inf)  # (P,) [m] less than `asked` beside a given path
+        # (P,) [m] clearance of pairs that come nearer than `asked` on a given motion, else inf
+        self._allowed = np.full(len(self.bodies.pairs), np.inf)
 
     @property
     def checks(self) -> bool:
@@ -154,7 +156,7 @@ class Cell:
 
     @property
     def warnings(self) -> list[str]:
-        """What a user should know of the checks."""
+        """Warnings about the checks."""
         out = []
         if self.scene is not None:
             reach = sum(float(np.linalg.norm(link.placement[:3, 3])) for link in self.robot.body.tree())
@@ -292,7 +294,7 @@ class Cell:
 
 
 def _kept(placed: PlacedShape, solid: Solid, frames: dict[str, tuple[int, np.ndarray]]) -> Kept:
-    """A scene's shape as a body: on the joint that carries it, or standing."""
+    """A scene's shape as a body: on the joint that carries it, or fixed."""
     link = placed.frame or placed.attached_to
     if link is None:
         return Kept(Body(placed.object, -1, placed.pose, solid), False)

@@ -13,7 +13,7 @@ from typing import Self
 
 import numpy as np
 
-ROUNDING = 1e-12  # [rad, m] that arithmetic may have taken from a bound
+ROUNDING = 1e-12  # [rad, m] margin of bounds for rounding errors
 
 # With p(x) = sum_i b_i B_i(x): p(0) = b_0, p'(0) = 5 (b_1 - b_0), p''(0) = 20 (b_2 - 2 b_1 + b_0); the same at x = 1.
 # Bernstein coefficients of a quintic on [0, 1] from (q0, h v0, h^2 a0, q1, h v1, h^2 a1).
@@ -47,7 +47,7 @@ class Spans:
         return len(self.first)
 
     def take(self, which: np.ndarray) -> Spans:
-        """Some of them."""
+        """Some of the intervals."""
         return Spans(self.first[which], self.last[which], self.low[which], self.high[which])
 
     def halves(self) -> Spans:
@@ -134,7 +134,7 @@ class MotionCurve:
         return _part(self._bernstein[:, piece], begin[:, None], end[:, None])
 
     def at(self, row: int) -> np.ndarray:
-        """Position (n,) of a row."""
+        """Position (n,) of a sample."""
         return self._position[row]
 
 
@@ -166,7 +166,7 @@ def _part(points: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     Args:
         points: (6, M, n) coefficients on [0, 1]. a, b: (M, 1) shares, 0 <= a < b <= 1.
     """
-    right = list(points)  # [a, 1] first: the last of every row of the scheme
+    right = list(points)  # coefficients of [a, 1]: the last ones of each stage of the scheme
     for k in range(5):
         for i in range(5 - k):
             right[i] = right[i] + a * (right[i + 1] - right[i])

@@ -17,7 +17,7 @@ from energy_opt.robot.tool import tool_of
 
 
 def own_body(robot: Robot) -> Cell | None:
-    """The arm's own body alone, to be drawn where nothing is kept clear of; None where its meshes are not found."""
+    """The arm's own body alone, for drawing without collision checks; None if its meshes are not found."""
     try:
         return Cell(robot, CellRequest())
     except BadInput:
@@ -25,7 +25,7 @@ def own_body(robot: Robot) -> Cell | None:
 
 
 def scene_of(request: CellRequest) -> Scene | None:
-    """The requested scene: as its file has it, but for an object that the request moves; None where none is asked for.
+    """The requested scene from its file, with the object that the request moves; None without a scene.
 
     Raises:
         BadInput: the file cannot be read, or there is no such object.
@@ -41,10 +41,10 @@ def scene_of(request: CellRequest) -> Scene | None:
 
 
 def load_cell(robot: Robot, request: CellRequest) -> Cell | None:
-    """A robot's body and cell; None where nothing is asked to be kept clear of.
+    """A robot's body and cell; None if no collision check is requested.
 
     Raises:
-        BadInput: a file or a mesh cannot be read, or the tool or an object hangs on a link that there is not.
+        BadInput: a file or a mesh cannot be read, or the tool or an object is attached to an unknown link.
     """
     if not request.checks:
         tool_of(robot.body, request.tool)
@@ -53,7 +53,7 @@ def load_cell(robot: Robot, request: CellRequest) -> Cell | None:
 
 
 def inspected(robot: Robot, request: CellRequest) -> list[str]:
-    """Remarks on bodies and masses, on what holds the arm still where it touches nothing, and on what is assumed.
+    """Remarks on bodies and masses, on the power to hold the arm still at a free posture, and on assumed values.
 
     Raises:
         BadInput: its meshes do not load, or none of many postures is free, or held within the effort limits; says

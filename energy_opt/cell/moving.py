@@ -107,7 +107,7 @@ class MovingCell(Cell):
         return float((distance - wanted[self._near.pair[number]]).min(initial=reach))
 
     def wanted(self, ends: np.ndarray, clearance: float | None = None) -> np.ndarray:
-        """As of a cell, and after that the clearance of the pairs with other arms."""
+        """`Cell.wanted`, followed by the clearance of the pairs with other arms."""
         count, wanted = len(self._others.pairs), self._others.wanted
         others = wanted if clearance is None else np.full(count, clearance)
         return np.concatenate([self._own.wanted(ends, clearance), others])
@@ -120,7 +120,7 @@ class MovingCell(Cell):
         acceleration: np.ndarray,
         wanted: np.ndarray | None = None,
     ) -> Clearance:
-        """As of a cell; in addition the pairs with other arms must be proven apart."""
+        """`Cell.prove`; in addition the pairs with other arms must be proven apart."""
         first = len(self._own.bodies.pairs)
         own = self._own.prove(time, position, velocity, acceleration, None if wanted is None else wanted[:first])
         proof = self._others.prove(time - time[0], position, velocity, acceleration)

@@ -1,4 +1,4 @@
-"""Which pairs of bodies are kept apart.
+"""Selection of the pairs of bodies that must not touch.
 
 Pairs of links that an SRDF disables may touch. Without an SRDF, two kinds of pairs may touch: links that one moving
 joint connects, and links that touch in every one of many seeded poses. The latter overlap by construction, and a
@@ -47,7 +47,7 @@ def neighbours(description: Description, still: Collection[str] = ()) -> list[tu
     return sorted(out)
 
 
-POSES = 100  # poses in all of which links touch that cannot help it
+POSES = 100  # seeded poses: links that touch in all of them overlap by construction
 
 
 @dataclass(frozen=True)
@@ -67,12 +67,12 @@ class OwnPairs:
 def own_pairs(
     bodies: Sequence[Body], kinematics: Kinematics, adjacent: Sequence[tuple[str, str]], limits: Limits, srdf: Srdf
 ) -> OwnPairs:
-    """Which links of an arm may touch each other.
+    """Pairs of an arm's links that may touch each other.
 
     Args:
         bodies: of the arm alone.
         adjacent: pairs of links that one moving joint connects.
-        srdf: where it disables no pair, adjacency and sampling do.
+        srdf: if it disables no pair, adjacency and sampling do.
     """
     names = sorted({body.name for body in bodies})
     if srdf.disabled or srdf.silent:

@@ -25,12 +25,12 @@ from energy_opt.cell.bodies import Bodies
 from energy_opt.cell.solids import Piece, Plane
 from energy_opt.robot.kinematics import Poses, cross, into
 
-LENGTH = 0.1  # [m] that constraints are divided by, so that they are of order one
-MOST = 2  # pieces of a pair of bodies that are looked at, at a place, the nearest: more make steps slow
-VERTICES = 3  # of a near pair get a row, at most
-BESIDE, ABOVE = 0.02, 0.02  # [m] that these are apart at least, and above the lowest at most
-TURNING = 0.03  # [m] pairs that are farther get a row for the lowest vertex alone
-KEYS, POINTS = 100_000, 100_000  # names of places within a pair of pieces, and of vertices
+LENGTH = 0.1  # [m] unit of constraints, so that they are of order one
+MOST = 2  # most pieces of a pair of bodies at a place, the nearest ones: more make steps slow
+VERTICES = 3  # most vertices of a near pair with a constraint
+BESIDE, ABOVE = 0.02, 0.02  # [m] least distance between these vertices; largest height over the lowest one
+TURNING = 0.03  # [m] pairs that are farther apart get one constraint, for the lowest vertex
+KEYS, POINTS = 100_000, 100_000  # sizes of the key ranges for places within a pair of pieces, and for vertices
 
 
 class Near:
@@ -61,7 +61,7 @@ class Near:
         self._middle = np.array([(p.min(axis=0) + p.max(axis=0)) / 2 for p in self.points]).reshape(-1, 3)
         self._half = np.array([(p.max(axis=0) - p.min(axis=0)) / 2 for p in self.points]).reshape(-1, 3)
         self._half += self.radius[:, None]
-        # a plane needs a body that holds it still while the other moves: not one that joints of its own branch move
+        # a plane is fixed in the second body, so no joint may move that body alone
         of = [np.flatnonzero(self.body == i) for i in range(len(bodies.all))]
         usable = np.flatnonzero(~bodies.moves[1].any(axis=1) & ~bodies.flat[bodies.pairs[:, 0]])
         triples = [(p, i, j) for p in usable.tolist() for i in of[bodies.pairs[p, 0]] for j in of[bodies.pairs[p, 1]]]
@@ -176,7 +176,7 @@ class Near:
         return PlaneConstraints(self, u, poses, (k, number, distance, normal), margin)
 
     def spread(self, piece: np.ndarray, direction: np.ndarray, distance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Constraints and vertices: of each of pieces (M,) the lowest, and others apart that are hardly higher."""
+        """Planes and vertices for constraints: the lowest vertex of each of pieces (M,), and low ones far from it."""
         constraints, vertices = [], []
         for which, members in _groups(piece):
             points = self.points[which]
@@ -222,7 +222,8 @@ class PlaneConstraints:
         bodies = self._bodies = near.bodies
         self.u = u
         k, number, distance, normal = found
-        flat = np.flatnonzero(near.flat[near.b[number]])  # a half-space is its own plane, whatever was found
+        # the plane of a half-space is its boundary, whatever was found
+        flat = np.flatnonzero(near.flat[near.b[number]])
         normal[flat] = bodies.frames(poses, k[flat], near.body[near.b[number[flat]]])[0][:, :, 2]
         joint_a = bodies.joint[near.body[near.a[number]]]
         which, vertex = near.spread(near.a[number], into(poses.rotation[k, joint_a], normal), distance)

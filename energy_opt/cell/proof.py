@@ -38,7 +38,7 @@ from energy_opt.cell.curve import MotionCurve
 from energy_opt.cell.solids import GJK_ERROR, Ruler, Solid
 from energy_opt.robot.kinematics import cross, into
 
-ROUNDING = 1e-9  # [m] that arithmetic may have added
+ROUNDING = 1e-9  # [m] margin for rounding errors
 
 
 def turns(bodies: Bodies, pair: np.ndarray, far: np.ndarray) -> np.ndarray:
@@ -60,7 +60,7 @@ def least_heights(
     bodies, poses = scene.bodies, scene.poses
     slides, (a, b) = bodies.kinematics.prismatic, bodies.pairs[pair].T
     ja, jb = bodies.joint[a], bodies.joint[b]
-    flat = bodies.flat[b]  # a half-space is its own plane
+    flat = bodies.flat[b]  # the plane of a half-space is its boundary
     normal = normal.copy()
     normal[flat] = bodies.frames(poses, k[flat], b[flat])[0][:, :, 2]
     turn, at, axis = poses.rotation[k, ja], poses.origin[k, ja], poses.axis[k]
@@ -87,7 +87,7 @@ def one_inside_the_other(ruler: Ruler, at: Any, bt: Any) -> bool:
     """Whether a part of one body, away from all surfaces, lies within the other's mesh."""
     a, b = ruler.a, ruler.b
     if ruler.exact(at, bt) <= 0:
-        return False  # surfaces meet: that is found without help
+        return False  # surfaces meet, which the distance shows
     return any(
         not outer.convex and enclosed(_moved(_probes(inner), its, other), *outer.surface)
         for inner, outer, its, other in ((a, b, at, bt), (b, a, bt, at))
@@ -123,7 +123,7 @@ def _probes(solid: Solid) -> np.ndarray:
     from scipy.sparse.csgraph import connected_components
 
     vertices, triangles = solid.surface
-    used, ends = np.unique(triangles, return_inverse=True)  # files have vertices that no triangle takes
+    used, ends = np.unique(triangles, return_inverse=True)  # files have vertices that no triangle uses
     vertices, triangles = vertices[used], ends.reshape(triangles.shape)
     _, same = np.unique(vertices.round(9), axis=0, return_inverse=True)  # STL repeats corners
     ends = same.ravel()[triangles]
@@ -141,11 +141,11 @@ def _moved(points: np.ndarray, at: Any, bt: Any) -> np.ndarray:
     return (world - np.asarray(bt.getTranslation())) @ np.asarray(bt.getRotation())
 
 
-SHORTEST = 1e-5  # [s] an interval below is not halved again
-FIRST = 8  # intervals to begin with
-NARROW = 0.3  # where hulls leave less than this share of the travel, finer shapes are asked
-MOST = 200_000  # open intervals of pairs at a time; a motion that needs more is given up as undecided
-HASTE = 2  # levels that are still looked at after the clearance was first broken, to find where else
+SHORTEST = 1e-5  # [s] a shorter interval is not halved
+FIRST = 8  # initial intervals
+NARROW = 0.3  # finer shapes are measured if hulls leave less than this share of the travel
+MOST = 200_000  # most open intervals of pairs at a time; a motion that needs more is undecided
+HASTE = 2  # further levels after the clearance was first broken, to find other places
 
 
 @dataclass(frozen=True)
@@ -187,7 +187,8 @@ def prove(bodies: Bodies, curve: MotionCurve, wanted: np.ndarray) -> Proof:
     span = np.repeat(np.arange(len(spans)), pairs)
     pair = np.tile(np.arange(pairs), len(spans))
     haste = HASTE
-    entered = inside_at(bodies, curve.at(0))  # pairs with a mesh of which no surface tells
+    # pairs with one body inside the other's mesh, which surface distances do not show
+    entered = inside_at(bodies, curve.at(0))
     while len(span):
         time, q, far = curve.middles(spans)
         scene = Scenery(bodies, q)
@@ -202,7 +203,7 @@ def prove(bodies: Bodies, curve: MotionCurve, wanted: np.ndarray) -> Proof:
         again, unsure = _measured(out, scene, span, pair, travel, wanted, np.flatnonzero(open_), time, entered, planes)
         if out.touches:
             haste -= 1
-            # too near already: what is left to find out is where else, and whether anything touches
+            # the clearance is broken: only other places and contacts are still of interest
             touch = min(found.distance for found in out.touches) <= 0
             again = np.union1d(again, unsure) if haste >= 0 else unsure[: 0 if touch else None]
         short = curve.seconds(spans)[span[again]] < SHORTEST
@@ -283,7 +284,7 @@ def _measured(
 
 
 class _Planes:
-    """What is still open for how far points travel, and may be closed by heights over planes."""
+    """Cases that bounds of travel leave open, and that heights over planes may close."""
 
     def __init__(self, scene: Scenery, far: np.ndarray, reach: np.ndarray) -> None:
         self._scene, self._far, self._reach = scene, far, reach
@@ -291,17 +292,17 @@ class _Planes:
         self._normals: list[np.ndarray] = []
 
     def rest(self, k: np.ndarray, pair: np.ndarray, travel: np.ndarray) -> np.ndarray:
-        """What heights lose by terms of second order (M,) [m]; infinite where no plane can be held."""
+        """Second-order loss (M,) [m] of the heights; infinite if no plane can separate the pair."""
         bodies = self._scene.bodies
         return np.where(bodies.planar[pair], travel * turns(bodies, pair, self._reach[k]), np.inf)
 
     def add(self, which: int, k: int, pair: int, rest: float, asked: float, normal: np.ndarray) -> None:
-        """An open interval of a pair."""
+        """Add an open interval of a pair."""
         self._open.append((which, k, pair, rest, asked))
         self._normals.append(normal)
 
     def closed(self) -> tuple[np.ndarray, float]:
-        """Which of them are closed, and the least height over the planes of these."""
+        """Indices of the cases that are closed, and the least height over their planes."""
         if not self._open:
             return np.zeros(0, dtype=int), np.inf
         which, k, pair, rest, asked = (np.array(column) for column in zip(*self._open, strict=True))

@@ -1,4 +1,4 @@
-"""What a user asks for about the arm's body and its cell; plain and hashable, so that it travels to workers."""
+"""What a user asks for about the arm's body and its cell; plain and hashable, to be sent to worker processes."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from energy_opt.robot.kinematics import pose_of
 
 PlannerName = Literal["auto", "none", "ompl"]
 PLANNERS: tuple[PlannerName, ...] = get_args(PlannerName)
-CLEARANCE = 0.002  # [m] kept by default; where an end is nearer, half of that end's distance
-TURN = 4 * np.pi  # [rad] of the base, two turns: more are degrees
-FAR = 100.0  # [m] no arm's cell is larger; beyond it a length is a slip of the unit
+CLEARANCE = 0.002  # [m] default clearance; a pair that is nearer at an end keeps half of its distance there
+TURN = 4 * np.pi  # [rad] largest angle of the base, two turns: larger ones are degrees
+FAR = 100.0  # [m] largest length in a cell: larger ones are in another unit
 
 
 @dataclass(frozen=True)
@@ -75,11 +75,11 @@ class CellRequest:
 
     @property
     def checks(self) -> bool:
-        """Whether there is anything to keep clear of."""
+        """True if any collision check is requested."""
         return self.self_collision or self.scene is not None or self.floor is not None
 
     def document(self) -> dict[str, object]:
-        """What differs from the usual, as a result's request has it."""
+        """The values that differ from the defaults, for a result's request."""
         usual = CellRequest()
         return {
             f.name: str(value) if isinstance(value, Path) else [str(v) if isinstance(v, Path) else v for v in value]

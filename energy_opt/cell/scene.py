@@ -16,7 +16,7 @@ from energy_opt.errors import BadInput, near
 
 Kind = Literal["box", "sphere", "cylinder", "cone", "plane", "mesh"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-# How many numbers the size of a shape has, and what they are [m].
+# Names of the sizes [m] that each kind of shape has.
 SIZES: Mapping[Kind, tuple[str, ...]] = {
     "box": ("x", "y", "z"),
     "sphere": ("radius",),
@@ -27,8 +27,8 @@ SIZES: Mapping[Kind, tuple[str, ...]] = {
 }
 TOOL = "<tool>"  # means the tool's frame, where a link is named
 FLOOR = "floor"  # the name of the object that means `Scene.floor`
-BEYOND = 30.0  # arm's reaches from which a length is a slip of the unit: halls of 40 m stand in scenes
-ON_PLANE = 1e-6  # [m] a base nearer to a plane than this is on it
+BEYOND = 30.0  # [reaches of the arm] larger lengths are in another unit; scenes have halls of 40 m
+ON_PLANE = 1e-6  # [m] a base nearer to a plane counts as on it
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ class SceneObject:
 
     @property
     def place(self) -> np.ndarray:
-        """(4, 4) of the frame that its name means: as MoveIt has it, the only shape's pose where it has no own."""
+        """(4, 4) pose of the frame with its name: as in MoveIt, the only shape's pose if it has none of its own."""
         own = len(self.shapes) != 1 or not np.array_equal(self.pose, np.eye(4))
         return self.pose if own else self.shapes[0].pose
 
@@ -154,8 +154,8 @@ class Scene:
     def placed(self, base: np.ndarray | None = None) -> Iterator[PlacedShape]:
         """Every shape, the floor last; `base` (4, 4) is the pose of the robot's base in the scene's frame.
 
-        A plane is a wall that the arm does not pass: of its two sides the one that the robot's base is on is free,
-        whichever way its normal points.
+        A plane is a wall that the arm does not pass: the half-space with the robot's base is free, whatever the
+        direction of its normal.
         """
         into = np.eye(4) if base is None else inverse(base)
         for thing in self.objects:
@@ -173,7 +173,7 @@ class Scene:
 
 
 def out_of_scale(scene: Scene, base: np.ndarray | None, reach: float) -> list[str]:
-    """What to say of objects that are as far, or as large, as only a slip of the unit makes them.
+    """Warnings on objects that are so far or so large that their unit must be wrong.
 
     Args:
         base: (4, 4) pose of the robot's base in the scene's frame. reach: of the arm [m].
@@ -200,7 +200,7 @@ def inverse(pose: np.ndarray) -> np.ndarray:
 
 
 def _facing_base(pose: np.ndarray) -> np.ndarray:
-    """The pose of a plane, turned over where the origin would be in its solid; on the plane itself, up is free."""
+    """The pose of a plane, turned over if its solid held the origin; if the origin is on it, the upper half is free."""
     height = -float(pose[:3, 2] @ pose[:3, 3])
     solid = pose[2, 2] < 0 if abs(height) <= ON_PLANE else height < 0
     return pose @ np.diag([1.0, -1.0, -1.0, 1.0]) if solid else pose

@@ -19,14 +19,15 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 
-GJK_ERROR = 1e-5  # [m] that a computed distance may be too large by; GJK was seen to err by 2e-6 of the distance
-SAME_VOLUME = 1.001  # a mesh whose hull has no larger volume than this times its own is convex
-FAT = 1.1  # a hull of so much more volume than its mesh is worth cutting
-SLABS = 6  # pieces that a fat part is cut into, along its longest side
-ROUND = 12  # corners of the polygons that stand for circles where vertices are wanted
-SHEET = 1e-6  # [m] that a mesh without volume is thickened by for its hull
+# [m] a computed distance may be too large by this much; observed errors of GJK are 2e-6 of the distance
+GJK_ERROR = 1e-5
+SAME_VOLUME = 1.001  # a mesh is convex if its hull has at most this multiple of its own volume
+FAT = 1.1  # volume of a hull over that of its mesh from which cutting pays
+SLABS = 6  # pieces that such a part is cut into, along its longest side
+ROUND = 12  # corners of the polygons that replace circles if vertices are needed
+SHEET = 1e-6  # [m] a mesh without volume is thickened by this much for its hull
 SIGNS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])  # corners of a cube
-LARGE = 10.0  # [m] half the side of the box that replaces a half-space where a bounded body is wanted
+LARGE = 10.0  # [m] half the edge of the box that replaces a half-space if a bounded body is needed
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +153,7 @@ def _of_mesh(model: Any) -> Solid:
     """A solid from coal's mesh: convex if its hull has the same volume, cut into slabs if the hull is much larger."""
     points = vertices_of(model)
     hull = _hull(points)
-    if hull is None:  # a sheet: what is just around it has a hull
+    if hull is None:  # a sheet: a thin box around it has a hull
         low, high = points.min(axis=0) - SHEET, points.max(axis=0) + SHEET
         hull = _hull((low + high) / 2 + SIGNS * (high - low) / 2)
         assert hull is not None
@@ -168,7 +169,7 @@ def _of_mesh(model: Any) -> Solid:
 
 
 def _slabs(vertices: np.ndarray, triangles: np.ndarray) -> tuple[Piece, ...]:
-    """Hulls of what lies between parallel planes across the longest side: each solid slab lies in its piece.
+    """Hulls of the parts between parallel planes across the longest side: each solid slab lies in its piece.
 
     The hull of a part of the surface between two planes is that of its vertices and of where edges cross the planes.
     """
@@ -197,7 +198,7 @@ def _slabs(vertices: np.ndarray, triangles: np.ndarray) -> tuple[Piece, ...]:
 
 
 def _hull(points: np.ndarray) -> Piece | None:
-    """The convex hull of points; None where they are flat."""
+    """The convex hull of points; None if they are flat."""
     cloud = coal.StdVec_Vec3s()
     for point in points:
         cloud.append(point)
@@ -209,7 +210,7 @@ def _hull(points: np.ndarray) -> Piece | None:
 
 
 class Ruler:
-    """Measures distances between two solids again and again, each from where the last ended.
+    """Measures distances between two solids repeatedly; each measurement starts from the result of the last.
 
     `near` is the distance between hulls, `mid` between pieces, `exact` between the solids themselves: each a lower
     bound of the next. Negative where convex bodies overlap (by how deep); 0 where meshes touch. Placements are coal's
@@ -229,17 +230,17 @@ class Ruler:
         return [coal.ComputeDistance(p.geometry, q.geometry) for p in self.a.pieces for q in self.b.pieces]
 
     def near(self, at: Any, bt: Any) -> float:
-        """Between hulls, m."""
+        """Distance [m] between the hulls."""
         self._result.clear()
         return float(self._hulls(at, bt, self._request, self._result))
 
     @property
     def normal(self) -> np.ndarray:
-        """From the second hull towards the first (3,), where `near` was asked for last."""
+        """Direction (3,) from the second hull towards the first, from the last call of `near`."""
         return -np.asarray(self._result.normal)
 
     def mid(self, at: Any, bt: Any) -> float:
-        """Between the nearest pieces, m."""
+        """Distance [m] between the nearest pieces."""
         least = np.inf
         for measure in self._pieces:
             self._result.clear()
@@ -247,7 +248,7 @@ class Ruler:
         return float(least)
 
     def exact(self, at: Any, bt: Any) -> float:
-        """Between the solids, m."""
+        """Distance [m] between the solids."""
         if self.convex:
             return self.near(at, bt)
         self._result.clear()
@@ -263,7 +264,7 @@ class Ruler:
         )
 
     def depth(self, at: Any, bt: Any) -> float:
-        """How deep two bodies that overlap do so, m; for meshes the deepest of their triangles."""
+        """Depth [m] of the overlap of two bodies; for meshes, of their deepest triangles."""
         if self.convex:
             return max(0.0, -self.near(at, bt))
         request, result = coal.CollisionRequest(), coal.CollisionResult()
@@ -274,7 +275,7 @@ class Ruler:
 
 
 def placement(rotation: np.ndarray, origin: np.ndarray) -> Any:
-    """A pose as coal wants it."""
+    """A pose as coal's transform."""
     return coal.Transform3s(rotation, origin)
 
 

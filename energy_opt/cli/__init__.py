@@ -1,1 +1,1 @@
-"""The command line: one file a verb, each with `add_arguments` and `run`."""
+"""The command line: options from requests, messages and progress, streams, faults and example files."""

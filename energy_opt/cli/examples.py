@@ -1,4 +1,4 @@
-"""Files that work, to begin from: `--example KIND` prints that of its reader."""
+"""Valid example files to start from: `--example KIND` prints one."""
 
 from __future__ import annotations
 

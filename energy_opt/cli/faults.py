@@ -1,6 +1,6 @@
-"""The one place where faults of libraries, of the machine and of what nobody foresaw become one line and an exit code.
+"""Conversion of faults of libraries, of the machine and of unforeseen ones to one line and an exit code.
 
-What the package raises on purpose (`EnergyOptError`) passes; everything else that a verb lets through ends here.
+Errors that the package raises on purpose (`EnergyOptError`) pass unchanged; all others that a verb raises end here.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from energy_opt.errors import BadInput, EnergyOptError
 
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-LONGEST = 1500  # characters of a line; what is left out of a longer one is in its middle
+LONGEST = 1500  # most characters of a line; a longer one is cut in its middle
 
 
 class Unforeseen(BadInput):
@@ -26,7 +26,7 @@ class Unforeseen(BadInput):
 
 
 def as_error(error: Exception) -> EnergyOptError:
-    """What went wrong as an error with one clear line."""
+    """Convert an exception to an error with one clear line."""
     if isinstance(error, EnergyOptError):
         return error
     if isinstance(error, OSError) and error.errno is not None:
@@ -56,12 +56,12 @@ def _of_system(error: OSError) -> str:
 
 
 def printable(text: str) -> str:
-    """A text whose control characters show as escapes: names in files have no say over the terminal."""
+    """A text with control characters as escapes, so that names in files cannot control the terminal."""
     return "".join(c if c.isprintable() or c == "\n" else c.encode("unicode_escape").decode() for c in text)
 
 
 def one_line(message: str) -> str:
-    """A message whose control characters show as escapes and which is not longer than a screen."""
+    """A message with control characters as escapes, cut to `LONGEST` characters."""
     text = printable(message)
     if len(text) <= LONGEST:
         return text
@@ -77,9 +77,9 @@ def was_pressed() -> bool:
 
 
 def interrupt(signum: int, frame: object) -> None:
-    """What Ctrl-C does while nothing is there that could be written: the command ends.
+    """Handle Ctrl-C while there is no result to write: end the command.
 
-    A library that is interrupted while it is imported may raise another error in its place: `was_pressed` tells.
+    A library that is interrupted while it is imported may raise another error instead: `was_pressed` shows this.
     """
     _pressed.set()
     raise KeyboardInterrupt

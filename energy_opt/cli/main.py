@@ -1,4 +1,4 @@
-"""`energy-opt`: finds the verb, and turns what goes wrong into one line and an exit code."""
+"""`energy-opt`: finds the verb, and turns faults into one line and an exit code."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from energy_opt.front.verbs import VERBS
 from energy_opt.requests.option import flag_of, options_of
 
 SHELLS = ("bash", "zsh", "tcsh")
-ALONE = {"--example": "KIND", "--print-completion": "SHELL"}  # without a verb
+ALONE = {"--example": "KIND", "--print-completion": "SHELL"}  # options without a verb, and their values
 VECTORS = ("--start", "--goal", "--via", "--base", "--start-pose", "--goal-pose", "--via-pose", "--base-box")
 
 
@@ -61,7 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return 1
         except Exception as fault:
             if was_pressed() and not isinstance(fault, EnergyOptError):
-                return _interrupted(words)  # which a library that was being imported took for a fault of its own
+                return _interrupted(words)  # a library that was being imported raised an error of its own
             if "-v" in words:
                 traceback.print_exc()
             error = of_output(fault) or as_error(fault)
@@ -75,7 +75,7 @@ def _interrupted(words: Sequence[str]) -> int:
 
 
 def _failed(document: dict[str, Any], words: Sequence[str], code: int) -> int:
-    """Say what went wrong: a line on stderr, and with --json the document on stdout."""
+    """Print a fault: a line on stderr, and with --json the document on stdout."""
     if "--json" in words:
         from energy_opt.files import to_json
 
@@ -89,7 +89,7 @@ def _failed(document: dict[str, Any], words: Sequence[str], code: int) -> int:
 
 
 def _check_words(words: Sequence[str]) -> None:
-    """Refuse what no option can mean, and libraries stumble over."""
+    """Refuse words that no option can mean and that libraries cannot handle."""
     for before, word in zip(["", *words], words, strict=False):
         option, _, value = word.partition("=")
         if "\0" in word:
@@ -100,7 +100,7 @@ def _check_words(words: Sequence[str]) -> None:
 
 
 def _meant(option: str, own: Sequence[str]) -> str:
-    """The verbs that have an option which this one lacks, else the option of `own` that is spelled nearly so."""
+    """Hint: the verbs that have an option which this one lacks, else the option of `own` with similar spelling."""
     others = [
         name
         for name, verb in VERBS.items()
@@ -181,12 +181,12 @@ def _print(args: argparse.Namespace) -> int:
 
 
 def parsers(words: Sequence[str]) -> tuple[Parser, dict[str, Parser]]:
-    """The command's parser, and that of each verb; only those of verbs that stand in `words` have their arguments."""
+    """The command's parser, and that of each verb; only verbs in `words` get their arguments."""
     parser = Parser(prog="energy-opt", description="Plan motions of robot arms that use less electrical energy.")
     parser.add_argument("--version", action="version", version=f"energy-opt {__version__}")
     parser.add_argument("--example", metavar="KIND", help=f"print a commented example file: {', '.join(EXAMPLES)}")
     parser.add_argument("--print-completion", metavar="SHELL", help=f"print a completion script: {', '.join(SHELLS)}")
-    group = parser.add_subparsers(dest="verb", metavar="VERB")  # of the same class
+    group = parser.add_subparsers(dest="verb", metavar="VERB")  # its parsers are of the same class
     verbs = {}
     for name, verb in VERBS.items():
         text = verb.summary

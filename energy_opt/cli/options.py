@@ -1,4 +1,4 @@
-"""A verb's options out of its request: parsers, `--help` and `--help-all`, and the request that words describe."""
+"""A verb's options from its request: parsers, `--help` and `--help-all`, and the request that words describe."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MOVE = "--robot panda --start 0,-0.785,0,-2.356,0,1.571,0.785 --goal 1.2,0.3,0.4
 
 
 def usage_of(verb: str) -> tuple[list[str], str, str]:
-    """What usage.toml says of a verb: commands, what it reads, what it writes."""
+    """Entries of usage.toml for a verb: commands, what it reads, what it writes."""
     usage = read_toml(Path(__file__).with_name("usage.toml"))[verb]
     return [line.replace("{MOVE}", MOVE) for line in usage["commands"]], usage["reads"], usage["writes"]
 
@@ -37,18 +37,18 @@ ON_OFF = ("on", "off")
 
 
 class Help(argparse.HelpFormatter):
-    """Shows the options that matter, or all; lines of the epilog that are commands stay as they are."""
+    """Shows the main options, or all; command lines in the epilog are not wrapped."""
 
     every = False
 
     def add_usage(
         self, usage: str | None, actions: Iterable[argparse.Action], groups: Any, prefix: str | None = None
     ) -> None:
-        """Without the options that are not shown."""
+        """Add the usage without options that are not shown."""
         super().add_usage(usage, [action for action in actions if self._shown(action)], (), prefix)
 
     def add_argument(self, action: argparse.Action) -> None:
-        """Only where it is shown."""
+        """Add an argument only if it is shown."""
         if self._shown(action):
             super().add_argument(action)
 
@@ -81,7 +81,7 @@ class Parser(argparse.ArgumentParser):
     """Errors become one line with exit code 2."""
 
     def error(self, message: str) -> NoReturn:
-        """Refuse words."""
+        """Raise BadInput with the parser's message."""
         raise BadInput(f"{message} (see {self.prog} --help)")
 
 

@@ -1,4 +1,4 @@
-"""Standard streams as they are found, and the report that opens in a browser."""
+"""Checks of the standard streams, and opening of the report in a browser."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from pathlib import Path
 
 from energy_opt.errors import BadInput
 
-SAY = ("robots", "effects", "--example", "--print-completion")  # all that they do is to print
+SAY = ("robots", "effects", "--example", "--print-completion")  # these verbs and options only print
 
 
 def opened(words: Sequence[str]) -> None:
-    """Streams that are closed lead to nowhere from here on, so that no file that is opened later takes their number.
+    """Redirect closed streams to the null device, so that no file opened later gets their number.
 
     Raises:
         BadInput: standard output is closed, and what was asked for is to be printed there.
@@ -32,7 +32,7 @@ def opened(words: Sequence[str]) -> None:
 
 
 def of_output(fault: Exception) -> BadInput | None:
-    """What to say where a fault comes from printing: files are written by other rooms than this one."""
+    """The error for a fault in printing, else None: only modules of this folder print, others write files."""
     if not isinstance(fault, OSError) or fault.filename is not None or fault.__traceback__ is None:
         return None
     if Path(traceback.extract_tb(fault.__traceback__)[-1].filename).parent != Path(__file__).parent:
@@ -71,6 +71,6 @@ def view(out: Path, quiet: bool = False) -> None:
 
 
 def has_display() -> bool:
-    """Is there anything that a browser can be seen on? (On a bare terminal one would take the keyboard.)"""
+    """True if there is a display for a browser. (On a bare terminal, a browser would take the keyboard.)"""
     named = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))
     return named or sys.platform in ("darwin", "win32")

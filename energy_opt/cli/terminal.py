@@ -13,10 +13,10 @@ from typing import TextIO
 from energy_opt.cli.faults import one_line, printable, stop_on_interrupt
 from energy_opt.front.desk import Desk, Show
 
-PATIENCE = 1.0  # [s] what takes less is done without a word
-TICK = 0.5  # [s]
-LEAST_SHARE = 0.03  # of the work: before it is done nothing can be said of the time left
-WIDTH = 100  # of the line
+PATIENCE = 1.0  # [s] shorter work shows no progress
+TICK = 0.5  # [s] between updates of the progress line
+LEAST_SHARE = 0.03  # least share of the work from which the time left is estimated
+WIDTH = 100  # characters of the progress line
 
 
 class Progress(logging.Handler, Show):
@@ -31,8 +31,8 @@ class Progress(logging.Handler, Show):
         self._text, self._detail = "", ""
         self._share: float | None = None
         self._expected: float | None = None
-        self._own = False  # the verb says itself how far it is
-        self._span: tuple[float, float] | None = None  # of all the work, that a stage's own shares are of
+        self._own = False  # True if the verb itself states its progress
+        self._span: tuple[float, float] | None = None  # range of all the work that a stage's own shares refer to
         self._ended, self._written = threading.Event(), False
         self._before = logging.NOTSET
 
@@ -58,18 +58,18 @@ class Progress(logging.Handler, Show):
                 self._stream.flush()
 
     def __call__(self, text: str, share: float | None = None) -> None:
-        """The verb begins to do `text`; `share` of all its work is done."""
+        """Show that the verb starts `text`; `share` of all its work is done."""
         self._own, self._text, self._share, self._detail, self._expected = True, text, share, "", None
         self._span = None
         self._say(text)
 
     def stage(self, text: str, low: float, high: float) -> None:
-        """The verb begins to do `text`, which takes all its work from the share `low` to `high`; parts say the rest."""
+        """Show that the verb starts `text`, which takes its work from `low` to `high`; log records refine the share."""
         self(text, low)
         self._span = low, high
 
     def emit(self, record: logging.LogRecord) -> None:
-        """A stage of the solver."""
+        """Show a stage of the solver from its log record."""
         self._detail = record.getMessage()
         self._expected, self._stage_begin = getattr(record, "expected", None), time.monotonic()
         share = getattr(record, "share", None)
@@ -80,7 +80,7 @@ class Progress(logging.Handler, Show):
         self._say(f"  {self._detail}" if self._own else self._detail)
 
     def line(self) -> str:
-        """Seconds so far, seconds left where that can be told, and what is being done."""
+        """Progress line: seconds so far, seconds left if known, and what is being done."""
         now = time.monotonic()
         words = [f"{now - self._begin:.0f} s"]
         left = self.left(now)
@@ -90,7 +90,7 @@ class Progress(logging.Handler, Show):
         return f"{', '.join(words)} | {text}"[:WIDTH]
 
     def left(self, now: float) -> float | None:
-        """Seconds, by the stage's own estimate or by the share of the work that is done."""
+        """Seconds left, by the stage's own estimate or by the share of the work that is done."""
         if self._expected is not None:
             return max(self._expected - (now - self._stage_begin), 0.0)
         if self._share is None or self._share < LEAST_SHARE:

@@ -1,4 +1,4 @@
-"""What a hypothesis may take in next: every effect known, in each of its variants, and free functions of signals."""
+"""Candidate terms for a hypothesis: every known effect in each of its variants, and free functions of one signal."""
 
 from __future__ import annotations
 
@@ -14,15 +14,18 @@ from energy_opt.diagnosis.hypothesis import USUAL, Chart, Term, chart, entries, 
 from energy_opt.diagnosis.predict import predict, recorded
 from energy_opt.effects import Effect, LinkInertia, MeterEffect, RunOffset, StoreEffect, known_effects
 
-ALLOWED_FOR = (LinkInertia.name, RunOffset.name)  # in every hypothesis, and never a cause
-MOST_SHAPES = 6  # trials of an effect's shapes
+# effects that every hypothesis includes; they are never reported as a cause
+ALLOWED_FOR = (LinkInertia.name, RunOffset.name)
+MOST_SHAPES = 6  # most starting values of an effect's shape parameters that are tried
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A term that may be added: columns (M, c) of the readings by amounts x, and how x becomes its numbers.
+    """A term that may be added to a hypothesis.
 
-    precision, mean, low, high: of x before the data. z = origin + way x.
+    Attributes:
+        chart: parameterisation of the effect. columns: (M, c) [W] derivatives of the readings by the amounts x (c,).
+        precision, mean, low, high: prior and bounds of x. origin, way: the effect's numbers are z = origin + way x.
     """
 
     chart: Chart
@@ -35,12 +38,12 @@ class Candidate:
     mean: np.ndarray
 
     def start(self, x: np.ndarray) -> np.ndarray:
-        """Numbers z by amounts x (c,)."""
+        """Numbers z of the effect for amounts x (c,), within the chart's bounds."""
         return np.clip(self.origin + self.way @ x, self.chart.lower, self.chart.upper)
 
 
 def candidates(now: Fit) -> Iterator[Candidate]:
-    """Every effect that the hypothesis lacks or that the declared model has with fixed values."""
+    """Yield a candidate for each effect that the hypothesis lacks or that has fixed values in the declared model."""
     taken, model, declared = set(now.names), now.model, now.world.declared
     drives = [e.name for e in model.effects if e.stage == "drive"]
     absent: list[tuple[type[Effect], Term]] = []
@@ -59,12 +62,12 @@ def candidates(now: Fit) -> Iterator[Candidate]:
 
 
 def _sizes_known(kind: type[Effect]) -> bool:
-    """Are its tables' lengths said by what it is offered with?"""
+    """True if the lengths of the effect's tables are known from the options under which it is offered."""
     return not any(p.free for p in kind.parameters) or bool(kind.free_options)
 
 
 def _variants(kind: type[Effect], s: Samples) -> list[Term]:
-    """The effect under each of the options that the recording allows, and trials of its shapes."""
+    """Terms of the effect: one for each option that the recording allows and each starting value of its shapes."""
     out, n = [], s.n
     tried = [p.trials if p.trials and (p.shapes or p.steps) else (None,) for p in kind.parameters]
     for words in kind.offered(recorded(s)):
@@ -80,7 +83,10 @@ def _variants(kind: type[Effect], s: Samples) -> list[Term]:
 
 
 def _absent(kinds: Sequence[tuple[type[Effect], Term]], now: Fit) -> Iterator[Candidate]:
-    """Effects that the model lacks, at values where they change next to nothing: all at once, a variant a round."""
+    """Candidates for effects that the model lacks, linearised at values where they change almost nothing.
+
+    Each round adds one variant of every effect to the model and predicts once.
+    """
     w, n = now.world, now.world.samples.n
     variants = [list(group) for _, group in groupby(kinds, key=lambda pair: pair[0])]
     push = w.links.torques @ now.amounts
@@ -102,7 +108,7 @@ def _absent(kinds: Sequence[tuple[type[Effect], Term]], now: Fit) -> Iterator[Ca
         where = dict(zip((e.name for e in whole.effects), whole.slices(n), strict=True))
         for name, (c, z0, shapes) in charts.items():
             columns = jacobian[:, where[name]] @ c.slope(z0)
-            if not columns.any():  # as a dwell that no run has
+            if not columns.any():  # the effect does not influence these data, e.g. no run has a dwell
                 continue
             c = sized(c, columns, w.scale)
             amount = ~np.array(shapes)[c.kept]
@@ -114,7 +120,7 @@ def _absent(kinds: Sequence[tuple[type[Effect], Term]], now: Fit) -> Iterator[Ca
 
 
 def _declared(kind: type[Effect], now: Fit) -> Iterator[Candidate]:
-    """The declared values of an effect fitted anew."""
+    """Candidate that refits the declared values of an effect."""
     w, n = now.world, now.world.samples.n
     held = w.declared.get(kind.name)
     assert held is not None
@@ -122,7 +128,7 @@ def _declared(kind: type[Effect], now: Fit) -> Iterator[Candidate]:
     term = Term(kind.name, options, declared=True)
     c = chart(term, w.declared, w.scale, n)
     slope = c.slope(c.origin)
-    if not np.isfinite(slope).all():  # it has none where nothing is there, as at a payload of no mass
+    if not np.isfinite(slope).all():  # the slope is undefined, e.g. for a declared payload without mass
         return
     where = dict(zip((e.name for e in now.model.effects), now.model.slices(n), strict=True))
     columns = now.prediction.jacobian[:, where[kind.name]] @ slope
@@ -132,7 +138,7 @@ def _declared(kind: type[Effect], now: Fit) -> Iterator[Candidate]:
 
 
 def _by_difference(kind: type[Effect], now: Fit) -> Iterator[Candidate]:
-    """Effects of one number in which the reading bends: what they do at each value tried, as one column."""
+    """Candidates for an effect of one number that enters nonlinearly: one column per value tried, by difference."""
     w = now.world
     p, n = kind.parameters[0], w.samples.n
     for tried in p.trials or (p.neutral + 0.05,):
@@ -144,7 +150,7 @@ def _by_difference(kind: type[Effect], now: Fit) -> Iterator[Candidate]:
             columns = _metered(kind, now, tried)[:, None]
         if not np.any(columns):
             continue
-        if issubclass(kind, StoreEffect):  # it is there or not; its size is known about as well as the value tried
+        if issubclass(kind, StoreEffect):  # the store exists or not; the prior width of its size is the value tried
             at = np.array([tried])
             c = replace(c, base=at, origin=at, mean=at, precision=np.array([[tried**-2]]), unknown=np.zeros(1, bool))
             yield Candidate(
@@ -160,7 +166,7 @@ def _by_difference(kind: type[Effect], now: Fit) -> Iterator[Candidate]:
 
 
 def _metered(kind: type[Effect], now: Fit, value: float) -> np.ndarray:
-    """What a meter's effect of some value would change in the readings (M,)."""
+    """Change [W] of the readings (M,) by a meter effect of the given value."""
     s, power = now.world.samples, now.prediction.power
     assert issubclass(kind, MeterEffect)
     changed = np.concatenate(
@@ -169,14 +175,18 @@ def _metered(kind: type[Effect], now: Fit, value: float) -> np.ndarray:
     return s.shown(changed)
 
 
-HATS, FEW_HATS = 32, 12  # pieces of a free function of position and speed; of others
-FASTEST_CHANGE = 1.0  # [s] between the knots of a free function of time
+HATS, FEW_HATS = 32, 12  # knots of a free function of position or speed; of another signal
+FASTEST_CHANGE = 1.0  # [s] shortest distance of the knots of a free function of time
 MOST_KNOTS = 160
-SIZES = (0.3, 1.5)  # of a free function, over a usual friction or a usual power
+SIZES = (0.3, 1.5)  # prior standard deviations of a free function, over a usual friction torque or a usual power
 
 
 def functions(now: Fit) -> Iterator[Free]:
-    """Free functions of one signal: torque of position, of speed, of way since turning back; power of time."""
+    """Free functions of one signal.
+
+    Torque of position, of speed, or of travel since the last reversal. Power of time, of time since the motion ended,
+    of joint torque, or of joint temperature.
+    """
     w, s = now.world, now.world.samples
     by_tau = now.prediction.by_tau
     usual = USUAL * w.scale.effort
@@ -208,7 +218,7 @@ def functions(now: Fit) -> Iterator[Free]:
 
 
 def _hats(x: np.ndarray, where: np.ndarray, count: int) -> np.ndarray:
-    """Piecewise linear functions (K, c) of x over where it counts; none where x hardly varies there."""
+    """Piecewise linear basis functions (K, c) of x at the nodes in `where`; no columns if x hardly varies there."""
     if where.sum() < 20 or np.ptp(x[where]) < 1e-3:
         return np.zeros((len(x), 0))
     knots = np.linspace(x[where].min(), x[where].max(), count)
@@ -219,7 +229,7 @@ def _hats(x: np.ndarray, where: np.ndarray, count: int) -> np.ndarray:
 
 
 def _in_time(t: np.ndarray, slices: Sequence[slice]) -> np.ndarray:
-    """Piecewise linear functions of recorded time (pauses between runs left out)."""
+    """Piecewise linear basis functions of recorded time, without the pauses between runs."""
     recorded, total = np.empty_like(t), 0.0
     for samples in slices:
         recorded[samples] = total + t[samples] - t[samples.start]
@@ -229,7 +239,7 @@ def _in_time(t: np.ndarray, slices: Sequence[slice]) -> np.ndarray:
 
 
 def travel(v: np.ndarray, t: np.ndarray, slices: Sequence[slice]) -> np.ndarray:
-    """Way since each joint last turned back within its run (K, n) rad; large before the first turn."""
+    """Travel [rad] since each joint last reversed within its run (K, n); 1000 before the first reversal."""
     out = np.full_like(v, 1e3)
     for samples in slices:
         step = np.gradient(t[samples]) if samples.stop - samples.start > 1 else np.ones(1)

@@ -1,4 +1,4 @@
-"""Claims and alternatives: which effects of the likeliest hypothesis are sure, and which other sets explain as well."""
+"""Claims: effects of the likeliest hypothesis that are certain enough. Alternatives: other sets that fit as well."""
 
 from __future__ import annotations
 
@@ -15,35 +15,35 @@ from energy_opt.diagnosis.search import FREE_ODDS, Search, buildable, moved, roo
 from energy_opt.effects import StoreEffect
 from energy_opt.power import PowerModel
 
-CLAIM = 7.0  # logarithm of odds at which an effect is claimed: a thousand to one
-DETAIL = 0.01  # of a law's logarithm of odds, that errors of its form may be worth: a tenth of what it does
-RIVAL = 3.0  # and within which another set explains as well: twenty to one
+CLAIM = 7.0  # log odds from which an effect is claimed: a thousand to one
+DETAIL = 0.01  # share of the largest log odds, added to CLAIM: a form that errs by 10 % explains 1 % of its evidence
+RIVAL = 3.0  # log odds within which another set explains the data equally well: twenty to one
 TURNS = 3
-SURE = 2.0  # standard deviations of a time constant, by which it may be longer
-LAGS = 1.5  # times the time that positions leave open, which a lag of the meter must exceed
-AS_LINKS = ("payload", "base_tilt", "gravity_spring")  # effects that deviations of links can stand for
-MOST = 6  # alternatives that are fitted
-LIKE = 0.1  # of an effect's squares, that a free function of the same signal leaves at most
-TRIFLE = 0.02  # of what can be explained, that free functions may take up without a word
-TRIED = 30  # sizes of a store
-WIDE_ENOUGH = 1.1  # times as wide, below which a law stays as it is
+SURE = 2.0  # standard deviations added to a time constant to get the longest plausible one
+LAGS = 1.5  # a meter lag is claimed only above this multiple of the time uncertainty `Samples.lag`
+AS_LINKS = ("payload", "base_tilt", "gravity_spring")  # effects that deviations of the links' inertia can imitate
+MOST = 6  # most alternatives that are fitted
+LIKE = 0.1  # largest share of an effect's squares that a free function of the same signal may fail to represent
+TRIFLE = 0.02  # share of the explained squares up to which free functions are ignored
+TRIED = 30  # capacities of a store that are tried
+WIDE_ENOUGH = 1.1  # priors stay if the numbers ask for less than this multiple of their present width
 
 
 @dataclass(frozen=True)
 class Claim:
-    """How surely an effect is there: logarithm of the odds, and the fit without it."""
+    """A claimed effect: logarithm of its odds, and the fit without it."""
 
     odds: float
     without: Fit
 
 
 def plain_fit(found: Search, f: Fit) -> Fit:
-    """A hypothesis less its free functions, which no plan can use."""
+    """Refit a hypothesis without its free functions, which a plan cannot use."""
     return found.fitted(list(f.charts), list(f.numbers), [], f.nuisance, f.amounts) if f.free else f
 
 
 def alike(a: Noise, b: Noise) -> bool:
-    """Whether two estimates of the noise are the same but for chance: white part, slow part, misfit and memory."""
+    """True if two noise estimates agree within chance in white part, slow part, misfit and memory."""
     return (
         abs(np.log(a.white / b.white)) < 0.15
         and abs(a.wave - b.wave) < 0.35 * max(a.wave, b.wave, 0.3 * a.white)
@@ -53,7 +53,7 @@ def alike(a: Noise, b: Noise) -> bool:
 
 
 def claimed(found: Search, best: Fit) -> tuple[Fit, tuple[Claim, ...]]:
-    """The hypothesis less the effects that are not sure enough, the least sure first, and the claims that stay.
+    """The hypothesis without its uncertain effects, removed from the least sure on, and the remaining claims.
 
     No law holds in every detail; beside one that is very sure, what it lacks must not be taken for another effect.
     """
@@ -73,9 +73,10 @@ def claimed(found: Search, best: Fit) -> tuple[Fit, tuple[Claim, ...]]:
 
 
 def is_a_step(f: Fit, claim: Claim) -> bool:
-    """Is what is claimed a lag of the meter that samples, steps and smoothing of the positions explain?
+    """True if the claimed effect is a meter lag that sampling, quantisation and smoothing of the positions explain.
 
-    So is a filter with a delay against it: together they smooth without a lag, as positions are smoothed.
+    The same holds for a filter with an opposite delay: together they smooth without a lag, as the positions are
+    smoothed.
     """
     name, n = next(n for n in f.names if n not in claim.without.names), f.world.samples.n
     lags = {e.name: float(e.full(n)[0]) for e in f.model.effects if e.stage == "meter" and e.parameters[0].unit == "s"}
@@ -83,7 +84,7 @@ def is_a_step(f: Fit, claim: Claim) -> bool:
 
 
 def is_a_line(f: Fit, claim: Claim) -> bool:
-    """Is what is claimed a change of level whose time constant may be longer than the set? A meter drifts like that."""
+    """True if the claim is a change of level whose time constant may exceed the set's duration, as a meter's drift."""
     k = next(k for k, name in enumerate(f.names) if name not in claim.without.names)
     effect, samples = f.model.get(f.names[k]), f.world.samples
     if effect is None or not (effect.drifts and effect.overhead):
@@ -94,7 +95,7 @@ def is_a_line(f: Fit, claim: Claim) -> bool:
 
 
 def without_effects(found: Search, f: Fit) -> Fit:
-    """A hypothesis less all its effects."""
+    """Refit a hypothesis without all its effects, except those in `World.given`."""
     while any(c.term.name not in found.world.given for c in f.charts):
         k = next(k for k, c in enumerate(f.charts) if c.term.name not in found.world.given)
         f = without(found, f, k)
@@ -102,14 +103,14 @@ def without_effects(found: Search, f: Fit) -> Fit:
 
 
 def without(found: Search, f: Fit, k: int) -> Fit:
-    """The fit anew without its k-th effect, and without those that need it."""
+    """Refit without the k-th effect and the effects that need it."""
     charts = [c for i, c in enumerate(f.charts) if i != k and f.charts[k].term.name not in c.term.kind.needs]
     kept = [z for c, z in zip(f.charts, f.numbers, strict=True) if c in charts]
     return found.fitted(charts, kept, list(f.free), f.nuisance, f.amounts)
 
 
 def _profiled(found: Search, f: Fit) -> float:
-    """A hypothesis' score under the noise that suits it best: what it leaves may be noise with memory, or misfit."""
+    """Score of a hypothesis under the noise that suits it best: its residual may be correlated noise, or misfit."""
     key = id(f)
     if key not in found.profiled:
         own = noise_of(f)
@@ -122,10 +123,10 @@ def _profiled(found: Search, f: Fit) -> float:
 
 
 def structures(found: Search, f: Fit) -> list[int]:
-    """Free functions, as blocks of the bank around a fit, that are likelier beside its effects than noise.
+    """Indices of free functions in the bank of a fit that are more likely, besides its effects, than noise.
 
-    By the evidence alone: no odds before the data count against a law that nobody listed. Functions of time do not
-    count, as a meter drifts.
+    Evidence alone decides: the prior odds of free functions are removed. Functions of time are ignored, as a meter
+    drifts.
     """
     bank = found.bank(f)
     here = found.whole(bank)
@@ -135,10 +136,11 @@ def structures(found: Search, f: Fit) -> list[int]:
 
 
 def shaped_otherwise(found: Search, f: Fit) -> int | None:
-    """Which effect of a fit has another law than the library's.
+    """Index of an effect of a fit that has another law than the library's, or None.
 
-    One whose shape ends at a bound of what is sensible: it then represents another law. Or one beside which there is a
-    structure that can stand for the effect, so that it follows the same signal: it adds what the law's shape lacks.
+    Either its shape parameter ends at a bound: it then represents another law. Or a free function that is likely
+    besides
+    the effect can represent it, so that it follows the same signal: it adds what the law's shape lacks.
     """
     causes = [k for k, c in enumerate(f.charts) if c.term.name not in found.world.given]
     for k in causes:
@@ -153,7 +155,7 @@ def shaped_otherwise(found: Search, f: Fit) -> int | None:
 
 
 def trifling(found: Search, named: Fit, best: Fit) -> bool:
-    """Do free functions take away little beside what effects do? Then they are errors of smoothing, not structure."""
+    """True if free functions remove little compared with effects: they are smoothing errors then, not structure."""
     if not best.free or not named.charts:
         return False
     start = root(found.world, best.nuisance)
@@ -198,7 +200,7 @@ def _likeliest_size(base: Fit, c: Chart, amounts: np.ndarray) -> np.ndarray:
 
 
 def alternatives(found: Search, accepted: Fit, reach: float = RIVAL) -> tuple[Fit, ...]:
-    """Sets of other effects whose evidence is as good, within `reach`: one for another."""
+    """The accepted fit, then fits with one effect exchanged whose scores are within `reach` of it."""
     if all(c.term.name in found.world.given for c in accepted.charts):
         return (accepted,)
     bank = found.bank(accepted)
@@ -234,7 +236,7 @@ def alternatives(found: Search, accepted: Fit, reach: float = RIVAL) -> tuple[Fi
 
 
 def instead_of_links(found: Search, start: Fit) -> list[Fit]:
-    """Single effects whose odds are as good as those of links that are off: a payload, as a link's own mass is."""
+    """Fits of single effects that are as likely as deviating links, e.g. a payload for a heavier link."""
     bank = found.bank(start)
     here = found.whole(bank)
     value = bank.weigh(here).value
@@ -248,7 +250,7 @@ def instead_of_links(found: Search, start: Fit) -> list[Fit]:
 
 
 def widened(f: Fit) -> Fit:
-    """The hypothesis fitted anew under laws as wide as its numbers ask for; itself where the usual ones are.
+    """The hypothesis fitted again with empirical-Bayes prior widths; unchanged if the usual widths fit.
 
     Numbers of an effect share a width. Declared ones have each their own: one joint's friction may have changed alone.
     """
@@ -273,10 +275,10 @@ def widened(f: Fit) -> Fit:
 
 
 def written(f: Fit, links: bool | None = None, level: bool = True) -> PowerModel:
-    """The model of a fit as it is written: links where they show, and the runs' common level in `standby`.
+    """Model of a fit for model.toml: link deviations if significant, and the runs' common level in `standby`.
 
-    Whatever an effect adds to the level, the fit takes back in the levels of the runs; a model without them must take
-    it back in its standby.
+    If an effect adds to the level, the fit compensates for it in the levels of the runs. A model has no such levels, so
+    its standby takes the compensation.
     """
     model = f.full_model(links_show(f) if links is None else links)
     standby = model.get("standby")
@@ -287,5 +289,5 @@ def written(f: Fit, links: bool | None = None, level: bool = True) -> PowerModel
 
 
 def links_show(f: Fit) -> bool:
-    """Do the links' deviations show at all, beyond what is known before?"""
+    """True if a link deviation differs from zero by more than three standard deviations."""
     return bool(np.any(np.abs(f.amounts) > 3 * np.sqrt(np.diag(f.link_covariance))))

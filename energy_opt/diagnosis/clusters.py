@@ -1,6 +1,6 @@
 """Distinct motions: repeats of one motion are one cluster, and stay together in every split.
 
-Also here: what is done to sets that are too long to fit, or too few motions to hold any out.
+Also here: shortening of sets that are too long to fit, and cutting of recordings if too few to hold one out.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ from energy_opt.diagnosis.recordings import per_bin
 from energy_opt.measured import MeasuredSet, Run
 from energy_opt.measured.run import cut_at_standstill, nodes, pieces
 
-POINTS = 24  # of a run's path, by which motions are compared
-SAME = 0.05  # [rad] motions whose paths are this near at all points are repeats
-PACE = 0.1  # and their durations within this share
-SHARE = 0.25  # of the motions of each kind that are held out
-DRAWS = 100  # of motions to hold out
-FEWEST = 3  # motions of a kind, of which one may be held out
-BY_TIME = 4  # pieces of a recording that never rests
-KNOTS, MOST_KNOTS = 0.3, 40  # [s] between those of a motion's discrepancy
-MOST_NODES = 40_000  # at which models are evaluated: twenty minutes of a fast meter
-FEW_RUNS = 8  # of which none is left out; each is cut short instead
+POINTS = 24  # points of a run's path at which motions are compared
+SAME = 0.05  # [rad] runs whose paths differ by less at all points are repeats of one motion
+PACE = 0.1  # relative difference of durations up to which runs are repeats
+SHARE = 0.25  # share of the motions of each kind that is held out
+DRAWS = 100  # random draws of the motions to hold out
+FEWEST = 3  # least motions of a kind for holding one out
+BY_TIME = 4  # pieces into which a recording without standstills is cut
+KNOTS, MOST_KNOTS = 0.3, 40  # [s] distance of the knots of a motion's discrepancy function; most knots
+MOST_NODES = 40_000  # most nodes at which models are evaluated: twenty minutes of a fast meter
+FEW_RUNS = 8  # least runs to keep if runs are left out; otherwise each run is cut short
 
 
 def clusters(samples: Samples) -> list[list[int]]:
-    """Runs in groups: repeats of one motion, or of one pose, together."""
+    """Group the runs: repeats of one motion, or of one pose, form a cluster."""
     keys = []
     for span, kind in zip(samples.slices, samples.kinds, strict=True):
         at = np.linspace(span.start, span.stop - 1, POINTS).round().astype(int)
@@ -75,7 +75,7 @@ def split(samples: Samples, seed: int = 0) -> tuple[list[int], list[int]]:
 def shared_functions(samples: Samples) -> Shared:
     """A piecewise linear function of phase for every motion that is repeated, a constant for every such pose.
 
-    What a model gets wrong in a motion recorded once is a wave of that run's own noise.
+    The model error in a motion recorded once counts as slow noise of that run.
     """
     motions, columns = [], np.zeros((len(samples.power), MOST_KNOTS))
     for group in clusters(samples):
@@ -93,7 +93,7 @@ def shared_functions(samples: Samples) -> Shared:
 
 
 def parted(measured: MeasuredSet) -> MeasuredSet:
-    """The set with its recordings cut where there are too few to hold one out: at standstills, else by time."""
+    """Cut recordings at standstills, else by time, if the set has too few motions to hold one out."""
     moving = [r for r in measured.runs if r.kind == "motion"]
     if not 0 < len(moving) < FEWEST or any(r.meter == "total" for r in moving):
         return measured
@@ -106,13 +106,13 @@ def parted(measured: MeasuredSet) -> MeasuredSet:
 
 
 def _by_time(run: Run) -> list[Run]:
-    """A recording in `BY_TIME` pieces of the same length."""
+    """Cut a recording into `BY_TIME` pieces of the same length."""
     edges = np.linspace(0, len(run.time) - 1, BY_TIME + 1).astype(int)
     return pieces(run, list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)))
 
 
 def shortened(measured: MeasuredSet) -> MeasuredSet:
-    """The set less what is beyond `MOST_NODES`: runs left out evenly, or the ends of few long ones; with a remark."""
+    """Reduce a set to `MOST_NODES`: leave out runs evenly, or cut the ends of a few long ones; add a remark."""
     counts = [len(nodes(r)) if r.window.any() else len(r.power) // per_bin(r) for r in measured.runs]
     share = MOST_NODES / max(sum(counts), 1)
     if share >= 1:
@@ -129,7 +129,7 @@ def shortened(measured: MeasuredSet) -> MeasuredSet:
 
 
 def _first(run: Run, share: float) -> Run:
-    """The first share of a run."""
+    """The first `share` of a run's duration."""
     end = run.time[0] + share * (run.time[-1] - run.time[0])
     samples, read = run.time <= end, run.power_time <= end
     signals = {name: values[samples] for name, values in run.joint_signals()}

@@ -1,4 +1,4 @@
-"""Measured runs as one table: nodes at which models are evaluated, and the meter's readings that come of them."""
+"""Measured runs as one table: nodes at which models are evaluated, and the meter readings computed from them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from energy_opt.robot import RigidBody
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
-PIECE = 8192  # nodes that are worked on at once, where each takes kilobytes
+PIECE = 8192  # nodes processed at once where each needs kilobytes of memory
 
 
 @dataclass(frozen=True)
@@ -26,17 +26,17 @@ class Samples:
         q, v, a: (K, n) rad, rad/s, rad/s^2 at the nodes. t: (K,) set time, s. slices: where each run's nodes lie.
         temperature: (K, n) degC or nan. torque: (K, n) logged torque [N m] or current [A] of the joints, or nan.
         at: (M,) set time of the readings, s. power: (M,) W. parts: where each run's readings lie.
-        operators: of every run the matrix from nodes to readings, None where both are the same.
-        counts: how many readings of the meter stand in one of these.
-        weight: (M,) trust in each reading, 1 is whole, see `weighted`.
+        operators: matrix from nodes to readings of each run, None if both are the same.
+        counts: number of meter readings averaged in one of these.
+        weight: (M,) weight of each reading, 1 is full weight, see `weighted`.
         noise: standard deviation of a reading's white noise, W. floor: of a single reading of the meter, W.
         clock: True where the log states every run's set time. files, kinds: of the runs.
         single: set time and power of every single reading of the meter, run by run.
-        logged: by name (K,) of further signals that every run has, and that change somewhere.
+        logged: (K,) values by name of further signals that every run has and that change somewhere.
         group: how many neighbouring readings were averaged to one, 1 in all but long sets.
         blur: (K, 2 n) standard deviations of v and a by errors of the logged positions or velocities.
-        lag: s, how far samples, steps and smoothing of the positions leave the motion's time open.
-        allowed: (M,) W^2, variance of single readings by such errors and by clocks, see `weighted`.
+        lag: [s] time uncertainty of the motion by sampling, quantisation and smoothing of the positions.
+        allowed: (M,) [W^2] variance of single readings by these errors and by clocks, see `weighted`.
     """
 
     body: RigidBody
@@ -71,7 +71,7 @@ class Samples:
         return self.q.shape[1]
 
     def part(self, runs: Sequence[int]) -> Samples:
-        """Some runs only, with what was computed of them."""
+        """The given runs only, with the quantities already computed for them."""
         samples = np.concatenate([np.arange(self.slices[r].start, self.slices[r].stop) for r in runs])
         read = np.concatenate([np.arange(self.parts[r].start, self.parts[r].stop) for r in runs])
         out = replace(
@@ -91,7 +91,7 @@ class Samples:
         return out
 
     def at_nodes(self) -> Samples:
-        """The same motions with a reading of nothing at each node, without what was computed of them."""
+        """The same motions with a zero reading at each node, without the quantities already computed."""
         count = len(self.slices)
         return replace(
             self, at=self.t, power=np.zeros(len(self.t)), parts=self.slices, operators=(None,) * count,
@@ -99,7 +99,7 @@ class Samples:
         )  # fmt: skip
 
     def shown(self, x: np.ndarray) -> np.ndarray:
-        """What readings (M, ...) show of values at the nodes (K, ...): means over windows and bins."""
+        """Map values at the nodes (K, ...) to readings (M, ...): means over windows and bins."""
         if all(op is None for op in self.operators) and all(count == 1 for count in self.counts):
             return x
         out = np.empty((len(self.power), *x.shape[1:]))
@@ -113,18 +113,18 @@ class Samples:
 
     @cached_property
     def step(self) -> float:
-        """Usual time between readings of a run, s; how long a run usually takes where each has but one."""
+        """Median time [s] between readings of a run; median duration of a run if each run has one reading."""
         apart = np.concatenate([np.diff(self.at[part]) for part in self.parts])
         return float(np.median(apart if apart.size else [np.ptp(self.t[samples]) for samples in self.slices]))
 
     @cached_property
     def moving(self) -> np.ndarray:
-        """(M,) True where a joint moves at some time of what a reading shows."""
+        """(M,) True for readings during which a joint moves."""
         return np.asarray(self.shown((self.v != 0).any(axis=1).astype(float)) > 1e-6)
 
     @cached_property
     def warmth(self) -> np.ndarray:
-        """How far each joint has come from its first temperature to its highest, (K, n); nan where none is logged."""
+        """Temperature rise of each joint relative to its largest rise (K, n) [1]; nan if none of 0.5 K is logged."""
         first = self.temperature[np.argmin(self.t)]
         rise = np.max(self.temperature, axis=0) - first
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -132,12 +132,12 @@ class Samples:
 
     @cached_property
     def idle(self) -> np.ndarray:
-        """Time since the last motion of the run ended (K,) s; negative while moving and before."""
+        """Time [s] since the last motion of the run ended (K,); negative while moving and before."""
         return np.concatenate([idle_time(self.t[samples], self.v[samples]) for samples in self.slices])
 
     @cached_property
     def dwell(self) -> np.ndarray:
-        """How many standstills between motions the run has had (K,); each counts from its middle on."""
+        """Number of standstills between motions so far in the run (K,); each counts from its middle."""
         return np.concatenate([dwells(self.t[samples], self.v[samples]) for samples in self.slices])
 
     @cached_property
@@ -158,22 +158,22 @@ class Samples:
 
     @cached_property
     def rigid(self) -> dict[Any, tuple[np.ndarray, np.ndarray]]:
-        """Torques of rigid bodies last asked for, see `rigid_torque`."""
+        """Cache of the rigid-body torques computed last, see `rigid_torque`."""
         return {}
 
     @cached_property
     def nominal_links(self) -> np.ndarray:
-        """Mass, centre and inertia (13 n,) of the URDF's links that joints of their own carry, link by link."""
+        """Mass, centre of mass and inertia (13 n,) of the URDF's links that have a joint of their own, link by link."""
         return np.concatenate([[x.mass, *x.lever, *x.inertia.T.ravel()] for x in self.body.plain.own_links()])
 
     @cached_property
     def regressors(self) -> np.ndarray:
-        """d tau / d (all links' inertial parameters), (K, n, 10 L, 4): without gravity; of its x, y and z, at rest."""
+        """d tau / d (inertial parameters of links) (K, n, 10 L, 4): no gravity; at rest for unit gravity x, y, z."""
         return self._regressors(slice(None), slice(None))
 
     @cached_property
     def last_regressors(self) -> np.ndarray:
-        """The same of the last link alone, which carries the payload: (K, n, 10, 4)."""
+        """`regressors` of the last link alone, which carries the payload: (K, n, 10, 4)."""
         last = slice(10 * self.body.last, 10 * self.body.last + 10)
         parts = [self._regressors(samples, last) for samples in pieces(len(self.q), PIECE)]
         return np.concatenate(parts)
@@ -188,10 +188,10 @@ class Samples:
         return np.stack(own, axis=3)
 
     def by_links(self, live: np.ndarray) -> Iterator[tuple[slice, np.ndarray]]:
-        """`regressors` by those inertial parameters that are named: pieces (k, n, live, 4) with where they lie.
+        """Yield slices of the nodes with the `regressors` of the inertial parameters `live` there (k, n, live, 4).
 
-        Those of all links are kept where they are not too large (a million samples at 1 kHz have some GB), those of the
-        last link always; others are worked out anew.
+        Those of all links are cached if they are not too large (a million samples at 1 kHz have some GB), those of the
+        last link always; others are computed again.
         """
         at_once, first = len(self.q) <= PIECE, 10 * self.body.last
         if not at_once and live.min() >= first and live.max() < first + 10:
@@ -202,13 +202,13 @@ class Samples:
             yield samples, whole[:, :, live]
 
     def deviating(self, basis: np.ndarray) -> np.ndarray:
-        """Torque (K, n, c) by amounts of deviations `basis` (10 L, c) of the links, under the robot's own gravity."""
+        """Torque (K, n, c) per amount of the link deviations `basis` (10 L, c), under the robot's own gravity."""
         parts = pieces(len(self.q), PIECE)
         return np.concatenate([self.body.link_regressor(self.q[x], self.v[x], self.a[x]) @ basis for x in parts])
 
 
 def pieces(count: int, most: int) -> list[slice]:
-    """Slices of at most `most` that make up `count`."""
+    """Slices of at most `most` entries that cover `count` entries."""
     return [slice(first, min(first + most, count)) for first in range(0, count, most)]
 
 

@@ -30,14 +30,14 @@ from energy_opt.measured import MeasuredSet
 from energy_opt.power import PowerModel
 from energy_opt.power.model import Uncertainty
 
-LEAST = 0.1  # of what is left, in rms, that a signal must hold to be named
-FEWEST = 20  # readings without which nothing can be said
-TOLERANCE = 3.0  # [%] of energy, within which a model is good enough to plan with
+LEAST = 0.1  # share of the rms residual that a signal must explain to be named
+FEWEST = 20  # least readings for a diagnosis
+TOLERANCE = 3.0  # [%] energy error up to which a model is good enough to plan with
 
 
 @dataclass(frozen=True, repr=False)
 class Diagnosis(Result):
-    """A diagnosis with what it was made from, see `Result`, ready to print and to save."""
+    """A diagnosis with its inputs, see `Result`; it can be printed and saved."""
 
     @property
     def verdict(self) -> str:
@@ -76,9 +76,9 @@ def diagnose(
     Args:
         measured: the set. Without any reading of a meter, the joints' currents or torques alone are used.
         declared: the owner's model of the same robot; a payload that the recorder states is added where it has none.
-        seed: of the split into training and holdout. tolerance: of energy, %, for `usable`.
-        given: declared effects whose values are free without being news.
-        stopped: asked on the way; True ends the search with what is known: "interrupted", and no verdict.
+        seed: of the split into training and holdout. tolerance: [%] energy error for `usable`.
+        given: declared effects whose values are fitted but not reported as findings.
+        stopped: called during the search; True ends it: the result is "interrupted" and has no verdict.
 
     Raises:
         BadInput: the model does not fit the robot, or the set is too small to say anything.
@@ -108,7 +108,8 @@ def diagnose(
     before = {"train": errors(declared, samples, train), "holdout": errors(declared, samples, holdout)}
     after = {"train": errors(model, samples, train), "holdout": errors(model, samples, holdout)}
     effects, left = findings_of(found), _attributions(found, joints)
-    noise = found.noise if found.after.ratio < NOISE else None  # else levels and noise may be misfit, too
+    # if more than noise is left, levels and noise may contain misfit
+    noise = found.noise if found.after.ratio < NOISE else None
     best, drift = found.best, drift_of(found.best, samples, centred=True)
     offset = float(np.hypot(best.nuisance.offset, best.nuisance.drift))
     others = [written(f) for f in (*found.rivals[1:], best)]
@@ -160,7 +161,7 @@ def diagnose(
 
 
 def _metered(measured: MeasuredSet) -> MeasuredSet:
-    """The set less the runs without any reading of the meter."""
+    """Leave out the runs without any meter reading."""
     runs = tuple(run for run in measured.runs if len(run.power))
     less = len(measured.runs) - len(runs)
     if not less:
@@ -170,12 +171,12 @@ def _metered(measured: MeasuredSet) -> MeasuredSet:
 
 
 def _news(f: Any) -> list[str]:
-    """The effects of a fit that are news: not those that were free from the start; its links where there are none."""
+    """Effects of a fit that were not free from the start; its link deviations if there are none."""
     return [name for name in f.names if name not in f.world.given] or [LinkInertia.name]
 
 
 def explained_share(before: dict[str, Any], after: dict[str, Any], floor: float) -> float:
-    """Share of the mean square above the noise floor that the calibrated model takes away, on runs held out."""
+    """Share of the mean square above the noise floor that the calibrated model removes, on held-out runs if any."""
     part = "holdout" if before["holdout"] is not None else "train"
     was = before[part]["power_rmse"] ** 2 - floor**2
     now = after[part]["power_rmse"] ** 2 - floor**2
@@ -183,7 +184,7 @@ def explained_share(before: dict[str, Any], after: dict[str, Any], floor: float)
 
 
 def _attributions(found: Inference, joints: tuple[str, ...]) -> list[Attribution]:
-    """What the residual goes with, where more than noise is left."""
+    """Signals that the residual correlates with, if more than noise is left."""
     if not found.follows or found.blind or found.verdict not in ("partly", "unexplained"):
         return []
     left = max(found.after.rmse**2 - found.after.noise**2, 0.0) ** 0.5
@@ -193,7 +194,7 @@ def _attributions(found: Inference, joints: tuple[str, ...]) -> list[Attribution
 
 
 def _covariance(found: Inference) -> Uncertainty | None:
-    """The parameter covariance of what is written, and the models that explain the same data as well."""
+    """Parameter covariance of the written model, and the other models that explain the data equally well."""
     f, model, at = found.accepted, found.model, 0
     names: list[str] = []
     slopes = []
@@ -214,7 +215,7 @@ def _covariance(found: Inference) -> Uncertainty | None:
 
 
 def _of_joints(measured: MeasuredSet, declared: PowerModel) -> Diagnosis:
-    """What the joints' currents or torques alone say: friction, rotor inertia and drive constants.
+    """Diagnosis from the joints' currents or torques alone: friction, rotor inertia and drive constants.
 
     Raises:
         BadInput: the set has neither.

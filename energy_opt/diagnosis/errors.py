@@ -1,4 +1,4 @@
-"""How far a model is from the measured power and energy, over all readings of some runs, and beside the noise."""
+"""Errors of a model in power and energy over all readings of some runs, and their comparison with the noise."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from energy_opt.diagnosis.predict import Prediction, predict
 from energy_opt.power import PowerModel
 
 DRAWS = 999
-SHARE = 0.9  # of the squares above the noise, that claims must take away to be claimed where more than noise is left
-OPEN_NOISE = 0.1  # of the noise's variance, by which it is not known
+SHARE = 0.9  # share of the squares above the noise that claims must remove if more than noise is left
+OPEN_NOISE = 0.1  # relative uncertainty of the noise variance
 
 
 @dataclass(frozen=True)
 class Quality:
-    """A model's error beside noise of the same kind of readings.
+    """Error of a model, compared with the noise of the same readings.
 
     Attributes:
         motion, rest: rms error of single readings while the arm moves and while it rests, less the meter's drift in
             each run, W; 0 where there are none.
-        noise_motion, noise_rest: what the noise alone may leave there, W.
-        rmse, noise: error of all readings, and what noise and drift would leave, W.
-        squares: (C,) mean square error of every distinct motion or pose, the meter's noise made white with variance 1:
-            noise with memory counts for as little as it says.
+        noise_motion, noise_rest: rms error [W] that noise alone may cause there.
+        rmse, noise: rms error [W] of all readings, and its expectation from noise and drift alone.
+        squares: (C,) mean square error of each distinct motion or pose, whitened to a noise variance of 1, so that
+            correlated readings count less.
         counts: (C,) how many readings a repeat of each has.
     """
 
@@ -44,7 +44,7 @@ class Quality:
 
     @property
     def ratio(self) -> float:
-        """The error over the noise, in motion, at rest or in all, whichever is worst."""
+        """Error divided by the noise: the largest of motion, rest and all readings."""
         return max(self.motion / self.noise_motion, self.rest / self.noise_rest, self.rmse / self.noise)
 
     def document(self) -> dict[str, Any]:
@@ -57,12 +57,12 @@ class Quality:
 
 
 def mostly_explained(before: Quality, after: Quality, unknown: bool) -> bool:
-    """Is `SHARE` of the squares above the noise gone, over all motions and without any one of them (of three or more)?
+    """True if `SHARE` of the squares above the noise is removed, over all motions and without any one of three or more.
 
-    A law that no effect has is followed by effects that resemble it: most of it, or all of it in a single motion.
+    Effects that resemble an unknown law follow most of it, or all of it in a single motion.
 
     Args:
-        unknown: a function that is no effect's is likelier; else what is left may be noise that is not quite known.
+        unknown: True if a free function is likelier; otherwise `OPEN_NOISE` of the residual may be noise.
     """
     spare = (1 - SHARE) * (before.squares - 1) - (after.squares - 1 - (0.0 if unknown else OPEN_NOISE))
     return bool(np.sum(spare) >= (max(np.max(spare), 0.0) if len(spare) > 2 else 0.0))
@@ -79,7 +79,8 @@ def quality(model: PowerModel, samples: Samples, noise: Noise, drift: np.ndarray
     levels = np.concatenate([np.full(p.stop - p.start, x) for p, x in zip(samples.parts, drift, strict=True)])
     whiten = Whitener(noise, [samples.at[p] for p in samples.parts], samples.weight)
     white = whiten(samples.power - now.reading - levels) ** 2
-    single = max(samples.floor, noise.white * samples.group**0.5)  # neighbours that share readings differ by less
+    # `floor` comes from differences of neighbours, which are too small if these share readings
+    single = max(samples.floor, noise.white * samples.group**0.5)
     usual, lives, allowed = single**2 + noise.wave**2, [], []
     for span, part, (time, _) in zip(samples.slices, samples.parts, samples.single, strict=True):
         lives.append(np.interp(time, samples.t[span], (samples.v[span] != 0).any(axis=1).astype(float)) > 0.5)
@@ -109,7 +110,7 @@ def reading_of(model: PowerModel, samples: Samples, p: Prediction | None = None)
             out.append(_between(time, samples.t[span], p.power[span]))
         elif len(time) == part.stop - part.start:
             out.append(p.reading[part])
-        else:  # instants of which neighbours were averaged
+        else:  # single readings whose neighbours were averaged
             out.append(_between(time, samples.t[span], p.metered[span]))
     if any(e.stage == "meter" for e in model.effects):
         out = [
@@ -120,7 +121,7 @@ def reading_of(model: PowerModel, samples: Samples, p: Prediction | None = None)
 
 
 def _between(time: np.ndarray, at: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Values known at some times, at others: Akima's splines, which bend with a power and do not overshoot at steps."""
+    """Interpolate values with Akima's splines, which follow a smooth power and do not overshoot at steps."""
     from scipy.interpolate import Akima1DInterpolator
 
     if len(at) < 3:
@@ -129,7 +130,7 @@ def _between(time: np.ndarray, at: np.ndarray, values: np.ndarray) -> np.ndarray
 
 
 def energy(time: np.ndarray, power: np.ndarray) -> float:
-    """J of readings [W] at some times [s]; of a single reading its own value."""
+    """Energy [J] of readings [W] at times [s] by the trapezoidal rule; of a single reading its own value."""
     return float(np.trapezoid(power, time)) if len(time) > 1 else float(power.sum())
 
 

@@ -1,8 +1,8 @@
-"""Evidence of sets of effects around one fitted hypothesis, where everything enters linearly.
+"""Evidence of sets of effects, linearised around one fitted hypothesis.
 
-With A the white columns of blocks (effects that are there, effects that may be, free functions), U those of links and
-run levels with precision L before the data, and r the white residual with all effects, links and
-levels taken back to where they change nothing, integrating links and levels out leaves
+Let A be the whitened columns of the blocks (present effects, candidates, free functions), U those of links and run
+levels with prior precision L, and r the whitened residual if all effects, links and levels are set to change nothing.
+Integrating links and levels out gives
 
     G = A^T A - A^T U (U^T U + L)^{-1} U^T A,     g = A^T r - A^T U (U^T U + L)^{-1} U^T r
 
@@ -10,7 +10,7 @@ and a set S of blocks with amounts x ~ N(m, P^{-1}) has the evidence
 
     log Z(S) = x*^T h - 1/2 x*^T H x* - 1/2 m^T P m + 1/2 log |P| - 1/2 log |H|,   H = G_SS + P,  h = g_S + P m
 
-(x* the best amounts within bounds). A set costs microseconds to milliseconds once G is there.
+(x*: the best amounts within bounds). Once G is known, a set costs microseconds to milliseconds.
 """
 
 from __future__ import annotations
@@ -30,20 +30,20 @@ from energy_opt.diagnosis.links import Links
 from energy_opt.diagnosis.noise import MISFITS, NORMAL_MEDIAN, WAVES, Noise, Whitener, no_less, weighed
 from energy_opt.numerics.box import bounded_step
 
-SPREADS = (0.003, 0.025, 0.05, 0.085)  # of links around their URDF
-SPREAD_ODDS = (0.2, 0.2, 0.3, 0.3)  # before the data: most arms are off by 3 to 10 %
-# Run levels over the white noise of a reading; their slow drift over the arm's level, s over which it is correlated,
-# and whether it is smooth: what bends as slowly as a warm-up must be open to a meter too, else warm-ups are claimed.
+SPREADS = (0.003, 0.025, 0.05, 0.085)  # relative deviations of links from their URDF that are compared
+SPREAD_ODDS = (0.2, 0.2, 0.3, 0.3)  # prior probabilities of these: most arms are off by 3 to 10 %
+# (Run levels over the white noise of a reading; slow drift over the arm's level; its correlation time [s]; smooth?)
+# Smooth drifts are included because a meter may drift as slowly as an arm warms up; otherwise warm-ups are claimed.
 LEVELS = (
     (0.03, 3e-4, DRIFTS, False), (0.3, 3e-3, DRIFTS, False), (0.3, 0.012, DRIFTS, False), (1.5, 0.012, DRIFTS, False),
     (0.03, 3e-3, DRIFTS / 2, True), (0.03, 3e-3, DRIFTS, True),
     (0.03, 0.012, DRIFTS / 2, True), (0.03, 0.012, DRIFTS, True),
 )  # fmt: skip
-STEADY = 50.0  # [W] added to the level, as meters of small arms drift as much
-DRIFT = 0.025  # of the arm's level, that a meter drifts at most
-SURE = 2.0  # standard deviations of von Neumann's ratio, below which neighbouring levels have nothing in common
-FEW_LEVELS = 4  # runs, of fewer of which no drift can be seen
-JUMP = 6.0  # times the usual change of level between neighbouring runs, beyond which it is a step, no drift
+STEADY = 50.0  # [W] added to the arm's level for its drift, as meters of small arms drift by as much
+DRIFT = 0.025  # largest drift of a meter as a share of the arm's level
+SURE = 2.0  # standard deviations of von Neumann's ratio below which neighbouring levels count as independent
+FEW_LEVELS = 4  # least runs to recognise a drift
+JUMP = 6.0  # a change between neighbouring runs above this multiple of the usual change is a step, not drift
 LEVEL_ODDS = (0.35, 0.15, 0.15, 0.1, 0.05, 0.05, 0.075, 0.075)
 
 Subset = frozenset[int]
@@ -51,9 +51,9 @@ Subset = frozenset[int]
 
 @dataclass(frozen=True)
 class Block:
-    """Columns that enter or leave together, by amounts x that are 0 where the effect changes nothing.
+    """Columns that enter or leave a set together, with amounts x; x = 0 changes nothing.
 
-    `odds` is the logarithm of what they are worth before the data; `present` the amounts that the fit has, if any.
+    `odds` is the logarithm of the prior odds; `present` are the amounts in the fit, None if it does not have the block.
     """
 
     name: str
@@ -63,11 +63,11 @@ class Block:
     low: np.ndarray
     high: np.ndarray
     odds: float
-    source: Candidate | Free | int  # a number: the effect of that index in the fit
+    source: Candidate | Free | int  # an integer is the index of an effect or free function of the fit
     present: np.ndarray | None = None
 
     def lean(self) -> Block:
-        """The same less its columns, of which only products are asked for: banks are kept."""
+        """The block without its columns: a bank needs only their products, and banks are kept in memory."""
         source = self.source
         if not isinstance(source, int):
             source = replace(source, columns=np.zeros((0, source.columns.shape[1])))
@@ -76,7 +76,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Weighed:
-    """A set's evidence with its odds (over all nuisances), the likeliest nuisance, and the amounts there."""
+    """Log evidence times odds of a set (over all nuisances), the likeliest nuisance, and the amounts there."""
 
     value: float
     nuisance: Nuisance
@@ -119,7 +119,7 @@ class Bank:
         self.blocks = [b.lean() for b in self.blocks]
 
     def _under(self, nuisance: Nuisance) -> tuple[np.ndarray, np.ndarray, float]:
-        """What is taken from A^T A by its product with itself, g, and what links and levels themselves are worth."""
+        """X with G = A^T A - X^T X, the vector g, and the log evidence of links and levels alone."""
         if nuisance not in self._grids:
             before = self.fit.world.before(nuisance)
             lower = np.linalg.cholesky(self._uu + before)
@@ -129,7 +129,7 @@ class Bank:
         return self._grids[nuisance]
 
     def under(self, chosen: Iterable[int], nuisance: Nuisance) -> tuple[float, np.ndarray]:
-        """Evidence of a set under one nuisance, and the best amounts, block after block."""
+        """Log evidence times odds of a set under one nuisance, and the best amounts, block after block."""
         chosen = sorted(chosen)
         taken, small, worth = self._under(nuisance)
         index = np.concatenate([self._rows[k] for k in chosen] or [np.zeros(0, int)]).astype(int)
@@ -156,10 +156,10 @@ class Bank:
         return worth + odds + value + determinant - float(np.log(np.diag(lower)).sum()), x
 
     def glance(self, chosen: Subset) -> float:
-        """A set's evidence under the nuisance that is likeliest for the fit itself: for comparing many sets.
+        """Quick log evidence of a set, to compare many: under the nuisance that is likeliest for the fit itself.
 
-        Or under the same links and a meter that stays, where that is more: an effect may be what the fit without it
-        can only take for a drift of the meter.
+        Or, if larger, with the same link spread and the least meter drift: the fit without an effect may take it for a
+        drift of the meter.
         """
         if chosen not in self.glanced:
             first = self.likely[0]
@@ -170,7 +170,7 @@ class Bank:
         return self.glanced[chosen]
 
     def weigh(self, chosen: Subset) -> Weighed:
-        """A set's evidence over all nuisances that are likely at all."""
+        """Log evidence of a set over all nuisances in `likely`."""
         if chosen not in self.seen:
             under = [(self.nuisances[n] + (found := self.under(chosen, n))[0], n, found[1]) for n in self.likely]
             best = max(under, key=lambda row: row[0])
@@ -180,7 +180,7 @@ class Bank:
         return self.seen[chosen]
 
     def unlike(self, effect: int, block: int) -> float:
-        """Share of the squares of what an effect of the fit does that another block's columns cannot represent."""
+        """Share of the squares of an effect of the fit that another block's columns cannot represent."""
         present, effect_at, free = self.blocks[effect].present, self._rows[effect], self._rows[block]
         assert present is not None
         own = float(present @ self._aa[np.ix_(effect_at, effect_at)] @ present)
@@ -198,7 +198,7 @@ def links_odds(bank: Bank) -> float:
 
 
 def density(white: np.ndarray, jacobian: np.ndarray, before: np.ndarray) -> float:
-    """Logarithm of the density of white errors (m,) of which the numbers behind `jacobian` (m, p) are open.
+    """Logarithm of the density of white errors (m,) with uncertain parameters, whose Jacobian is `jacobian` (m, p).
 
     `before`: their precision (p, p). Constants of m alone are left out.
     """
@@ -229,7 +229,7 @@ def left_out(f: Fit) -> np.ndarray:
 
 
 def foresight(f: Fit, held: Samples, noise: Noise) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Of each cluster of runs held out: errors, Jacobian and precision as `density` takes them, by a fit.
+    """Errors, Jacobian and precision of each held-out cluster of runs under a fit, as `density` takes them.
 
     Repeats count once. The level of a run follows from those of the runs fitted, as far as meters drift slowly.
     """
@@ -257,7 +257,7 @@ def foresight(f: Fit, held: Samples, noise: Noise) -> list[tuple[np.ndarray, np.
 def noise_of(f: Fit) -> Noise:
     """The noise under which a fit's residual is likeliest, its numbers integrated out (empirical Bayes).
 
-    First the wave and its memory beside the discrepancy as it was, then the discrepancy.
+    First the wave and its memory are found with the old discrepancy, then the discrepancy.
     """
     s, count = f.world.samples, len(f.residual)
     times = [s.at[p] for p in s.parts]
@@ -284,7 +284,7 @@ def noise_of(f: Fit) -> Noise:
 
 
 def _unwhitened(f: Fit) -> np.ndarray:
-    """Columns (M, P) of a fit by theta, W."""
+    """Derivatives (M, P) [W] of the readings of a fit by theta, not whitened."""
     p, s = f.prediction, f.world.samples
     where = dict(zip((e.name for e in f.model.effects), f.model.slices(s.n), strict=True))
     own = [p.jacobian[:, where[c.term.name]] @ c.slope(z) for c, z in zip(f.charts, f.numbers, strict=True)]
@@ -292,10 +292,10 @@ def _unwhitened(f: Fit) -> np.ndarray:
 
 
 def drift_of(f: Fit, samples: Samples, centred: bool) -> np.ndarray:
-    """(R,) W by which the meter's drift, as the fitted runs show it, moves the level of some runs.
+    """Change of level (R,) [W] of the given runs by the meter's drift, interpolated from the fitted runs.
 
-    Only what neighbouring runs have in common counts as drift, no more than meters drift, and no step: a load that is
-    switched is a cause of its own. `centred`: about the runs' common level, which a model's standby has taken up.
+    Only the part that neighbouring runs share counts as drift, up to `DRIFT`, and no steps: a switched load is a cause
+    of its own. `centred`: relative to the runs' common level, which a model's standby contains.
     """
     own = np.array([f.world.samples.at[part].mean() for part in f.world.samples.parts])
     order = np.argsort(own)
@@ -314,9 +314,9 @@ def drift_of(f: Fit, samples: Samples, centred: bool) -> np.ndarray:
 
 
 def without_steps(time: np.ndarray, levels: np.ndarray) -> np.ndarray:
-    """Levels (R,) W of runs at ascending times (R,) s less their steps, as the stretch of lowest levels has them.
+    """Levels (R,) [W] of runs at ascending times (R,) [s] without their steps, shifted to the least mean square.
 
-    A step is a change that is far beyond the median of all, each over the root of the time that passed, as in a
+    A step is a change far above the median change; changes are divided by the root of the time that passed, as in a
     random walk.
     """
     if len(levels) < FEW_LEVELS:

@@ -1,4 +1,4 @@
-"""What a diagnosis found, as types: effects with values and intervals, and how they are written into diagnosis.json."""
+"""Types for the findings of a diagnosis: effects with values and intervals, and their form in diagnosis.json."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from energy_opt.measured import MeasuredSet
 from energy_opt.power import PowerModel
 
 STUDENT = 1.96
-WIDER = 1.1  # of intervals, for errors of smoothing and clocks that repeat; from misfit sets, seeds 61 and 62
+WIDER = 1.1  # factor on intervals for repeated errors of smoothing and clocks; from misfit sets, seeds 61 and 62
 
 
 @dataclass(frozen=True)
@@ -27,9 +27,9 @@ class Finding:
 
     Attributes:
         parameters, ci95, units: values, 95 % intervals and units by parameter.
-        share_of_residual: of the squares that all effects explain together, those that are left without this one.
+        share_of_residual: share of the squares explained by all effects that is lost without this one.
         p_value: None: effects are chosen among many, for which no p-value is calibrated.
-        log_odds: for the effect, None where not known. refit: the declared model has it.
+        log_odds: for the effect, None if unknown. refit: True if the declared model has the effect.
     """
 
     name: str
@@ -54,7 +54,7 @@ def findings_of(found: Inference) -> list[Finding]:
         return []
     f, n = found.accepted, found.accepted.world.samples.n
     samples, declared = f.world.samples, f.world.declared
-    rest = f.residual - (samples.power - f.prediction.reading)  # levels of runs, with the other sign
+    rest = f.residual - (samples.power - f.prediction.reading)  # minus the levels of the runs
 
     def size(model: PowerModel) -> float:
         own = samples.power - predict(model, samples, f.world.links.torques @ f.amounts).reading + rest
@@ -79,7 +79,7 @@ def findings_of(found: Inference) -> list[Finding]:
 
 
 def _of_links(found: Inference) -> Finding:
-    """The links' deviations as an effect."""
+    """Finding for link deviations."""
     f, samples = found.accepted, found.accepted.world.samples
     spread = f.link_covariance
 
@@ -96,7 +96,7 @@ def _of_links(found: Inference) -> Finding:
 
 
 def _values(effect: Effect, deviation: np.ndarray, n: int) -> tuple[dict[str, Any], dict[str, Any], dict[str, str]]:
-    """Values, 95 % intervals and units by parameter; the values are those of the model that is written."""
+    """Values, 95 % intervals and units by parameter; values are those of the written model."""
     values: dict[str, Any] = {}
     intervals: dict[str, Any] = {}
     units: dict[str, str] = {}
@@ -114,7 +114,7 @@ def _values(effect: Effect, deviation: np.ndarray, n: int) -> tuple[dict[str, An
 
 
 def nuisance_of(found: Inference) -> list[str]:
-    """What was allowed for, where it shows, without being called a cause."""
+    """Names of significant nuisances of the fit that are not reported as causes."""
     f: Fit = found.accepted
     out = [LinkInertia.name] if found.model.get(LinkInertia.name) is not None and not found.links else []
     if np.any(np.abs(f.levels) > 4 * f.level_deviations) and float(np.std(f.levels)) > 0.2 * f.world.whiten.noise.white:
@@ -123,7 +123,7 @@ def nuisance_of(found: Inference) -> list[str]:
 
 
 def evidence_records(found: Inference, most: int = 15) -> list[dict[str, Any]]:
-    """The hypotheses that were fitted, likeliest first: what they add, and the logarithm of their odds."""
+    """Records of the fitted hypotheses, likeliest first: their additions, and the logarithm of their odds."""
     base = found.search.score(found.root)
     records = [
         {
@@ -140,15 +140,15 @@ def evidence_records(found: Inference, most: int = 15) -> list[dict[str, Any]]:
 
 @dataclass(frozen=True, repr=False)
 class Result:
-    """A diagnosis with what it was made from.
+    """A diagnosis with its inputs.
 
     Attributes:
         measured, declared, model: the set, the model handed in, and the calibrated one.
-        effects, attributions: what is claimed, and what the rest of the residual goes with.
+        effects, attributions: claimed effects, and signals that the rest of the residual follows.
         document: the content of diagnosis.json.
         samples, train, holdout: all runs, and the indices of those fitted and kept; None and none without a meter.
-        inference: what the search found, None without a meter.
-        side: what the joints' own readings say, None where there are none.
+        inference: result of the search, None without a meter.
+        side: fit of the joints' own readings, None if there are none.
     """
 
     measured: MeasuredSet

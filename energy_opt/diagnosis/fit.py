@@ -28,17 +28,17 @@ from energy_opt.numerics.box import bounded_step
 from energy_opt.power import PowerModel
 
 ITERATIONS = 12
-ENOUGH = 0.05  # a step that lowers phi by less ends the fit
-DRIFTS = 150.0  # [s] over which a meter's level drifts
-MOST_HELD = 400e6  # bytes
+ENOUGH = 0.05  # the fit ends if a step lowers phi by less
+DRIFTS = 150.0  # [s] correlation time of a meter's drift
+MOST_HELD = 400e6  # [bytes] most memory for cached predictions and Jacobians
 
 
 @dataclass(frozen=True)
 class Nuisance:
-    """How far links spread from the URDF, as a share; levels from run to run [W]; their slow drift over the set [W].
+    """Prior widths of nuisances: `spread` of links [1], `offset` from run to run [W], slow `drift` over the set [W].
 
-    `over`: s after which the drift's correlation is 1/e. `smooth`: it bends slowly, as with the meter's temperature;
-    otherwise it walks at random. Either way runs share a level: a meter need not have been right when they began.
+    `over`: correlation time of the drift [s]. `smooth`: True for a smooth drift, as by the meter's temperature; False
+    for a random walk. Either way all runs share a level error: a meter may be off from the start.
     """
 
     spread: float
@@ -70,20 +70,20 @@ class Free:
 
 
 class Recent:
-    """Predictions and Jacobians of the fits last asked for, up to `MOST_HELD`; those of others are worked out again."""
+    """Cache of predictions and Jacobians of recent fits, up to `MOST_HELD` bytes; others are computed again."""
 
     def __init__(self) -> None:
         self._held: OrderedDict[int, tuple[Prediction, np.ndarray]] = OrderedDict()
         self._size = 0
 
     def get(self, token: int) -> tuple[Prediction, np.ndarray] | None:
-        """Those of a fit, where they are still there."""
+        """Prediction and Jacobian of a fit, None if no longer cached."""
         if token in self._held:
             self._held.move_to_end(token)
         return self._held.get(token)
 
     def put(self, token: int, value: tuple[Prediction, np.ndarray]) -> None:
-        """Keep those of a fit, and let the oldest go."""
+        """Keep prediction and Jacobian of a fit, and drop the oldest."""
         self._held[token] = value
         self._size += _bytes(value)
         while self._size > MOST_HELD and len(self._held) > 1:
@@ -95,26 +95,26 @@ def _bytes(value: tuple[Prediction, np.ndarray]) -> int:
 
 
 class Stopped(Exception):
-    """The work was asked to end; what was fitted so far is in the search."""
+    """A stop was requested; the search holds the fits so far."""
 
 
 @dataclass(frozen=True)
 class World:
-    """What all hypotheses on the same data share."""
+    """Data and settings that all hypotheses share."""
 
     samples: Samples
     declared: PowerModel
     scale: Scale
     links: Links
     whiten: Whitener
-    offsets: np.ndarray = field(repr=False)  # (M, R)
+    offsets: np.ndarray = field(repr=False)  # (M, R) 1 at the readings of run r
     shared: Shared = field(repr=False)
-    given: tuple[str, ...] = ()  # effects of the declared model whose values are free and no news
-    stopped: Callable[[], bool] = lambda: False  # asked while fits are made
+    given: tuple[str, ...] = ()  # effects of the declared model that are free in every hypothesis and not reported
+    stopped: Callable[[], bool] = lambda: False  # called before each fit; True requests a stop
     recent: Recent = field(default_factory=Recent, repr=False)
 
     def go_on(self) -> None:
-        """Raises Stopped where the work is to end."""
+        """Raise `Stopped` if a stop was requested."""
         if self.stopped():
             raise Stopped
 
@@ -136,7 +136,7 @@ class World:
         return cls(samples, declared, scale, links, whitener(samples, noise, shared), offsets, shared, given, stopped)
 
     def before(self, nuisance: Nuisance) -> np.ndarray:
-        """Precision (c, c) of links' amounts and runs' levels before the data."""
+        """Prior precision (c, c) of link amounts and run levels."""
         from scipy.linalg import block_diag
 
         s = self.samples
@@ -145,7 +145,7 @@ class World:
         return np.asarray(block_diag(links, np.linalg.inv(nuisance.levels(times))))
 
     def under(self, noise: Noise) -> World:
-        """The same under another noise."""
+        """The same data under another noise."""
         return replace(self, whiten=whitener(self.samples, noise, self.shared))
 
 
@@ -161,8 +161,8 @@ class Fit:
     Attributes:
         charts, numbers: of its effects. free, weights: of its free functions. amounts, levels: of links and runs.
         model: the declared model with the effects' values. residual: (M,) what remains, W, levels and free functions
-            taken out. mean, precision: of theta before the data. hessian: of phi.
-        phi: at the likeliest numbers. evidence: logarithm, less the density of the readings' own unit.
+            taken out. mean, precision: of theta's prior. hessian: of phi.
+        phi: at the likeliest numbers. evidence: its logarithm, up to a constant for the readings' unit.
     """
 
     world: World
@@ -184,12 +184,12 @@ class Fit:
 
     @property
     def prediction(self) -> Prediction:
-        """What the meter shows under the model, links and all."""
+        """Readings predicted by the model with its link deviations."""
         return self._linearised()[0]
 
     @property
     def jacobian(self) -> np.ndarray:
-        """(M, P) white, by theta."""
+        """Whitened derivatives (M, P) of the readings by theta."""
         return self._linearised()[1]
 
     def _linearised(self) -> tuple[Prediction, np.ndarray]:
@@ -212,12 +212,12 @@ class Fit:
 
     @property
     def covariance(self) -> np.ndarray:
-        """Of all numbers after the data (P, P)."""
+        """Posterior covariance (P, P) of theta."""
         return np.linalg.inv(self.hessian)
 
     @property
     def deviations(self) -> list[np.ndarray]:
-        """Standard deviations of every effect's values after the data, as `Chart.values` has them."""
+        """Posterior standard deviations of every effect's values, ordered as in `Chart.values`."""
         cuts = np.cumsum([0, *map(len, self.numbers)]).tolist()
         spread, out = self.covariance, []
         for c, z, part in zip(self.charts, self.numbers, map(slice, cuts, cuts[1:]), strict=False):
@@ -227,23 +227,23 @@ class Fit:
 
     @property
     def link_covariance(self) -> np.ndarray:
-        """Of the links' amounts after the data."""
+        """Posterior covariance of the link amounts."""
         first = len(self.theta) - len(self.levels) - len(self.amounts)
         span = slice(first, first + len(self.amounts))
         return self.covariance[span, span]
 
     @property
     def level_deviations(self) -> np.ndarray:
-        """Standard deviations of the runs' levels after the data, W."""
+        """Posterior standard deviations [W] of the runs' levels."""
         return np.sqrt(np.maximum(np.diag(self.covariance)[len(self.theta) - len(self.levels) :], 0.0))
 
     @property
     def count(self) -> int:
-        """Numbers of the effects."""
+        """Number of fitted numbers of the effects."""
         return sum(len(z) for z in self.numbers)
 
     def full_model(self, links: bool = True) -> PowerModel:
-        """The model with its links where they deviate."""
+        """The model, with its link deviations if `links` is True."""
         if not links or not np.any(self.amounts):
             return self.model
         return self.model.replaced(self.world.links.effect(self.amounts, self.world.samples))
@@ -306,7 +306,7 @@ def fit(
 
 
 def columns_of(world: World, free: Sequence[Free]) -> np.ndarray:
-    """Columns (M, c) of free functions side by side."""
+    """Columns (M, c) of all free functions."""
     return np.column_stack([f.columns for f in free]) if free else np.zeros((len(world.samples.power), 0))
 
 
@@ -336,7 +336,7 @@ def linearised(
 def _before(
     world: World, nuisance: Nuisance, charts: Sequence[Chart], free: Sequence[Free]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Mean, precision and bounds of theta before the data."""
+    """Prior mean, prior precision and bounds of theta."""
     from scipy.linalg import block_diag
 
     loose = sum(f.columns.shape[1] for f in free)

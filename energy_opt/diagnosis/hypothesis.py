@@ -1,7 +1,7 @@
 """Effects with free numbers: how their values follow from these numbers, and the prior of the numbers.
 
 The numbers z are those of the effect's chart, in which the effect is (nearly) linear; a payload, for example, is
-(m, m c). Grids, and parameters with which a law jumps, are chosen and not fitted. The prior is normal. A number of
+(m, m c). Grids and parameters in which a law is discontinuous are chosen, not fitted. The prior is normal. A number of
 joint j is z_j = s_j (g + e_j), with a share g ~ N(0, 1) that all joints have in common and an own one e_j ~
 N(0, OWN^2). So joints that hardly move are assumed to be like the others. s_j is a usual size, by the parameter's unit
 and the joint's limits.
@@ -18,21 +18,21 @@ from energy_opt.effects import Effect, Parameter, effect_class, words_of
 from energy_opt.power import PowerModel
 from energy_opt.robot import Limits
 
-OWN = 0.6  # of a joint's number that is its own, beside the share of all
-MOST = 1 / 3  # of a joint's effort limit that friction may take
-USUAL = 0.02  # of a joint's effort limit that dry friction usually takes
-CRUISE = 0.3  # of a joint's velocity limit at which viscous friction is as large
-HOLD, HEAT = 0.3, 2.0  # share of the effort limit at which a winding usually takes so many W
-ROTOR = 3e-3  # [kg m^2 / (N m)] of reflected rotor inertia by effort limit
-REFIT = (0.4, 0.2)  # standard deviations by which declared numbers are off, shared and each joint's own
-POWER = 0.06  # of the level that a number of the whole arm usually adds
-REACH = 0.1  # [m] of a payload's centre from the last joint's frame
-SHAPE = 0.7  # standard deviation of a shape over the value tried
+OWN = 0.6  # standard deviation of a joint's own share, over that of the share common to all joints
+MOST = 1 / 3  # largest friction as a share of a joint's effort limit
+USUAL = 0.02  # usual dry friction as a share of a joint's effort limit
+CRUISE = 0.3  # share of a joint's velocity limit at which viscous friction usually equals dry friction
+HOLD, HEAT = 0.3, 2.0  # a winding usually dissipates HEAT [W] at the share HOLD of the effort limit
+ROTOR = 3e-3  # [kg m^2 / (N m)] usual reflected rotor inertia over the effort limit
+REFIT = (0.4, 0.2)  # relative standard deviations of declared numbers: common to all joints, and each joint's own
+POWER = 0.06  # usual power of a number of the whole arm, as a share of the arm's level
+REACH = 0.1  # [m] usual distance of a payload's centre of mass from the last joint's frame
+SHAPE = 0.7  # standard deviation of a shape parameter over the value tried
 
 
 @dataclass(frozen=True)
 class Measured:
-    """What the joints' own readings say of an effect's numbers: which joints (m,), values (m,), covariance (m, m)."""
+    """An effect's numbers from the joints' own readings: indices of joints (m,), values (m,), covariance (m, m)."""
 
     joints: np.ndarray
     values: np.ndarray
@@ -41,9 +41,9 @@ class Measured:
 
 @dataclass(frozen=True)
 class Scale:
-    """What sizes are usual on an arm: effort [N m] and velocity limits [rad/s] (n,), level of its power [W].
+    """Usual sizes on an arm: effort [N m] and velocity limits [rad/s] (n,), level of its power [W].
 
-    `measured`: by effect of one number per joint, what is known of it from elsewhere than the power.
+    `measured`: by effect with one number per joint, its values from other readings than the power.
     """
 
     effort: np.ndarray
@@ -66,9 +66,8 @@ class Scale:
 class Term:
     """An effect with free numbers.
 
-    Attributes:
-        options: `key=word` of its options and lengths. trial: values of `full` at which its shapes begin and its grid
-            stays, as a tuple so that terms compare. declared: the model has it, and its values are fitted anew.
+    Attributes: options: `key=word` of its options and lengths. trial: values of `full` where its shapes start and its
+    grid stays (a tuple, so that terms can be compared). declared: True to refit an effect of the declared model.
     """
 
     name: str
@@ -84,13 +83,13 @@ class Term:
 
 @dataclass(frozen=True)
 class Chart:
-    """The numbers z of a term and what is known of them before the data.
+    """The numbers z of a term and their prior.
 
     Attributes:
-        base: (P,) chart values of the effect where z = origin. samples: (Z,) which of them are free.
-        origin: (Z,) numbers at which an absent effect changes (next to) nothing, a declared one is as declared.
-        mean, precision: (Z,), (Z, Z) of the normal law before the data. lower, upper: (Z,) bounds.
-        unknown: (Z,) True for numbers whose usual size follows from what they do to the power, see `sized`.
+        base: (P,) chart values of the effect at z = origin. kept: (Z,) indices of the free ones.
+        origin: (Z,) numbers at which an absent effect changes (almost) nothing; for a declared one its values.
+        mean, precision: (Z,), (Z, Z) of the normal prior. lower, upper: (Z,) bounds.
+        unknown: (Z,) True for numbers whose usual size follows from their effect on the power, see `sized`.
     """
 
     term: Term
@@ -122,11 +121,11 @@ class Chart:
 
     @property
     def shapes(self) -> np.ndarray:
-        """(Z,) True for numbers that only shape the effect."""
+        """(Z,) True for shape parameters."""
         return np.array([p.shapes for p, *_ in entries(self.term.kind, self.n, len(self.base))])[self.kept]
 
     def wider(self, times: np.ndarray) -> Chart:
-        """The chart with what is known before of its sizes so many times as wide, (Z,); shapes are as before."""
+        """The chart with the prior widths of its sizes multiplied by (Z,) factors; shapes keep theirs."""
         narrow = np.where(self.shapes, 1.0, 1 / times)
         return replace(self, precision=self.precision * np.outer(narrow, narrow))
 
@@ -138,7 +137,7 @@ class Chart:
 
 
 def entries(kind: type[Effect], n: int, length: int) -> list[tuple[Parameter, int, int]]:
-    """For each entry of `full` (of `length` numbers): its parameter, joint (-1 where it has none), and place in it."""
+    """For each entry of `full` (of `length` numbers): its parameter, joint (-1 if none), and index within it."""
     free = {d for p in kind.parameters for d in p.free}
     extents = dict(kind.extents_by_default)
     if free:  # one free dimension, whose length follows from the number of entries
@@ -161,7 +160,7 @@ def _bounds(kind: type[Effect], n: int, length: int) -> tuple[np.ndarray, np.nda
 
 
 def usual(unit: str, joint: int, scale: Scale) -> float | None:
-    """Usual size of a joint's number, by its unit; None where that follows from what it does to the power."""
+    """Usual size of a joint's number, by its unit; None if it follows from the number's effect on the power."""
     if joint < 0:
         return None
     effort, cruise = scale.effort[joint], scale.usual_speed[joint]
@@ -171,9 +170,9 @@ def usual(unit: str, joint: int, scale: Scale) -> float | None:
         "kg m^2": ROTOR * effort,
         "W/(N m)^2": HEAT / (HOLD * effort) ** 2,
         "1": 0.1,
-        "1/W": 0.1 / HEAT,  # of a winding that its heat warms
+        "1/W": 0.1 / HEAT,  # of a winding warmed by its own heat
         "N m/rad": 2 * USUAL * effort,
-        "rad": 2 * USUAL * effort,  # of a spring, whose chart is a torque
+        "rad": 2 * USUAL * effort,  # a spring, whose chart value is a torque
         "W s/rad": USUAL * effort / 2,
         "W s^2/rad^2": USUAL * effort / cruise / 2,
     }
@@ -211,7 +210,7 @@ def chart(term: Term, declared: PowerModel, scale: Scale, n: int) -> Chart:
 
 
 def _informed(mean: np.ndarray, covariance: np.ndarray, seen_by: Measured) -> tuple[np.ndarray, np.ndarray]:
-    """The prior after measurements of some of its numbers (Kalman's update), one for each joint."""
+    """Kalman update of a prior with measurements of some of its numbers, one for each joint."""
     seen = covariance[seen_by.joints]
     gain = np.linalg.solve(seen[:, seen_by.joints] + seen_by.covariance, seen).T
     mean = mean + gain @ (seen_by.values - mean[seen_by.joints])
@@ -228,7 +227,7 @@ def _before(
     scale: Scale,
     declared: bool,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mean (P,), covariance (P, P) and which sizes are still unknown (P,), of the chart's values before the data."""
+    """Prior mean (P,) and covariance (P, P) of the chart's values, and which sizes are still unknown (P,)."""
     count = len(owners)
     size, unknown = np.ones(count), np.zeros(count, dtype=bool)
     shared = np.zeros((count, count))
@@ -256,10 +255,10 @@ def _before(
 
 
 def sized(c: Chart, columns: np.ndarray, scale: Scale) -> Chart:
-    """The chart with the usual size of its unknown numbers: what adds a share `POWER` of the arm's level.
+    """Set the prior width of unknown numbers: the size that adds a share `POWER` of the arm's level.
 
     Args:
-        columns: (M, Z) what each number does to the readings, W.
+        columns: (M, Z) [W] derivatives of the readings by each number.
     """
     if not c.unknown.any():
         return c
@@ -270,6 +269,6 @@ def sized(c: Chart, columns: np.ndarray, scale: Scale) -> Chart:
         precision[k, k] = (max(float(rms[k]), 1e-9) / (POWER * scale.level)) ** 2
     own = entries(c.term.kind, c.n, len(c.base))
     for k in np.flatnonzero(c.unknown):
-        if own[c.kept[k]][0].unit == "m":  # of a payload, whose chart is a mass and what it weighs at a distance
+        if own[c.kept[k]][0].unit == "m":  # a payload: its chart is (m, m c)
             precision[k, k] = precision[0, 0] / REACH**2
     return replace(c, precision=precision, unknown=np.zeros_like(c.unknown))

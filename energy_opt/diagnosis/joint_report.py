@@ -1,4 +1,4 @@
-"""The joints' own readings beside the power: priors for the fit, samples of the document, sets without a meter."""
+"""The joints' own readings besides the power: priors for the fit, records for diagnosis.json, sets without a meter."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from energy_opt.effects import TorqueEffect, effect_class
 from energy_opt.robot import Limits
 
 LAWS = ("coulomb_friction", "viscous_friction", "armature")  # in the order of `JointSide.values`
-WIDER = 1.5  # of the readings' own deviations, as laws of friction are simpler than friction
-APART = 0.1  # share by which both sides may differ: gears' losses under load, constants of the drives
-LEAST = 0.03  # of a usual size, that is not known better
-SHOWN = 0.05  # of usual dry friction, that readings must show before they speak of friction at all
-DISAGREE = 3.0  # standard deviations between both sides, from which that is said
+WIDER = 1.5  # factor on standard deviations of the readings, as real friction is more complex than the laws
+APART = 0.1  # relative difference allowed between joint readings and power: gear losses under load, drive constants
+LEAST = 0.03  # least uncertainty as a share of a usual size
+SHOWN = 0.05  # share of usual dry friction above which readings count as containing friction
+DISAGREE = 3.0  # standard deviations between both estimates from which a remark reports it
 
 
 def shows_friction(side: JointSide, limits: Limits) -> bool:
-    """False where the readings hold no friction, as torques measured behind the gears do."""
+    """False if the readings contain no friction, as torques measured behind the gears."""
     known = np.flatnonzero(side.known)
     seen = [side.friction(int(j), float(side.usual[j])) for j in known]
     above = [f - 4 * d > SHOWN * USUAL * limits.effort[j] for j, (f, d) in zip(known, seen, strict=True)]
@@ -33,7 +33,7 @@ def shows_friction(side: JointSide, limits: Limits) -> bool:
 
 
 def prior_of(side: JointSide | None, limits: Limits) -> dict[str, Measured]:
-    """What the joints' readings tell the fit of the power; nothing where they hold no friction."""
+    """Priors from the joints' readings for the fit of the power; empty if the readings contain no friction."""
     if side is None or not shows_friction(side, limits):
         return {}
     known = np.flatnonzero(side.known)
@@ -42,7 +42,7 @@ def prior_of(side: JointSide | None, limits: Limits) -> dict[str, Measured]:
     out = {}
     for k, name in enumerate(LAWS):
         values = np.maximum(side.values[k][known], 0.0)
-        share = APART if k < 2 else 0.5  # rotors hide behind links and smoothed accelerations
+        share = APART if k < 2 else 0.5  # links and smoothed accelerations hide the inertia of rotors
         own = WIDER**2 * side.covariance[k][np.ix_(known, known)]
         least = LEAST * usual[k][known]
         out[name] = Measured(known, values, own + np.diag((share * values) ** 2 + least**2))
@@ -50,7 +50,7 @@ def prior_of(side: JointSide | None, limits: Limits) -> dict[str, Measured]:
 
 
 def by_power_alone(f: Fit) -> Fit:
-    """The same hypothesis fitted as if the joints had no readings."""
+    """Refit the same hypothesis without the joints' readings."""
     w = f.world
     bare = replace(w.scale, measured={})
     charts = [c if c.term.name not in w.scale.measured else chart(c.term, w.declared, bare, c.n) for c in f.charts]
@@ -58,7 +58,7 @@ def by_power_alone(f: Fit) -> Fit:
 
 
 def friction_of(f: Fit, joint: int, speed: float) -> tuple[float, float] | None:
-    """Friction [N m] of a fit at a joint's speed [rad/s], and its standard deviation; None where it has none."""
+    """Friction [N m] of a fit at a joint's speed [rad/s], and its standard deviation; None if it has no friction."""
     n = f.world.samples.n
     value = float(friction_torque(f.model, n)(np.array([speed]), joint)[0])
     slope = np.zeros(len(f.theta))
@@ -76,7 +76,7 @@ def friction_of(f: Fit, joint: int, speed: float) -> tuple[float, float] | None:
 
 
 def _slope(f: Fit, c: Chart, z: np.ndarray, k: int, joint: int, speed: float, value: float) -> float:
-    """d friction / d z_k by a difference."""
+    """d friction / d z_k by a finite difference."""
     step = 1e-4 * max(abs(z[k]), float(c.precision[k, k]) ** -0.5)
     moved = z.copy()
     moved[k] += step
@@ -87,7 +87,7 @@ def _slope(f: Fit, c: Chart, z: np.ndarray, k: int, joint: int, speed: float, va
 def side_records(
     side: JointSide | None, joints: Sequence[str], limits: Limits, chosen: Fit | None
 ) -> list[dict[str, Any]]:
-    """Per joint: constant of the drive, friction and inertia by its readings, and the power's word beside."""
+    """Per joint: drive constant, friction and inertia by its own readings, and its friction by the power."""
     if side is None:
         return []
     alone = by_power_alone(chosen) if chosen is not None else None
@@ -125,7 +125,7 @@ def _word(seen: tuple[float, float]) -> dict[str, Any]:
 
 
 def side_remarks(side: JointSide | None, limits: Limits, records: Sequence[dict[str, Any]]) -> list[str]:
-    """What the reader should know of both sides."""
+    """Remarks on the joints' readings and on how they agree with the power."""
     if side is None:
         return []
     out = []
@@ -145,15 +145,15 @@ def side_remarks(side: JointSide | None, limits: Limits, records: Sequence[dict[
     return out
 
 
-GUESS = 3.0  # times the median share, up to which a joint that says nothing may have
-SURE = 4.0  # standard deviations of some joint's number from 0, from which the law is claimed
+GUESS = 3.0  # upper bound for a joint without information, over the median share of the effort limit
+SURE = 4.0  # standard deviations above 0 from which one joint's number is enough to claim the law
 
 
 def friction_findings(side: JointSide, limits: Limits, joints: Sequence[str]) -> tuple[list[Finding], list[str]]:
-    """Dry and viscous friction where some joint surely has it, and what is to be said of the other joints.
+    """Dry and viscous friction if some joint certainly has it, and remarks on the other joints.
 
-    A joint whose readings do not say gets the others' median share of the effort limit, with a wide interval, and no
-    more than the largest torque that was read there.
+    A joint without information gets the others' median share of the effort limit, with a wide interval, but at most the
+    largest torque that was read there.
     """
     if not shows_friction(side, limits):
         return [], []

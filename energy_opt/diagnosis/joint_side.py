@@ -1,11 +1,11 @@
-"""What the joints' own readings say, currents or torques beside the motion: drive constants, friction, rotor inertia.
+"""Drive constants, friction and rotor inertia from the joints' own readings, currents or torques.
 
     y_j = k_j (tau_j(q, v, a, d) + c_j sign(v_j) + b_j v_j + J_j a_j) + o_j + noise
 
 y is current (then 1 / k is Kt, N m/A at the joint side) or torque (then k should be 1), d the links' deviations from
-their URDF, o an offset. Joints of the same limits have like drives: one that gravity does not load hardly tells its k,
-which is then taken to be near the others', as near as those are to each other. Everything enters linearly once k is
-before d; samples are weighed down where they lie far off (Huber), and counted by how long their noise remembers.
+their URDF, o an offset. Joints with the same limits are assumed to have similar drives: the k of a joint that gravity
+does not load is hardly visible, so its prior is centred at the others' k and as wide as these differ. The fit is
+linear with a fixed k before d, and is repeated. Outliers have less weight (Huber), and so has correlated noise.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from energy_opt.power import PowerModel
 from energy_opt.power.law import body_of, rigid_torque
 from energy_opt.robot import Limits
 
-STEP = 0.03  # [s] between samples; readings in between are averaged
-MOST = 6000  # samples that take part
-STILL, SLOWEST = 0.02, 0.004  # [rad/s] slower joints are held by dry friction; width of the sign's edge
-HELD = 0.15  # trust in a joint's sample at rest: dry friction may carry any part of its load
-HUBER = 1.5  # standard deviations from which a row counts less
-OFFSET = 0.05  # of the effort limit that a reading's offset may be
-TORQUES = 0.3  # standard deviation of k around 1 where torques are logged, until gravity has spoken
-STRANGE = 0.5  # by which k of logged torques may be off 1, before they are taken to be something else
-EXACT = 1e-4  # standard deviation of k where torques are read as they are
-SURE = 5.0  # standard deviations of k from 0, from which torques in N m follow
-FEW = 20  # samples in motion without which a joint's friction is not there
-TURNS = 4  # of the fit, before and after drives of the same kind are taken to be alike
-KNOWN = 0.1  # relative deviation within which a joint tells its k itself
-ALIKE = 0.1  # by which k differs among drives of the same kind, at least
-LONGEST = 60  # samples over which noise's memory is followed
+STEP = 0.03  # [s] between samples; the readings in between are averaged
+MOST = 6000  # most samples in the fit
+STILL, SLOWEST = 0.02, 0.004  # [rad/s] below this speed dry friction holds a joint; width of the smoothed sign
+HELD = 0.15  # weight of a joint's sample at rest, where dry friction may carry any part of the load
+HUBER = 1.5  # standard deviations from which a sample has less weight
+OFFSET = 0.05  # usual offset of a reading, as a share of its value at the effort limit
+TORQUES = 0.3  # prior standard deviation of k around 1 for logged torques, before gravity determines it
+STRANGE = 0.5  # largest deviation of k from 1 at which logged values still count as torques
+EXACT = 1e-4  # standard deviation of k if logged torques are used unscaled
+SURE = 5.0  # standard deviations of k: from 0, to state torques in N m; from 1, to rescale logged torques
+FEW = 20  # least samples in motion to estimate a joint's friction
+TURNS = 4  # iterations of the fit, without and with the prior from drives of the same kind
+KNOWN = 0.1  # relative standard deviation up to which a joint's readings determine its k
+ALIKE = 0.1  # least relative spread of k among drives of the same kind
+LONGEST = 60  # [samples] longest lag of the noise's autocorrelation
 
 
 @dataclass(frozen=True)
@@ -54,13 +54,13 @@ class JointSamples:
 
 @dataclass(frozen=True)
 class JointSide:
-    """What the joints' readings say, per joint (n,); nan where they say nothing.
+    """Result of the joints' readings, per joint (n,); nan without information.
 
     Attributes:
         unit: of the readings, "A" or "N m". scale, scale_deviation: torque by reading, N m/A (Kt) or 1.
         values: (3, n) dry friction [N m], viscous friction [N m s/rad], rotor inertia [kg m^2].
         covariance: (3, n, n) of each across the joints. pair: (n,) covariance of the first two.
-        usual: [rad/s] the median speed in motion. noise: [N m] rms of what is left.
+        usual: [rad/s] the median speed in motion. noise: [N m] robust rms of the residual.
         left: (K, n) residual of the readings [N m].
     """
 
@@ -140,11 +140,11 @@ def _fit(samples: JointSamples, measured: MeasuredSet, unit: str) -> JointSide:
     x, h = np.zeros(size), np.eye(size)
     residual = np.zeros_like(samples.reading)
     for turn in range(2 * TURNS):
-        if turn == TURNS:  # every joint has spoken for itself: now drives of the same kind
+        if turn == TURNS:  # each joint's own k is found: add the prior from drives of the same kind
             own = np.sqrt(np.diag(np.linalg.inv(h))[:n])
             if unit == "A":
                 middle, tight = _kinds(k, own, np.column_stack([limits.effort, limits.velocity]), middle, flat)
-            else:  # what is logged in N m is read as it is, unless gravity surely says that it is something else
+            else:  # logged torques are used unscaled unless gravity clearly shows another scale
                 plain = (np.abs(k - 1) <= STRANGE) | (np.abs(k - 1) < SURE * own)
                 tight = np.where(plain, EXACT**-2, flat)
         by = np.maximum(np.abs(k), 1e-6) * limits.effort  # reading at the effort limit
@@ -176,7 +176,7 @@ def _fit(samples: JointSamples, measured: MeasuredSet, unit: str) -> JointSide:
 
 
 def _slopes(samples: JointSamples) -> np.ndarray:
-    """Reading by torque of every joint (n,), by plain regression: to begin with."""
+    """Initial k of every joint (n,): regression of its reading on the rigid torque."""
     tau = samples.tau - samples.tau.mean(axis=0)
     reading = np.nan_to_num(samples.reading)
     return np.asarray(np.sum(tau * reading, axis=0) / np.maximum(np.sum(tau**2, axis=0), 1e-9))
@@ -185,7 +185,7 @@ def _slopes(samples: JointSamples) -> np.ndarray:
 def _kinds(
     k: np.ndarray, deviation: np.ndarray, limits: np.ndarray, middle: np.ndarray, flat: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and precision (n,) of every joint's k before its own readings, by those of the same limits (n, 2)."""
+    """Prior mean and precision (n,) of each joint's k, from other joints with the same limits (n, 2)."""
     middle, tight = middle.copy(), flat.copy()
     known = deviation < KNOWN * np.abs(k)
     for j in range(len(k)):
@@ -198,7 +198,7 @@ def _kinds(
 
 
 def _memory(run: np.ndarray, r: np.ndarray) -> float:
-    """How many samples say as much as one that is independent: 1 + 2 times the sum of the noise's correlations."""
+    """Number of samples worth one independent sample: 1 + 2 times the sum of the noise's autocorrelations."""
     r = r - np.median(r)
     spread = 1.4826 * float(np.median(np.abs(r)))
     r = np.clip(r, -3 * spread, 3 * spread)
@@ -245,16 +245,18 @@ def _side(
         )  # fmt: skip
 
 
-LASTS = 0.3  # [s] over which a push is averaged
-PUSH = 0.1  # of a joint's effort limit, from which torque of unknown origin is a push; links off by 10 % leave 0.06
-BEYOND = 4.0  # times what the readings leave usually
-LED, SURELY = 0.01, 5.0  # of the effort limit, half of usual dry friction; standard deviations
-ENOUGH = 0.3  # of the runs in motion, that must be left to say anything
+LASTS = 0.3  # [s] window over which contact torque is averaged
+PUSH = 0.1  # share of a joint's effort limit above which unexplained torque is contact; links off by 10 % cause 0.06
+BEYOND = 4.0  # multiple of the usual residual that contact torque must exceed
+# negative friction is contact beyond this share of the effort limit (half of usual dry friction), by this many standard
+# deviations
+LED, SURELY = 0.01, 5.0
+ENOUGH = 0.3  # least share of the runs in motion without contact for a diagnosis
 
 
 @dataclass(frozen=True)
 class Push:
-    """The strongest push of a run: its file, joint, torque [N m] and time [s in the run's file]."""
+    """The strongest external contact of a run: its index, file, joint and torque [N m]."""
 
     run: int
     file: str
@@ -263,7 +265,7 @@ class Push:
 
 
 def pushes(side: JointSide, measured: MeasuredSet) -> list[Push]:
-    """One for every run that was pushed; none where samples are too far apart to tell inertia from a push."""
+    """One entry for every run with external contact; none if samples are too far apart to tell inertia from contact."""
     if any(coarse(run) for run in measured.runs):
         return []
     limits, joints = measured.robot.limits, measured.robot.joints
@@ -292,7 +294,7 @@ def pushes(side: JointSide, measured: MeasuredSet) -> list[Push]:
 
 
 def _led(side: JointSide, limits: Limits) -> tuple[int, float] | None:
-    """A joint whose friction comes out negative, and by how much [N m]: a hand that leads the arm does its work."""
+    """A joint whose fitted friction is negative, and by how much [N m]: a hand that guides the arm does its work."""
     for j in np.flatnonzero(side.known):
         friction, deviation = side.friction(int(j), float(side.usual[j]))
         if friction + SURELY * deviation < -LED * limits.effort[j]:
@@ -306,13 +308,13 @@ def _step(side: JointSide, measured: MeasuredSet) -> float:
 
 
 def _means(x: np.ndarray, width: int) -> np.ndarray:
-    """Means (K', n) over `width` samples, or over all where there are fewer."""
+    """Means (K', n) over `width` samples, or over all if there are fewer."""
     windows = np.lib.stride_tricks.sliding_window_view(x, min(width, len(x)), axis=0)
     return np.asarray(windows.mean(axis=2))
 
 
 def free_runs(measured: MeasuredSet, found: list[Push]) -> tuple[MeasuredSet, bool]:
-    """The set less the runs that were pushed, and whether enough is left; the whole set where not."""
+    """The set without the runs with external contact and True, or the whole set and False if too few runs are left."""
     excluded = {p.run for p in found}
     moving = [k for k, r in enumerate(measured.runs) if r.kind == "motion"]
     left = [k for k in moving if k not in excluded]
@@ -324,7 +326,7 @@ def free_runs(measured: MeasuredSet, found: list[Push]) -> tuple[MeasuredSet, bo
 
 
 def push_words(found: list[Push], enough: bool) -> list[str]:
-    """What to say of them."""
+    """Remarks on external contacts."""
     if not found:
         return []
     worst = max(found, key=lambda p: p.torque)

@@ -1,4 +1,4 @@
-"""How fits do on motions held out: their errors, and what these say of single effects."""
+"""Errors of fits on held-out motions, and the evidence that these give for single effects."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from energy_opt.diagnosis.fit import Fit
 from energy_opt.diagnosis.noise import Noise
 from energy_opt.power import PowerModel
 
-CHANCE = 2.0  # standard deviations
-AGAINST = 0.05  # of the odds by motions for an effect, that motions against it may have
+CHANCE = 2.0  # [standard deviations] by which log odds may be below their expectation
+AGAINST = 0.05  # largest log odds against an effect, as a share of those for it
 
 
 @dataclass
@@ -24,8 +24,8 @@ class Judge:
     """The error of fits on the motions held out; without any, on training motions left out one by one.
 
     Attributes:
-        held: runs never fitted. noise, most: of the meter at standstill, the likeliest and as much as may be.
-        drifts: the fit whose levels say how far the meter drifts: the likeliest one.
+        held: runs never fitted. noise, most: of the meter at standstill, the likeliest and the largest plausible one.
+        drifts: the likeliest fit, whose levels show how far the meter drifts.
     """
 
     held: Samples | None
@@ -36,25 +36,25 @@ class Judge:
     foreseen: dict[int, tuple[Fit, list[tuple[np.ndarray, np.ndarray, np.ndarray]]]] = field(default_factory=dict)
 
     def of(self, f: Fit) -> Quality:
-        """The error of the model that is written for a fit."""
+        """Error of the model that is written for a fit."""
         if id(f) not in self.seen:
             self.seen[id(f)] = f, self.of_model(written(f), f, True)
         return self.seen[id(f)][1]
 
     def of_model(self, model: PowerModel, f: Fit, level: bool = False) -> Quality:
-        """The same of a model; `f` has the runs where none is held out. `level`: its standby has the common level."""
+        """Error of a model; the runs of `f` are used if none is held out. `level`: its standby has the common level."""
         samples = self.held or f.world.samples
         drift = drift_of(self.drifts, samples, level) if self.drifts is not None else np.zeros(len(samples.parts))
         return quality(model, samples, self.noise, drift)
 
     def gains(self, more: Fit, less: Fit) -> np.ndarray:
-        """Logarithm of the odds (C,) by which each motion is likelier under `more`; repeats count once."""
+        """Log odds (C,) by which each motion is likelier under `more`; repeats count once."""
         if self.held is None:
             return left_out(more) - left_out(less)
         return np.array([density(*row) for row in self._of(more)]) - [density(*row) for row in self._of(less)]
 
     def expected(self, more: Fit, claim: Claim, less: Fit) -> float:
-        """The sum of `gains` that a claim lets expect, where its law holds.
+        """Expected sum of `gains` if the law of a claim holds.
 
         Half of the squares by which both fits' predictions differ, beside what the numbers of `less` leave open.
         """
@@ -74,12 +74,12 @@ class Judge:
         return self.foreseen[id(f)][1]
 
     def trained(self, more: Fit, less: Fit) -> np.ndarray:
-        """The same of each motion of the training set, by fits without it; none where `gains` has these."""
+        """Log odds of each training motion, from fits without it; empty if `gains` already has these."""
         return np.zeros(0) if self.held is None else left_out(more) - left_out(less)
 
 
 def by_chance_least(expected: float) -> float:
-    """How low a logarithm of odds may be by chance, where so much is expected; 0 where much is.
+    """Lowest log odds that a true effect may have by chance, if `expected` are expected; at most 0.
 
     A true effect's log likelihood ratio is about normal with this mean and twice as much variance.
     """
@@ -87,13 +87,13 @@ def by_chance_least(expected: float) -> float:
 
 
 def contradicted(gains: Sequence[float]) -> bool:
-    """Do some distinct motions speak against an effect of which others say that it is there?
+    """True if some distinct motions contradict an effect that others support.
 
-    Where a law holds, a motion's odds are e^k against it with a probability of e^-k at most (Markov's inequality of
+    If a law holds, a motion's odds are e^k against it with a probability of e^-k at most (Markov's inequality of
     likelihood ratios). A law that resembles another improves some motions and harms others.
 
     Args:
-        gains: logarithm of the odds for the effect by each distinct motion, which was not fitted.
+        gains: log odds for the effect by each distinct motion, which was not fitted.
     """
     against = np.minimum(gains, 0.0)
     return bool(np.min(against) < -CLAIM and -np.sum(against) > AGAINST * np.sum(np.maximum(gains, 0.0)))

@@ -20,11 +20,12 @@ from energy_opt.effects import (
 from energy_opt.power import PowerModel
 from energy_opt.robot import RigidBody
 
-ASIDE, NEAR = 0.6, 0.01  # of a centre's distance, and [m], by which each of its coordinates moves at a spread of 1
-TURNED = 0.5  # of the mean moment of inertia, by which products of inertia move
-LIGHTEST, FARTHEST = 0.4, 0.5  # what a link may become: of its mass, and by a share of its centre's distance
-USUAL_SPREAD = 0.06  # by which links usually are off their URDF, as a share
-SHOWN = 0.02  # of the noise of a reading: directions below, at a spread of 1, over the root of their count, are left
+ASIDE, NEAR = 0.6, 0.01  # change of a centre's coordinates at a spread of 1: share of its distance, plus [m]
+TURNED = 0.5  # change of products of inertia at a spread of 1, over the mean moment of inertia
+# bounds of a deviating link: least share of its mass, largest shift of its centre over its distance
+LIGHTEST, FARTHEST = 0.4, 0.5
+USUAL_SPREAD = 0.06  # usual relative deviation of links from their URDF
+SHOWN = 0.02  # directions are left out if their rms effect at a spread of 1 is below this share of a reading's noise
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ class Links:
 
 
 def links_of(samples: Samples, model: PowerModel) -> Links:
-    """The directions that the readings show under a model."""
+    """Directions of link deviations that influence the readings under a model."""
     basis = deviations_of(samples.body)
     torques = samples.deviating(basis)
     shown = predict(model, samples, None, torques).external / samples.noise
@@ -71,7 +72,7 @@ def links_of(samples: Samples, model: PowerModel) -> Links:
 def deviations_of(body: RigidBody) -> np.ndarray:
     """Inertial parameters (10 L, 10 n) of all links by deviations of their masses, centres and inertias.
 
-    Of links that joints of their own carry: those that follow others are taken as the URDF has them.
+    Only links with a joint of their own deviate; those of mimic joints are as in the URDF.
     """
     basis = np.zeros((10 * len(body.tree()), 10 * body.n))
     for j, (k, link) in enumerate(zip(body.coupling.own, body.plain.own_links(), strict=True)):
@@ -80,10 +81,10 @@ def deviations_of(body: RigidBody) -> np.ndarray:
 
 
 def _deviations(m: float, c: np.ndarray, i: np.ndarray) -> np.ndarray:
-    """Inertial parameters (10, 10) by deviations of mass, centre (3) and inertia (6), each of its size."""
+    """Inertial parameters (10, 10) by deviations of mass, centre (3) and inertia (6), each of its usual size."""
     out = np.zeros((10, 10))
     out[0, 0], out[1:4, 0] = m, m * c
-    out[4:, 0] = _six(i + m * _apart(c))  # as heavier alike
+    out[4:, 0] = _six(i + m * _apart(c))  # the inertia scales with the mass
     size = ASIDE * float(np.linalg.norm(c)) + NEAR
     for k, unit in enumerate(np.eye(3)):
         out[1:4, 1 + k] = m * size * unit

@@ -10,13 +10,14 @@ from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.errors import reading_of
 from energy_opt.power import PowerModel
 
-LEAST = 1.0  # [s] that a level lasts
-APART, SHARE, NOISES = 3.0, 0.05, 6.0  # levels differ by more than so many W, share of the power, and times the noise
+LEAST = 1.0  # [s] shortest duration of a level
+# levels differ by more than this [W], this share of the power, and this multiple of the noise
+APART, SHARE, NOISES = 3.0, 0.05, 6.0
 
 
 @dataclass(frozen=True)
 class Mode:
-    """A level of power at rest: its mean [W] less what holding takes, seconds in all, and in how many standstills."""
+    """A level of power at rest: mean [W] without the power of holding the pose, duration [s], number of standstills."""
 
     power: float
     seconds: float
@@ -24,15 +25,15 @@ class Mode:
 
 
 def modes_of(model: PowerModel, samples: Samples) -> list[Mode]:
-    """The levels of power in a set's standstills, highest first; one where there is but one.
+    """Levels of power in a set's standstills, highest first.
 
-    What the model says of a pose is taken off first, so that holding a weight is no level of its own. A standstill is
-    cut where the mean changes most, again and again, as long as both sides last and differ.
+    The model's power of each pose is subtracted first, so that holding a weight is no level of its own. A standstill is
+    split where the mean changes most, recursively, while both parts are long enough and differ.
     """
     standby = model.get("standby")
     level = float(standby.values["power"][0]) if standby is not None else 0.0
     apart = max(APART, SHARE * level, NOISES * samples.floor)
-    found: list[tuple[float, float, int]] = []  # level, seconds, standstill
+    found: list[tuple[float, float, int]] = []  # level [W], duration [s], index of the standstill
     count = 0
     for span, (time, power), own in zip(samples.slices, samples.single, reading_of(model, samples), strict=True):
         live = (samples.v[span] != 0).any(axis=1).astype(float)
@@ -59,7 +60,7 @@ def modes_of(model: PowerModel, samples: Samples) -> list[Mode]:
 
 
 def _plateaus(time: np.ndarray, power: np.ndarray, apart: float) -> list[tuple[float, float]]:
-    """Mean [W] and length [s] of the levels of one standstill."""
+    """Mean [W] and duration [s] of the levels of one standstill."""
     lasts = float(time[-1] - time[0]) if len(time) else 0.0
     if lasts < LEAST:
         return []
@@ -75,7 +76,7 @@ def _plateaus(time: np.ndarray, power: np.ndarray, apart: float) -> list[tuple[f
 
 
 def mode_words(modes: list[Mode]) -> list[str]:
-    """A remark where there are several levels."""
+    """A remark if there are several levels."""
     if len(modes) < 2:
         return []
     each = ", ".join(f"{m.power:.4g} W ({m.seconds:.3g} s in {m.standstills} standstills)" for m in modes)

@@ -4,7 +4,7 @@
     x_{k+1} = e^{-h/memory} x_k + ...,   x ~ N(0, wave^2)
 
 w and x are independent between runs. d_c is a random smooth function of the phase of a distinct motion, with standard
-deviation `misfit`. It represents what every model of an arm gets wrong there. All repeats of the motion share it, so
+deviation `misfit`. It represents errors that every model of an arm has there. All repeats of the motion share it, so
 ten repeats of a misfit are one piece of evidence. Whitening is the Kalman filter of w and x, followed by a low-rank
 step for d_c. The same linear map applies to residuals and to the columns of their derivatives, so ordinary least
 squares on its results maximises the likelihood.
@@ -21,14 +21,14 @@ import numpy as np
 from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.predict import Prediction
 
-FLOOR = 0.8  # of the noise of single readings, below which no fit's noise is
+FLOOR = 0.8  # least noise of a fit, over the noise of single readings
 NORMAL_MEDIAN = 0.6745  # median of |x| of a standard normal x
-EDGE, DOUBTED = 2, 0.15  # samples on either side of a motion's beginning and end, and their weight
-SETTLED, FEW = 0.5, 40  # [s] after a stop in which drives settle; readings of which noise can be estimated
-JUMP = 6.0  # standard deviations of the difference of neighbouring readings, beyond which it is a step, no noise
-SWITCHES = 0.02  # of the samples at which a signal changes, below which it is one that switches
-SLACK = 2e-3  # [s] by which motion and meter may be apart
-SLOW_METER, SLOW_NOISE = 0.25, 0.01  # [s] between readings of a slow meter; its noise over the level
+EDGE, DOUBTED = 2, 0.15  # samples around the start and end of a motion, and their weight
+SETTLED, FEW = 0.5, 40  # [s] settling time of drives after a stop; least readings to estimate the noise
+JUMP = 6.0  # standard deviations of the difference of neighbouring readings beyond which it is a step, not noise
+SWITCHES = 0.02  # share of samples at which a signal changes; below it the signal counts as switched
+SLACK = 2e-3  # [s] time uncertainty between motion and meter
+SLOW_METER, SLOW_NOISE = 0.25, 0.01  # [s] between readings from which a meter is slow; its largest noise over the level
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Noise:
 
 @dataclass(frozen=True)
 class Shared:
-    """Smooth functions of distinct motions: columns (M, k) of unit variance, and each motion's readings and count."""
+    """Smooth functions of distinct motions: columns (M, k) of unit variance; readings and column count of each."""
 
     columns: np.ndarray
     motions: tuple[tuple[np.ndarray, int], ...]
@@ -57,7 +57,7 @@ class Whitener:
     """The map that makes the noise of R runs white with variance 1.
 
     Args:
-        times: (M_r,) s of every run's readings. weights: (M,) trust in each reading, run after run, 1 is whole.
+        times: (M_r,) s of every run's readings. weights: (M,) weight of each reading, run after run, 1 is full.
         shared: the smooth functions of which `noise.misfit` is the standard deviation.
     """
 
@@ -68,14 +68,15 @@ class Whitener:
         keep = np.concatenate([np.concatenate([[0.0], np.exp(-np.diff(t) / noise.memory)]) for t in times])
         variance = (noise.white / np.maximum(weights, 1e-6)) ** 2
         gain, total, prior = [], [], 0.0
-        for k, v in zip(keep.tolist(), variance.tolist(), strict=True):  # plain numbers: a run may have 1e4 readings
+        # Python floats are faster here than arrays: a run may have 1e4 readings
+        for k, v in zip(keep.tolist(), variance.tolist(), strict=True):
             prior = k * k * prior + (1 - k * k) * noise.wave**2
             total.append(prior + v)
             gain.append(prior / total[-1])
             prior *= 1 - gain[-1]
         self._scale = 1 / np.sqrt(total)
         self._feed = keep[1:] * gain[:-1]
-        self._band = np.ones((2, len(keep)))  # of the recursion: its diagonal, and what a state keeps of the one before
+        self._band = np.ones((2, len(keep)))  # diagonal and subdiagonal of the recursion's matrix
         self._band[1, :-1] = self._feed - keep[1:]
         self.log_determinant = float(np.sum(np.log(total)))
         self._low_rank: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
@@ -106,11 +107,12 @@ class Whitener:
         return np.asarray((flat - state) * self._scale[:, None])
 
 
-WAVES, MEMORIES = (0.0, 0.3, 0.6, 1.0, 1.7, 3.0, 5.0), (0.08, 0.25, 0.7, 2.0)  # over white noise; s
-FINE_WAVES = (0.0, 0.15, 0.3, 0.45, 0.6, 0.8, 1.0, 1.3, 1.7, 2.2, 3.0, 4.0, 5.0)  # at rest
+# grids of the wave over the white noise and of its memory [s]
+WAVES, MEMORIES = (0.0, 0.3, 0.6, 1.0, 1.7, 3.0, 5.0), (0.08, 0.25, 0.7, 2.0)
+FINE_WAVES = (0.0, 0.15, 0.3, 0.45, 0.6, 0.8, 1.0, 1.3, 1.7, 2.2, 3.0, 4.0, 5.0)  # finer grid for readings at rest
 FINE_MEMORIES = (0.08, 0.14, 0.25, 0.42, 0.7, 1.2, 2.0)
-LESS = 0.7  # of the noise of single readings; a wave takes part in their differences
-MISFITS = (0.0, 0.3, 0.7, 1.5, 3.0, 6.0, 12.0)  # over white noise
+LESS = 0.7  # least white noise at rest over the noise of single readings; a wave contributes to their differences
+MISFITS = (0.0, 0.3, 0.7, 1.5, 3.0, 6.0, 12.0)  # grid of the misfit over the white noise
 
 
 def standing_noise(*sets: Samples) -> tuple[Noise, Noise]:
@@ -143,7 +145,8 @@ def standing_noise(*sets: Samples) -> tuple[Noise, Noise]:
         return value, white**0.5
 
     found = weighed(worth, LESS * single, count - len(times), FINE_WAVES, FINE_MEMORIES)
-    found = [(v + np.log(len(found)) * (n.wave == 0), n) for v, n in found]  # as likely before as any with memory
+    # white noise gets the prior probability of all noises with memory together
+    found = [(v + np.log(len(found)) * (n.wave == 0), n) for v, n in found]
     value, best = max(found, key=lambda row: row[0])
     odds = np.exp([v - value for v, _ in found])
     size = np.log([np.hypot(n.white, n.wave) for _, n in found])
@@ -153,12 +156,12 @@ def standing_noise(*sets: Samples) -> tuple[Noise, Noise]:
 
 
 def by_chance(noise: Noise, lasts: float) -> Noise:
-    """The noise whose mean square over `lasts` s is one standard deviation more, by the wave's memory."""
+    """The noise with a wave so large that its mean square over `lasts` [s] is one standard deviation higher."""
     return replace(noise, wave=noise.wave * (1 + (2 * noise.memory / lasts) ** 0.5) ** 0.5)
 
 
 def _standing(samples: Samples, settled: float) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Times and readings of stretches without a jump while the arm is at rest, from `settled` s after it stopped."""
+    """Times and readings of stretches at rest without a jump, from `settled` [s] after the arm stopped."""
     out, changes = [], [np.diff(x, prepend=x[0]) != 0 for x in samples.logged.values()]
     rare = [x for x in changes if np.mean(x) < SWITCHES]
     switched = samples.t[np.any(rare, axis=0)] if rare else np.zeros(0)
@@ -170,7 +173,7 @@ def _standing(samples: Samples, settled: float) -> list[tuple[np.ndarray, np.nda
             jumps = first + 1 + np.flatnonzero(np.abs(np.diff(power[first:last])) > JUMP * 2**0.5 * samples.noise)
             cuts = {*jumps.tolist(), *(k for k in np.searchsorted(time, switched).tolist() if first < k < last)}
             for a, b in pairwise([first, *sorted(cuts), last]):
-                a, b = a + EDGE, b - EDGE  # what is doubted of a motion's ends
+                a, b = a + EDGE, b - EDGE  # leave out the uncertain samples next to motions
                 if b - a >= 6:
                     out.append((time[a:b], power[a:b]))
     return out
@@ -187,7 +190,7 @@ def weighed(
 
     Args:
         worth: logarithm of the evidence and the white noise [W] that is likeliest, of wave and memory.
-        least: white noise [W] of single readings. count: of the readings, less what is fitted to them.
+        least: white noise [W] of single readings. count: number of readings less fitted levels.
     """
     found = []
     for wave, memory in product(waves, memories):
@@ -198,19 +201,19 @@ def weighed(
 
 
 def no_less(value: float, white: float, least: float, count: int) -> tuple[float, float]:
-    """Evidence and white noise where that is `FLOOR` times `least` or more, though less may be likelier."""
+    """Log evidence and white noise under the constraint that this is at least `FLOOR` times `least`."""
     floor = max(white, FLOOR * least)
     return value - count * (float(np.log(floor / white)) + ((white / floor) ** 2 - 1) / 2), floor
 
 
 def weighted(samples: Samples, now: Prediction) -> Samples:
-    """The same samples, trusted less where clocks, positions or the motion's ends leave a model's power open.
+    """The same samples with less weight where errors of clocks or positions make a model's power uncertain.
 
-    Clocks and motion are known to `SLACK` only, and velocities and accelerations to `Samples.blur`. Where a motion
-    begins or ends, smoothed positions do not say to the sample when; `EDGE` samples are trusted less there.
+    The time between motion and meter is uncertain by `SLACK`, velocities and accelerations by `Samples.blur`. Smoothed
+    positions do not show the exact start and end of a motion: `EDGE` samples there have less weight.
 
     Args:
-        now: a model's prediction, by whose slopes such errors become watts.
+        now: a model's prediction; its slopes convert such errors to watts.
     """
     weight, allowed = np.ones(len(samples.power)), np.zeros(len(samples.power))
     moving = (samples.v != 0).any(axis=1)
@@ -244,18 +247,18 @@ def _open_power(samples: Samples, now: Prediction) -> np.ndarray:
 
 
 def group_weight(weight: np.ndarray, group: int) -> np.ndarray:
-    """Trust in means of `group` neighbours whose variances grow by 1 / weight^2: variances add up."""
+    """Weight of means of `group` neighbours with variances that grow by 1 / weight^2: variances add up."""
     whole = len(weight) // group
     return np.asarray(np.mean(weight[: whole * group].reshape(whole, group) ** -2.0, axis=1) ** -0.5)
 
 
 def meter_noise(readings: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
-    """Standard deviation of a reading's noise, W, from third differences: what no smooth power explains.
+    """Standard deviation [W] of a reading's noise, from third differences, which a smooth power hardly has.
 
-    Robust twice: by the median within a run, so that kinks and steps of the true power do not count, and over the runs.
-    Rounded readings differ by few values: the median lies between these, by how often each occurs. Coarse readings,
-    whose median difference is zero, go by their rms. Between readings of a slow meter power is not
-    smooth: there the noise is taken to be no more than `SLOW_NOISE` of the level, or 1 W, and the fit finds it.
+    The median within a run and then over the runs makes it robust against kinks and steps of the true power. Rounded
+    readings have few distinct differences: the median is interpolated between these by their counts. Coarse readings,
+    whose median difference is zero, use the rms. Power is not smooth between the readings of a slow meter: its noise is
+    taken to be at most `SLOW_NOISE` of the level, or 1 W, and the fit finds it.
     """
     levels, steps = [], []
     for t, x in readings:
@@ -272,7 +275,7 @@ def meter_noise(readings: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
 
 
 def _grouped_median(x: np.ndarray) -> float:
-    """The median of values x >= 0, each value's share spread half-way to its neighbours; 0 where most are 0."""
+    """Median of values x >= 0, with each value's count spread half-way to its neighbours; 0 if most are 0."""
     values, counts = np.unique(np.round(x, 9), return_counts=True)
     if values[0] == 0 and 2 * counts[0] > len(x):
         return 0.0

@@ -1,4 +1,4 @@
-"""report.html of a diagnosis: power over time, the residual against what it may go with, evidence and errors."""
+"""report.html of a diagnosis: power over time, residual against signals, evidence and errors."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ WORDS = {
     "unexplained": "More is left than the noise, and no known effect accounts for it.",
     "insufficient": "The data do not excite what would be needed.",
 }
-SHOWN = 12  # runs drawn
-WILD = 3.0  # times the largest friction of a joint, beyond which a measured point says nothing (slow, noisy)
-MOSTLY = 0.5  # of all joints' speed, beyond which a reading is shown as one joint's friction
+SHOWN = 12  # most runs with a chart
+WILD = 3.0  # measured points above this multiple of a joint's largest friction are not drawn (slow, noisy)
+MOSTLY = 0.5  # least share of all joints' speed for a reading to be shown as one joint's friction
 
 
 def page(result: Result) -> Report:
-    """The report."""
+    """Build the HTML report."""
     d = result.document
     report = Report(f"Diagnosis of {result.measured.path.name}: {d['verdict'] or 'stopped'}")
     report.headline(d["headline"])
@@ -107,7 +107,7 @@ def page(result: Result) -> Report:
 
 
 def _effects(report: Report, result: Result) -> None:
-    """What is claimed, with every number."""
+    """Section on the claimed effects with all their numbers."""
     report.section("Effects")
     if not result.effects:
         report.text("None is claimed.")
@@ -119,7 +119,7 @@ def _effects(report: Report, result: Result) -> None:
 
 
 def _values(row: Mapping[str, Any], robot: Robot) -> list[list[object]]:
-    """A line for every number of an effect."""
+    """Table records of an effect, one for each number."""
     out: list[list[object]] = []
     for name, value in row["parameters"].items():
         unit, interval = row["units"].get(name), row["ci95"].get(name)
@@ -172,7 +172,7 @@ def _residuals(result: Result, samples: Samples) -> list[Chart]:
 
 
 def _friction(result: Result, samples: Samples) -> list[Chart]:
-    """Friction of every joint over speed: the model's with its band, and what single joints' motion shows."""
+    """Friction of every joint over speed: the model with its band, points where the joint does most of the motion."""
     model, n = result.model, samples.n
     p = predict(model, samples)
     bare = model.kept(lambda e: not (e.stage == "torque" and e.dissipates))
@@ -204,7 +204,7 @@ def _friction(result: Result, samples: Samples) -> list[Chart]:
 
 
 def joints_section(report: Report, records: Sequence[dict[str, Any]], side: JointSide) -> None:
-    """What the joints' readings say beside the power, and what is measured of friction."""
+    """Section on the joints' own readings: drive constants, friction by readings and by the power, charts."""
     report.section("The joints' own readings")
     table = []
     for row in records:

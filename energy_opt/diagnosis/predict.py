@@ -24,11 +24,11 @@ from energy_opt.numerics.batch import Batch
 from energy_opt.power import PowerModel, drive_terms
 from energy_opt.power.law import heated, returned_power, store_of
 
-MOST_RIGID = 6  # torques of rigid bodies that are kept
-STORE_STEP = 1e-3  # share of a store's capacity, or of a time constant, by which a derivative is taken
-AT_ONCE = 2048  # nodes: a batch holds its arrays, and batches are kept
-PER_JOINT = ("temperature", "warmth", "heated")  # signals of which each joint has its own
-HOURS = 4 * 3600.0  # [s] a set that lasts as long may show the time of day
+MOST_RIGID = 6  # rigid-body torques kept in the cache
+STORE_STEP = 1e-3  # step of finite differences, over a store's capacity or a time constant
+AT_ONCE = 2048  # nodes per batch: a batch holds its arrays, and batches are cached
+PER_JOINT = ("temperature", "warmth", "heated")  # signals with one value per joint
+HOURS = 4 * 3600.0  # [s] duration from which a set may show the time of day
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Prediction:
 def _drive(structure: tuple[tuple[str, ...], ...], n: int, known: tuple[str, ...]) -> ca.Function:
     """The law of a structure: ((q, v, a, tau, t, known), p) -> (power, bus, tau_m, dP/dtau, dP/dp) as one column.
 
-    `known` are the signals of the past and the recording that there are, see `Signals`.
+    `known`: names of the available signals of the past and the recording, see `Signals`.
     """
     model = PowerModel("", tuple(of_form(form, n) for form in structure))
     q, v, a, tau = (ca.SX.sym(name, n) for name in ("q", "v", "a", "tau"))
@@ -73,14 +73,17 @@ def _drive(structure: tuple[tuple[str, ...], ...], n: int, known: tuple[str, ...
 
 @lru_cache(maxsize=64)
 def _batch(structure: tuple[tuple[str, ...], ...], n: int, known: tuple[str, ...], count: int) -> Batch:
-    """The same over `count` samples."""
+    """`_drive` evaluated at `count` samples at once."""
     return Batch(_drive(structure, n, known), count)
 
 
 @lru_cache(maxsize=64)
 def _rigid_map(structure: tuple[tuple[str, ...], ...], own: tuple[int, ...], last: int, count: int) -> Batch:
-    """(gravity, nominal links (13, n), p) of a structure's rigid effects -> change (10 L,) of all links' inertial
-    parameters, gravity (3,), and both one's Jacobians by p; the n `own` of L = `count`, the `last` has the payload."""
+    """Function of a structure's rigid effects: change of inertial parameters, gravity, and the Jacobians of both.
+
+    (gravity, nominal links (13, n), p) -> change (10 L,) for all links, gravity (3,), and both Jacobians by p. `own`:
+    indices of the n links with a joint, of L = `count`. `last` carries the payload.
+    """
     n = len(own)
     model = PowerModel("", tuple(of_form(form, n) for form in structure))
     p, given, nominal = model.symbols(n), ca.SX.sym("g", 3), ca.SX.sym("links", 13, n)
@@ -111,7 +114,7 @@ def _inertial(mass: ca.SX, place: ca.SX, inertia: ca.SX) -> ca.SX:
 def rigid_torque(model: PowerModel, s: Samples) -> tuple[np.ndarray, np.ndarray]:
     """Rigid torque (K, n), and its derivatives (K, n, R) by the values of the model's rigid effects, in their order.
 
-    The samples keep the last few, as most models that are tried differ elsewhere.
+    The samples cache the last few, as most candidate models differ in other effects.
     """
     rigid = PowerModel("", tuple(e for e in model.effects if e.stage == "rigid"))
     key = tuple((e.form, e.full(s.n).tobytes()) for e in rigid.effects)
@@ -123,8 +126,10 @@ def rigid_torque(model: PowerModel, s: Samples) -> tuple[np.ndarray, np.ndarray]
 
 
 def _rigid_torque(rigid: PowerModel, s: Samples) -> tuple[np.ndarray, np.ndarray]:
-    """Rigid torque and its derivatives. Torque is linear in inertial parameters and in gravity, so regressors of the
-    samples are multiplied with the changes that the effects make.
+    """Rigid torque and its derivatives.
+
+    Torque is linear in inertial parameters and in gravity: the regressors of the samples are multiplied with the
+    changes by the effects.
     """
     body = s.body
     if not rigid.effects:
@@ -162,7 +167,7 @@ def _rigid_torque(rigid: PowerModel, s: Samples) -> tuple[np.ndarray, np.ndarray
 
 @lru_cache(maxsize=64)
 def _changing(form: tuple[str, ...], n: int) -> Callable[..., list[np.ndarray]] | None:
-    """Of a mass that comes and goes: (dwell, p) -> inertial parameters, share, Jacobian by p, at K nodes."""
+    """(dwell, p) -> inertial parameters, share, Jacobian by p at K nodes, for a mass that is picked up; else None."""
     effect = of_form(form, n)
     p, dwell, none = ca.SX.sym("p", effect.size(n, effect.extents)), ca.SX.sym("dwell"), ca.SX.zeros(n)
     assert isinstance(effect, RigidEffect)
@@ -221,7 +226,8 @@ def predict(
             moved = law()[:, 0].copy()
         warm[order] = heated(model, s.t[order], tau_m[order])
         out = law()
-        if moved is not None:  # the law does not know how `heated` came about
+        # the law takes `heated` as an input, so its derivative by the time constant is a finite difference
+        if moved is not None:
             out[:, 2 + 2 * n + at] = (moved - out[:, 0]) / step
     power, tau_m = out[:, 0].copy(), out[:, 2 : 2 + n].copy()
     by_tau, jacobian = out[:, 2 + n : 2 + 2 * n].copy(), out[:, 2 + 2 * n :].copy()
@@ -269,26 +275,26 @@ def recorded(s: Samples) -> dict[str, np.ndarray]:
 
 
 def _followed(name: str, model: PowerModel) -> bool:
-    """Does an effect of the model follow a signal?"""
+    """True if an effect of the model depends on the signal."""
     kind = "logged" if name.startswith("signal.") else name
     return name != "logged" and any(kind in effect.follows for effect in model.effects)
 
 
 def _named(past: dict[str, ca.SX]) -> dict[str, Any]:
-    """Symbols as `Signals` has them: those of further signals in one mapping."""
+    """Symbols as arguments of `Signals`: further logged signals go into one mapping."""
     logged = {name.removeprefix("signal."): x for name, x in past.items() if name.startswith("signal.")}
     own = {name: x for name, x in past.items() if not name.startswith("signal.")}
     return {**own, **({"logged": logged} if logged else {})}
 
 
 def _returned(model: PowerModel, s: Samples, bus: np.ndarray) -> np.ndarray:
-    """Power (K,) [W] that the model's store gives back, run by run."""
+    """Power (K,) [W] that the model's store returns, run by run."""
     steps = [np.gradient(s.t[samples]) for samples in s.slices]
     return np.concatenate([returned_power(model, h, bus[samples]) for h, samples in zip(steps, s.slices, strict=True)])
 
 
 def _returned_slope(model: PowerModel, s: Samples, bus: np.ndarray) -> np.ndarray:
-    """Derivative of what the store gives back by its capacity."""
+    """Derivative of the store's returned power by its capacity."""
     store = store_of(model)
     assert store is not None
     value = float(store.full(1)[0])

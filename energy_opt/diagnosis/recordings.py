@@ -1,4 +1,4 @@
-"""Measured runs as samples: readings averaged in bins, motion smoothed, and how far errors of positions reach."""
+"""Measured runs as samples: readings averaged in bins, smoothed motion, and its uncertainty by position errors."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
 BIN = 0.03  # [s] readings closer than this are averaged
-MOST_READINGS = 10_000  # that enter a fit: five minutes of a fast meter; of more, neighbours are averaged
-REST = 1e-3  # [rad/s] slower joints stand still, whatever the encoder's noise says
+MOST_READINGS = 10_000  # most readings in a fit: five minutes of a fast meter; of more, neighbours are averaged
+REST = 1e-3  # [rad/s] slower joints count as standing still, whatever the encoder noise
 Taken = tuple[tuple[np.ndarray, ...], tuple[np.ndarray, np.ndarray], "csr_matrix | None", int]
 
 
 def take_samples(measured: MeasuredSet) -> tuple[Samples, Smoothing]:
-    """All runs of a set as samples, and the smoothing that the data chose."""
+    """All runs of a set as samples, and the smoothing chosen from the data."""
     smoothing = choose_smoothing(measured.runs)
     taken = [_windows(run, smoothing) if run.window.any() else _bins(run, smoothing) for run in measured.runs]
     first = min(float(run.start + run.time[0]) for run in measured.runs)
@@ -51,7 +51,7 @@ def take_samples(measured: MeasuredSet) -> tuple[Samples, Smoothing]:
 
 
 def _lag(measured: MeasuredSet, smoothing: Smoothing, v: np.ndarray, smoothed: np.ndarray) -> float:
-    """Time between the joints' samples, in which a joint moves by a step of its positions, or of their smoothing, s."""
+    """Time uncertainty [s] of the motion: the largest of sampling time, time per position step, and smoothing time."""
     spacing = float(np.median(np.concatenate([np.diff(run.time) for run in measured.runs])))
     speed = np.abs(v[v != 0])
     if not speed.size:
@@ -64,7 +64,7 @@ def _blur(run: Run, smoothing: Smoothing, cutoffs: np.ndarray) -> np.ndarray:
     """Standard deviations (2 n,) of velocities and accelerations after smoothing of noisy positions or velocities.
 
     White noise s of samples h apart has the density 2 s^2 h; the smoother's response is 1 / (1 + (f / f_c)^6). Both are
-    widened by the root of how many bins the error stays alike.
+    widened by the root of the number of bins over which the error is correlated.
     """
     h, f = float(np.median(np.diff(run.time))), np.where(np.isfinite(cutoffs), cutoffs, 0.0)
     alike = np.sqrt(np.maximum(1.0, 1 / np.maximum(2 * f * max(BIN, h), 1e-9)))
@@ -98,7 +98,7 @@ def _windows(run: Run, smoothing: Smoothing) -> Taken:
 
 
 def _grouped(taken: Taken, group: int) -> Taken:
-    """Neighbouring readings averaged; the nodes stay. A run of fewer than `group` readings stays as it is."""
+    """Neighbouring readings averaged; the nodes stay. A run of fewer than `group` readings is not changed."""
     motion, (at, power), op, count = taken
     if len(power) < group:
         return taken
@@ -124,7 +124,7 @@ def _motion(run: Run, time: np.ndarray, smoothing: Smoothing) -> tuple[np.ndarra
 
 
 def _logged(runs: Sequence[Run], times: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
-    """Further signals that every run has, at set times of each, where they change; each stays until its next row."""
+    """Further signals that all runs have and that change, at the set times; a value holds until the next sample."""
     out: dict[str, np.ndarray] = {}
     for name in sorted(set.intersection(*(set(run.logged) for run in runs))):
         at = [np.searchsorted(r.time, t - r.start, side="right") - 1 for r, t in zip(runs, times, strict=True)]
@@ -143,17 +143,17 @@ def _bin_matrix(readings: int, count: int) -> csr_matrix:
 
 
 def per_bin(run: Run) -> int:
-    """How many of a run's meter readings make a sample."""
+    """Number of a run's meter readings per sample."""
     return max(1, int(BIN / float(np.median(np.diff(run.power_time))) + 0.5)) if len(run.power) > 1 else 1
 
 
 def group_size(readings: int) -> int:
-    """How many neighbouring readings are averaged to one, of so many."""
+    """Number of neighbouring readings to average, so that at most `MOST_READINGS` remain."""
     return -(-readings // MOST_READINGS)
 
 
 def averaged(count: int, group: int, inner: csr_matrix) -> tuple[csr_matrix, csr_matrix]:
-    """Matrices from `count` readings to means of `group` neighbours, and from their nodes to these.
+    """Matrices from `count` readings to means of `group` neighbours, and from the nodes to these means.
 
     Args:
         inner: (count, K), from the nodes to the readings.

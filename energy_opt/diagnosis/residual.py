@@ -13,10 +13,10 @@ from energy_opt.diagnosis.evidence import STEADY
 from energy_opt.diagnosis.fit import Fit, Free
 from energy_opt.diagnosis.predict import Prediction
 
-LEVELS = 0.03  # of the arm's level, by which runs may differ among each other as meters drift
+LEVELS = 0.03  # share of the arm's level by which the levels of runs may differ, as meters drift
 
 
-WEAKEST = 0.05  # share of what is left that a signal must hold to be named
+WEAKEST = 0.05  # least share of the residual that a named signal explains
 MOST = 8
 
 
@@ -66,13 +66,13 @@ def goes_with(f: Fit, free: Sequence[Free], joints: Sequence[str]) -> list[Attri
 
 
 def wandering(f: Fit) -> bool:
-    """Do the runs' levels differ by more than a meter drifts?"""
+    """True if the runs' levels differ by more than a meter drifts."""
     apart = float(np.ptp(f.levels))
     return apart > LEVELS * (f.world.scale.level + STEADY) and apart > 6 * float(np.median(f.level_deviations))
 
 
 def _held(f: Fit, rest: np.ndarray, columns: np.ndarray, size: float) -> float:
-    """Rms [W] of what a free function takes away where it is fitted: the search has judged it already."""
+    """Rms [W] that a free function removes where it is fitted; the search has already accepted it."""
     columns = columns * f.world.samples.weight[:, None]
     before = (f.world.whiten.noise.white / size) ** 2 * np.eye(columns.shape[1])
     weights = np.linalg.solve(columns.T @ columns + before, columns.T @ rest)
@@ -80,7 +80,7 @@ def _held(f: Fit, rest: np.ndarray, columns: np.ndarray, size: float) -> float:
 
 
 def _by_joint(g: Free, n: int) -> list[tuple[int | None, np.ndarray]]:
-    """The function of all joints; of single ones where the signal is a joint's."""
+    """Columns of a function split by joint, or (None, all columns) if the signal does not belong to single joints."""
     if g.signal.startswith("time") or g.columns.shape[1] % n or g.signal == "temperature":
         return [(None, g.columns)]
     count = g.columns.shape[1] // n
@@ -88,7 +88,7 @@ def _by_joint(g: Free, n: int) -> list[tuple[int | None, np.ndarray]]:
 
 
 def _foreseen(f: Fit, rest: np.ndarray, columns: np.ndarray, size: float) -> float:
-    """Rms [W] of what a free function takes away in quarters of every run that it was not fitted to."""
+    """Rms [W] that a free function removes in quarters of every run that it was not fitted to."""
     samples = f.world.samples
     columns = columns * samples.weight[:, None]
     half = np.concatenate([(np.arange(p.stop - p.start) * 4 // max(p.stop - p.start, 1)) % 2 for p in samples.parts])
@@ -101,21 +101,20 @@ def _foreseen(f: Fit, rest: np.ndarray, columns: np.ndarray, size: float) -> flo
     return float(np.sqrt(max(gained, 0.0) / len(rest)))
 
 
-LAGS = (-0.2, 0.0, 0.2, 0.5)  # [s] by which a meter may lag
+LAGS = (-0.2, 0.0, 0.2, 0.5)  # [s] lags of the meter that are tried
 SHIFTS = 199
-CHANCE = 0.2  # p-value beyond which chance does as well
-ROUGH_CHANCE = 0.01  # and where neighbouring readings hardly resemble each other, as in noise
-ALIKE = 0.5  # correlation of neighbouring samples of a power that an arm draws
-FEW = 3.0  # readings per column, below which columns fit anything
-SHOWN = 0.5  # of the meter's noise: mechanical power that varies less cannot be expected to show
+CHANCE = 0.2  # largest p-value at which the power counts as following the motion
+ROUGH_CHANCE = 0.01  # the same if neighbouring readings hardly correlate, as in noise
+ALIKE = 0.5  # least correlation of neighbouring samples of an arm's power
+FEW = 3.0  # least readings per column; with fewer, the columns fit anything
+SHOWN = 0.5  # share of the meter's noise below which variations of mechanical power are not visible
 
 
 def follows(samples: Samples, now: Prediction, seed: int = 0) -> bool:
-    """False where the power goes with the motion no better than by chance.
+    """False if the power follows the motion no better than by chance.
 
-    Args:
-        now: the declared model at the samples. The power must go with its mechanical power, its torques, its reading or
-            the speed, which friction follows.
+    Args: now: the declared model at the samples. The power must correlate with its mechanical power, torques, reading
+    or the speed, which friction follows.
     """
     mechanical = np.einsum("nj,nj->n", now.tau, samples.v)
     speed = np.abs(samples.v)
@@ -147,7 +146,7 @@ def _centred(x: np.ndarray, samples: Samples) -> np.ndarray:
 
 
 def _shifted(x: np.ndarray, samples: Samples, lag: float) -> np.ndarray:
-    """Columns (N, c) as they were `lag` seconds before, the ends of each run held."""
+    """Columns (N, c) delayed by `lag` seconds, the ends of each run held."""
     out = np.empty_like(x)
     for s in samples.parts:
         t = samples.at[s]

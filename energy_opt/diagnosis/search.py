@@ -1,7 +1,7 @@
-"""The likeliest hypothesis: weighed linearly around one fit, fitted, weighed again around that, until it stays.
+"""Search for the likeliest hypothesis: compare linearised sets around a fit, refit the best, repeat until it stays.
 
 Around a fit, effects and free functions are added, dropped, swapped and added in pairs while the evidence of the set
-grows; the set that comes of it is fitted. What is worth nothing once fitted is not tried again.
+grows; the resulting set is fitted. A set that does not improve once fitted is not tried again.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from energy_opt.diagnosis.fit import Fit, Free, Nuisance, World, fit
 from energy_opt.diagnosis.hypothesis import Chart, Term, chart
 from energy_opt.effects import Effect
 
-# Logarithm of the odds before the data that an effect is there: one in fifty; fewer for what is rare in arms.
+# Prior log odds of an effect (one in fifty), of a refitted declared effect, of a free function; RARE is added.
 ODDS, REFIT_ODDS, FREE_ODDS = -4.0, -3.0, -5.0
 RARE = {"iron_loss": -3.0, "psu_loss": -2.0, "asymmetric_friction": -1.5, "power_law_friction": -2.0,
         "thermal_viscous": -1.5, "standby_drift": -3.0}  # fmt: skip
 GUESSED = 6.0  # prior width of a value that nobody declared, over that of a declared value
 ROUNDS, MOVES, POOR = 12, 2, 3
-PAIRED = 10  # candidates that are tried in pairs
-NEAR = 12.0  # logarithm of odds below the likeliest nuisance at which others no longer count
-GAIN = 0.3  # of evidence, below which a move is none
+PAIRED = 10  # most candidates that are combined in pairs
+NEAR = 12.0  # log odds below the likeliest nuisance from which others are ignored
+GAIN = 0.3  # least gain of log evidence for a move
 
 
 @dataclass
 class Search:
-    """Hypotheses fitted so far, by their terms and free functions; `closed` to free functions, or open."""
+    """A search: hypotheses fitted so far, by terms and free functions. `closed`: True without free functions."""
 
     world: World
     closed: bool = True
@@ -41,11 +41,11 @@ class Search:
     scores: dict[int, tuple[Fit, Weighed]] = field(default_factory=dict)
 
     def odds(self, f: Fit) -> float:
-        """What a hypothesis is worth before the data."""
+        """Prior log odds of a hypothesis."""
         return sum(odds_of(c.term, self.variants.get(c.term.name, 1)) for c in f.charts) + FREE_ODDS * len(f.free)
 
     def score(self, f: Fit) -> float:
-        """Logarithm of evidence times odds, over all nuisances, each likely set of amounts linearised."""
+        """Logarithm of evidence times odds, over all nuisances, linearised around the fit."""
         return self.weighed(f).value - 0.5 * f.world.whiten.log_determinant
 
     def weighed(self, f: Fit) -> Weighed:
@@ -71,7 +71,7 @@ class Search:
         return self.banks[id(f)]
 
     def _own(self, f: Fit) -> list[Block]:
-        """The blocks that a fit has."""
+        """Blocks of a fit's own effects and free functions."""
         blocks, at = [], 0
         for k, (c, z) in enumerate(zip(f.charts, f.numbers, strict=True)):
             white = f.jacobian[:, at : at + len(z)]
@@ -94,7 +94,7 @@ class Search:
         found = self.found[f.token]
         counts = Counter(c.chart.term.name for c in found)
         self.variants.update({name: max(n, self.variants.get(name, 1)) for name, n in counts.items()})
-        curves = [] if f.free or self.closed else list(functions(f))  # one says that something is there
+        curves = [] if f.free or self.closed else list(functions(f))  # one free function is enough to show a structure
         added: list[Candidate | Free] = [*found, *curves]
         columns = {id(x.columns): x.columns for x in added}
         white = f.world.whiten(np.column_stack(list(columns.values())))
@@ -112,7 +112,7 @@ class Search:
         return bank
 
     def refit(self, bank: Bank, chosen: Subset) -> Fit:
-        """The fit of a set of a bank's blocks, from the amounts that it weighs them at."""
+        """Fit a set of a bank's blocks, starting at the linearised amounts."""
         f, weighed = bank.fit, bank.weigh(chosen)
         charts: list[Chart] = []
         starts: list[np.ndarray] = []
@@ -133,24 +133,24 @@ class Search:
         return self.fitted(charts, starts, free, weighed.nuisance, f.amounts)
 
     def open(self) -> None:
-        """Let free functions in."""
+        """Allow free functions from now on."""
         self.closed = False
         self.banks.clear()
 
     def so_far(self, start: Fit) -> Fit:
-        """The likeliest hypothesis that was fitted and weighed; `start` where there is none."""
+        """The likeliest hypothesis that was fitted and scored; `start` if there is none."""
         known = [f for f in self.fits.values() if id(f) in self.scores]
         return max(known, key=self.score, default=start)
 
     def keep(self, f: Fit) -> Fit:
-        """Enter a fit that was made elsewhere."""
+        """Register a fit from elsewhere."""
         self.fits.setdefault((frozenset(c.term for c in f.charts), frozenset(g.key for g in f.free)), f)
         return f
 
     def fitted(
         self, charts: list[Chart], starts: list[np.ndarray], free: list[Free], nuisance: Nuisance, amounts: np.ndarray
     ) -> Fit:
-        """A hypothesis' best fit so far, tried from `starts`."""
+        """Fit a hypothesis from `starts`; return its best fit so far."""
         key = frozenset(c.term for c in charts), frozenset(g.key for g in free)
         self.world.go_on()
         new = fit(self.world, nuisance, charts, starts, free, amounts)
@@ -163,7 +163,7 @@ class Search:
         return self.fits[key]
 
     def descend(self, start: Fit, rounds: int = ROUNDS) -> Fit:
-        """The likeliest hypothesis from a fit on."""
+        """Search from a fit on; return the likeliest hypothesis."""
         best = self.keep(self._settled(start))
         poor: set[frozenset[str]] = set()
         for _ in range(rounds):
@@ -192,7 +192,7 @@ class Search:
         return fit(self.world, likeliest, f.charts, list(f.numbers), f.free, f.amounts)
 
     def _climb(self, bank: Bank, start: Subset, poor: set[frozenset[str]]) -> Subset:
-        """The best set within reach of single moves, then of swaps and pairs, by evidence weighed linearly."""
+        """The best set by linearised evidence: single moves first, then swaps, then pairs."""
         here = start
         for _ in range(MOVES):
             reached = bank.glance(here) + GAIN
@@ -231,12 +231,12 @@ def odds_of(term: Term, variants: int) -> float:
 
 
 def _loose(bank: Bank, here: Subset) -> list[int]:
-    """Blocks of a set that may leave it."""
+    """Blocks of a set that may be removed."""
     return [k for k in here if bank.blocks[k].name not in bank.fit.world.given]
 
 
 def _open(bank: Bank, here: Subset) -> list[int]:
-    """Blocks that may enter a set: of effects that it lacks, and free functions where it has none."""
+    """Blocks that may be added to a set: effects that it lacks, and free functions if it has none."""
     names = {bank.blocks[k].name for k in here}
     odd = any(name.startswith("free") for name in names)
     return [
@@ -247,7 +247,7 @@ def _open(bank: Bank, here: Subset) -> list[int]:
 
 
 def _single(bank: Bank, here: Subset) -> Iterator[Subset]:
-    """One less, one more, or another variant of one."""
+    """Sets with one block less, one more, or another variant of one."""
     for k in _loose(bank, here):
         yield here - {k}
         name = bank.blocks[k].name
@@ -266,14 +266,14 @@ def _front(bank: Bank, here: Subset, most: int) -> list[int]:
 
 
 def _swaps(bank: Bank, here: Subset) -> Iterator[Subset]:
-    """One effect for another."""
+    """Sets with one effect exchanged for another."""
     for k in _loose(bank, here):
         less = here - {k}
         yield from (less | {j} for j in _open(bank, less) if not bank.blocks[j].name.startswith("free"))
 
 
 def _pairs(bank: Bank, here: Subset) -> Iterator[Subset]:
-    """Two effects more, also in place of one."""
+    """Sets with two more effects, also in place of one."""
     yield from (here | {*pair} for pair in combinations(_front(bank, here, PAIRED), 2) if _together(bank, *pair))
     if len(here) < 5:
         for k in _loose(bank, here):
@@ -290,19 +290,19 @@ def _kind(bank: Bank, k: int) -> type[Effect] | None:
 
 
 def buildable(bank: Bank, chosen: Subset) -> bool:
-    """Has every effect of a set the others that it needs, in the set or in the declared model?"""
+    """True if every effect of a set finds the effects that it needs in the set or in the declared model."""
     kinds = [kind for k in chosen if (kind := _kind(bank, k)) is not None]
     there = {kind.name for kind in kinds} | {e.name for e in bank.fit.world.declared.effects}
     return all(name in there for kind in kinds for name in kind.needs)
 
 
 def _together(bank: Bank, a: int, b: int) -> bool:
-    """A drive has one law of what becomes of negative power."""
+    """False for two drive effects: a drive has one law for negative power."""
     return not all((kind := _kind(bank, k)) is not None and kind.stage == "drive" for k in (a, b))
 
 
 def root(world: World, nuisance: Nuisance) -> Fit:
-    """The declared model as it is, but for what is given to be free."""
+    """Fit of the declared model alone; only the effects in `World.given` are free."""
     charts = []
     for name in world.given:
         term = Term(name, declared=True)
@@ -312,5 +312,5 @@ def root(world: World, nuisance: Nuisance) -> Fit:
 
 
 def moved(f: Fit, world: World) -> Fit:
-    """The same hypothesis fitted in another world."""
+    """Refit the same hypothesis in another world."""
     return fit(world, f.nuisance, f.charts, list(f.numbers), [replace(g) for g in f.free], f.amounts)

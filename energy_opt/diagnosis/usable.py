@@ -1,15 +1,15 @@
-"""Can a model plan? How well it foresees what a plan changes: the difference of energy between two motions.
+"""Fitness of a model for planning: how well it predicts the difference of energy between two motions.
 
-Motions of the same ends and the same time T are compared: evenly through the whole of it, or `SLOWER` times as fast,
-then waiting. With d_c what the model says of that difference for the set's distinct motion c (J), the error is stated
+Motions between the same ends in the same time T are compared: evenly through the whole of it, or `SLOWER` times as
+fast, then waiting. Let d_c [J] be this difference under the model for the set's distinct motion c. The error is stated
 relative to rms(d),
 
     sqrt(2 e^2 + h + a) / rms(d)
 
 e: error of a motion's energy, conformal over distinct motions: a further motion has less with probability `STATED`
 (Vovk, Gammerman and Shafer, Algorithmic Learning in a Random World); two motions' errors differ by sqrt(2) e.
-h: mean square of what numbers that the data leave open change in d, see `hidden`. a: mean square by which the model
-farthest off, of those that explain the set as well or better, has other differences.
+h: mean square change of d by numbers that the data leave uncertain, see `hidden`. a: largest mean square difference
+of d between the model and the models that explain the set as well or better.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ from energy_opt.diagnosis.noise import Noise
 from energy_opt.diagnosis.predict import predict
 from energy_opt.power import PowerModel
 
-SLOWER = 1.6  # times as slow is the motion that one is compared with
-STATED = 0.7  # of further motions, of which the stated error is not exceeded
-SURE = 2.0  # standard deviations above the noise, below which errors of energies are noise
-OPEN = ("coulomb_friction", "viscous_friction", "copper_loss")  # may hide below the noise
-DIFFERENCE = 20.0  # [%] of the difference of energy between two motions, within which a model can plan
+SLOWER = 1.6  # factor on the duration of the slower motion that a motion is compared with
+STATED = 0.7  # share of further motions whose error does not exceed the stated one
+SURE = 2.0  # standard deviations above the noise from which energy errors are more than noise
+OPEN = ("coulomb_friction", "viscous_friction", "copper_loss")  # effects that may hide below the noise
+DIFFERENCE = 20.0  # [%] largest error of the energy difference of two motions for a model that can plan
 CONSERVATIVE = "position"  # a torque that follows the position alone takes the same work between the same ends
 
 
 @dataclass(frozen=True)
 class Foreseen:
-    """How well a model foresees differences of energy.
+    """How well a model predicts energy differences between motions.
 
     Attributes:
         percent: the error of a difference over the difference, %; None where the set has no motion.
@@ -56,7 +56,7 @@ class Foreseen:
         return {"difference_percent": self.percent, "motions": self.motions, "reason": self.reason or None}
 
     def usable(self, after: dict[str, Any] | None, tolerance: float) -> bool:
-        """Is the difference foreseen within `DIFFERENCE`, and energies (as `errors.errors`) within `tolerance` %?"""
+        """True if the difference is within `DIFFERENCE`, and the energies (as `errors.errors`) within `tolerance` %."""
         if self.percent is None or self.reason or after is None:
             return False
         return bool(self.percent <= DIFFERENCE and after["energy_percent"] <= tolerance)
@@ -72,16 +72,14 @@ def foreseen(
     rivals: Sequence[PowerModel] = (),
     free: Sequence[Free] = (),
 ) -> Foreseen:
-    """The error of energies over a set's distinct motions, beside what going faster and waiting changes there.
+    """Error of energies over a set's distinct motions, relative to the change by going faster and waiting.
 
-    The level that all motions share is taken out of their errors: two plans of the same time share it.
+    The level error that all motions share is removed: two plans of the same duration share it.
 
-    Args:
-        noise: of the meter, whose share of an energy is taken off e^2; None takes none off, as where more than noise
-            is left. levels: (R,) W of every run by the meter's drift. offset: of its level from run to run, W.
-        f: the fit that the model is of. rivals: models that explain the set as well or better.
-        free: functions that no effect has, of the likeliest hypothesis: what these do to other motions is not known,
-            unless they follow the position alone.
+    Args: noise: of the meter; its share of an energy is subtracted from e^2. None subtracts nothing, if more than noise
+    is left. levels: (R,) W of every run by the meter's drift. offset: of its level from run to run, W. f: the fit of
+    the model. rivals: models that explain the set as well or better. free: free functions of the likeliest hypothesis:
+    their influence on other motions is unknown, unless they follow the position alone.
     """
     shown = reading_of(model, samples)
     errors_, lasting, by_noise = [], [], []
@@ -117,10 +115,10 @@ def foreseen(
 
 
 def hidden(f: Fit) -> float:
-    """Mean square [J^2] of what numbers that the data leave open change in the differences of `foreseen`.
+    """Mean square [J^2] change of the differences of `foreseen` by numbers that the data leave uncertain.
 
-    The numbers of the fit, its links, and those of friction and copper loss that it takes as they are declared: an
-    effect that is too small to be seen can be large beside a small difference.
+    These are the numbers of the fit, its links, and friction and copper loss that it takes as declared: an effect that
+    is too small to be seen can be large compared with a small difference.
     """
     w, n = f.world, f.world.samples.n
     charts, numbers = list(f.charts), list(f.numbers)
@@ -154,9 +152,9 @@ def _paces(samples: Samples) -> tuple[Samples, Samples]:
 def _changes(
     model: PowerModel, fast: Samples, slow: Samples, links: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Energy (R,) [J] of every run, then waiting, less that of going evenly in `SLOWER` times its time.
+    """Energy (R,) [J] of every run and waiting, minus that of the same path in `SLOWER` times its duration.
 
-    And its derivatives (R, P + c) by the values of a model without meter, and by deviations `links` (10 L, c).
+    Also its derivatives (R, P + c) by the values of a model without meter, and by deviations `links` (10 L, c).
     """
     tables = []
     for s in (fast, slow):

@@ -1,7 +1,7 @@
 """From samples and a declared model to a verdict: which effects, which alternatives, judged on motions held out.
 
-The search says what is likely; motions that were never fitted decide. A claim that does not lower the error there is
-none. `explained` and `nothing_missing` ask for an error of the noise's own size there, in motion and at rest.
+The search finds likely effects; motions that were never fitted decide. A claim must lower the error there. `explained`
+and `nothing_missing` ask for an error of the noise's own size there, in motion and at rest.
 """
 
 from __future__ import annotations
@@ -50,27 +50,28 @@ from energy_opt.robot import Limits
 
 log = logging.getLogger(__name__)
 
-ALIKE = 1.1  # times the error, within which a set foresees as well
-BESIDE = 0.3  # of what is explained, that an effect must hold to be claimed where more than noise is left
-NOISE = 1.2  # times the noise, below which a model's held-out error is noise
-TURNS, EARLY = 5, 2  # of the search for the noise, and rounds of search in each: a misfit read as effects hides it
-MOVES = 0.03  # [rad/s] a joint that never exceeds this does not move
-SLOW = 0.1  # of a joint's velocity limit
+ALIKE = 1.1  # factor on the held-out error within which a set predicts equally well
+BESIDE = 0.3  # share of the explained log odds that a claimed effect must have if more than noise is left
+NOISE = 1.2  # factor on the noise below which a model's held-out error counts as noise
+# most noise estimates, and search rounds before each: few, as effects that imitate a misfit hide it
+TURNS, EARLY = 5, 2
+MOVES = 0.03  # [rad/s] a joint that never exceeds this speed does not move
+SLOW = 0.1  # share of a joint's velocity limit
 
 
 @dataclass(frozen=True)
 class Inference:
-    """What the runs say.
+    """Result of the inference.
 
     Attributes:
-        root: the declared model as it is, links and levels allowed for. best: the likeliest hypothesis.
-        accepted: what is claimed of it. claims: of its effects, in order. rivals: sets that explain as well, the
+        root: fit of the declared model with links and levels. best: the likeliest hypothesis.
+        accepted: its claimed part. claims: of its effects, in order. rivals: sets that explain as well, the
             accepted one first. noise, still: of the readings, in the fit and at standstill.
         before, after: errors of the declared model and of the one that is written, on motions held out.
         links: True where the URDF's links are the cause that is claimed.
         idle: joints (indices) that never move. follows: False where power does not go with the motion.
         verdict: as in diagnosis.json; "" where the search was stopped before it had one.
-        blind: True where no cause was sought.
+        blind: True if no cause was sought.
     """
 
     search: Search
@@ -92,10 +93,10 @@ class Inference:
 
 
 def excited(samples: Samples, limits: Limits) -> np.ndarray:
-    """(n,) True for the joints whose motion can show what moves them costs.
+    """(n,) True for joints that move enough to show their losses.
 
-    A joint must move at all; and where no joint of the arm reaches `SLOW` of its velocity limit, all count as idle,
-    since friction's dependence on speed, regeneration and inertia hide at a crawl.
+    A joint must exceed `MOVES`. If no joint of the arm reaches `SLOW` of its velocity limit, all count as idle: slow
+    motion does not show viscous friction, regeneration and inertia.
     """
     fastest = np.abs(samples.v).max(axis=0)
     if (fastest < SLOW * limits.velocity).all():
@@ -119,17 +120,18 @@ def infer(
     Args:
         samples: the training runs. declared: the owner's model. held: runs that are kept for the judgement.
         moving: (n,) True for the joints that the set excites, see `excited`.
-        given: declared effects whose values are free without being news.
-        stopped: asked on the way; True ends the search, with what is known and no verdict.
-        measured: what is known of effects' numbers from elsewhere than the power, see `Scale`.
-        blind: the runs are such that no cause may be claimed of them; none is sought.
+        given: declared effects whose values are fitted but not reported as findings.
+        stopped: called during the search; True ends it without a verdict.
+        measured: values of effects' numbers from other readings than the power, see `Scale`.
+        blind: True if no cause may be claimed from these runs; none is sought.
     """
     now = predict(declared, samples)
     samples = weighted(samples, now)
     held = weighted(held, predict(declared, held)) if held is not None else None
     idle = tuple(int(j) for j in np.flatnonzero(~moving))
     still, most = standing_noise(*([samples] if held is None else [samples, held]))
-    lasts = sum(float(np.ptp(time)) for time, _ in (held or samples).single) / 2  # as in motion, or at rest
+    # [s] motion and rest are assumed to take half of the time each
+    lasts = sum(float(np.ptp(time)) for time, _ in (held or samples).single) / 2
     judge = Judge(held, still, by_chance(most, max(lasts, samples.step)))
     scale = replace(Scale.of(limits, samples.power), measured=measured or {})
     world = World.of(samples, declared, scale, links_of(samples, declared), still, given)
@@ -157,7 +159,7 @@ def infer(
 
 
 def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tried: list[Search]) -> Inference:
-    """The search, judged; `tried` holds the one under way."""
+    """Search and judge; `tried` holds the search in progress."""
     found, best, noise = _searched(world, nothing, tried)
     judge.drifts = best
     declared = judge.of_model(world.declared, nothing)
@@ -190,7 +192,8 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
         start = accepted
         if not world.given:
             model, after = world.declared, declared
-    if not claims and not best.names and not best.free:  # nothing speaks against noise
+    # the residual may be noise alone: judge with the largest plausible noise
+    if not claims and not best.names and not best.free:
         judge = Judge(judge.held, judge.most, judge.most, best)
         declared, after = judge.of_model(world.declared, nothing), judge.of_model(model, accepted)
     linked = _links_are_off(found, judge, start, declared) if not claims else False
@@ -238,7 +241,7 @@ def _searched(world: World, nothing: Fit, tried: list[Search]) -> tuple[Search, 
 
 
 def _links_are_off(found: Search, judge: Judge, start: Fit, declared: Quality) -> bool:
-    """Do links alone take the held-out error from above the noise to it?"""
+    """True if links alone lower the held-out error from above the noise to its level."""
     if declared.ratio < NOISE or not links_show(start):
         return False
     after = judge.of_model(written(start, links=True), start, True)
@@ -247,7 +250,7 @@ def _links_are_off(found: Search, judge: Judge, start: Fit, declared: Quality) -
 
 
 def _as_good(found: Search, judge: Judge, accepted: Fit) -> tuple[Fit, ...]:
-    """Where some law is not in the library: all sets that foresee held-out motions as well, the likeliest before first.
+    """If some law is not in the library: all sets that predict held-out motions as well, by prior odds, highest first.
 
     Evidence compares laws in detail, and here no law holds in detail.
     """
@@ -257,10 +260,10 @@ def _as_good(found: Search, judge: Judge, accepted: Fit) -> tuple[Fit, ...]:
 
 
 def left_open(found: Search, judge: Judge, rivals: tuple[Fit, ...]) -> tuple[Fit, ...]:
-    """The alternatives that motions held out leave open too, the likeliest first.
+    """Alternatives that held-out motions do not exclude, the likeliest first.
 
-    Laws that are the same to first order, as load friction and gears' efficiency are, tie where nothing is fitted yet:
-    rounding decides at which of them the search ends.
+    Laws that agree to first order, as load friction and gear efficiency, have equal evidence before they are fitted:
+    rounding decides which of them the search finds.
     """
     gains = [0.0 if judge.held is None else float(np.sum(judge.gains(f, rivals[0]))) for f in rivals]
     odds = [found.score(f) + gain for f, gain in zip(rivals, gains, strict=True)]
@@ -269,13 +272,13 @@ def left_open(found: Search, judge: Judge, rivals: tuple[Fit, ...]) -> tuple[Fit
 
 
 def _borne_out(found: Search, judge: Judge, accepted: Fit, claims: tuple[Claim, ...]) -> tuple[Fit, tuple[Claim, ...]]:
-    """The claims that motions held out bear out: each lowers the error there.
+    """Keep the claims that held-out motions support: each lowers the error there.
 
-    Where more than noise is left, an unknown law is shared out among effects that resemble it: there each must hold a
-    good part of what is explained, and all of them most of what there was, whichever motion is left out.
+    If more than noise is left, several effects may imitate an unknown law. Then each must explain a good part, and all
+    together most of the excess, whichever motion is left out.
     """
     moving = sum(accepted.world.samples.kinds[g[0]] == "motion" for g in clusters(accepted.world.samples))
-    blind = judge.held is None and moving < FEWEST  # nothing can be left out
+    blind = judge.held is None and moving < FEWEST  # too few motions to leave one out
     while claims and not blind:
         other = next((c for c in claims if is_a_step(accepted, c) or is_a_line(accepted, c)), None)
         if other is None and (k := shaped_otherwise(found, accepted)) is not None:

@@ -1,4 +1,4 @@
-"""A diagnosis in words: the headline, remarks, and what to do next."""
+"""Text of a diagnosis: the headline, remarks, and the next step."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from energy_opt.effects import effect_class
 from energy_opt.measured import MeasuredSet, coarse
 from energy_opt.power import PowerModel
 
-UNKNOWN = 0.4  # of what was known before, beyond which the data hardly narrowed a number
-WANDERS = 0.3  # of the noise, by which runs' levels must differ to be mentioned
-SHARE = 0.01  # of what was above the noise, from which the headline states it
+UNKNOWN = 0.4  # posterior over prior standard deviation above which the data hardly determined a number
+WANDERS = 0.3  # share of the noise by which runs' levels must differ to be mentioned
+SHARE = 0.01  # least explained share that the headline states
 PLAIN = {
     "coulomb_friction": "dry friction",
     "viscous_friction": "viscous friction",
@@ -26,18 +26,18 @@ PLAIN = {
 
 
 def plain(name: str) -> str:
-    """An effect's name as a reader says it."""
+    """Readable name of an effect."""
     return PLAIN.get(name, name.replace("_", " "))
 
 
 def listed(names: Sequence[str]) -> str:
-    """a, b and c."""
+    """Join names as "a, b and c"."""
     words = [plain(name) for name in names]
     return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]
 
 
 def headline(document: dict[str, Any]) -> str:
-    """One sentence or two for a person."""
+    """One or two sentences that summarise the diagnosis."""
     names = [row["name"] for row in document["effects"]]
     error = document["error"]
     part = "holdout" if error["after"]["holdout"] else "train"
@@ -75,7 +75,7 @@ def headline(document: dict[str, Any]) -> str:
 
 
 def joints_headline(names: Sequence[str], unit: str) -> str:
-    """The same of a set without a meter."""
+    """Headline of a set without a meter."""
     what = "currents" if unit == "A" else "torques"
     verb = "shows" if len(names) == 1 else "show"
     said = f"{listed(names).capitalize()} {verb} in the joints' {what}" if names else f"The {what} show no friction"
@@ -83,7 +83,7 @@ def joints_headline(names: Sequence[str], unit: str) -> str:
 
 
 def remarks(found: Inference, measured: MeasuredSet, declared: PowerModel) -> list[str]:
-    """What the reader of the verdict should know, one sentence each."""
+    """Remarks on the verdict, one sentence each."""
     out = list(measured.remarks)
     joints = measured.robot.joints
     if declared.robot and declared.robot != measured.robot.name:
@@ -140,7 +140,7 @@ def remarks(found: Inference, measured: MeasuredSet, declared: PowerModel) -> li
 
 
 def _links(f: Fit, joints: Sequence[str]) -> str:
-    """What the links' deviations do to the torque of each joint."""
+    """Sentence on the change of joint torques by link deviations."""
     s = f.world.samples
     off = np.sqrt(np.mean((f.world.links.torques @ f.amounts) ** 2, axis=0))
     whole = np.sqrt(np.mean(f.prediction.tau**2, axis=0))
@@ -151,7 +151,7 @@ def _links(f: Fit, joints: Sequence[str]) -> str:
 
 
 def _borrowed(f: Fit, joints: Sequence[str]) -> list[str]:
-    """Joints whose numbers the data hardly narrowed: they are taken from the others."""
+    """Remarks on joints whose numbers the data hardly determined: they are taken from the others."""
     out, at = [], 0
     after = np.sqrt(np.diag(f.covariance))
     for c, z in zip(f.charts, f.numbers, strict=True):
@@ -175,7 +175,7 @@ def _borrowed(f: Fit, joints: Sequence[str]) -> list[str]:
 
 
 def speeds_seen(found: Inference, joints: Sequence[str]) -> list[str]:
-    """What the data do fix where laws of friction cannot be told apart: their sum at the usual speed."""
+    """If friction laws cannot be separated: their sum at the usual speed, which the data determine."""
     f = found.accepted
     names = set().union(*(set(r.names) for r in found.rivals))
     if (
@@ -199,7 +199,7 @@ def speeds_seen(found: Inference, joints: Sequence[str]) -> list[str]:
 
 
 def next_step(document: dict[str, Any]) -> str:
-    """What to do with it."""
+    """The recommended next step."""
     if not document["verdict"]:
         return "Next: let it run to its end."
     if document["usable"]:
@@ -215,7 +215,7 @@ def next_step(document: dict[str, Any]) -> str:
 
 
 def summary(d: dict[str, Any]) -> str:
-    """The document in some lines, for stdout."""
+    """The document as some lines of text, for stdout."""
     lines = [d["headline"], f"verdict: {d['verdict'] or 'none, interrupted'}"]
     for row in d["effects"]:
         refit = " (declared value fitted anew)" if row["refit"] else ""
@@ -254,7 +254,7 @@ def _foreseen(d: dict[str, Any]) -> str:
 
 
 def side_words(records: Sequence[dict[str, Any]]) -> list[str]:
-    """One line a joint, for stdout."""
+    """One line per joint, for stdout."""
     out = []
     for row in records:
         if row["scale"] is None:
@@ -278,7 +278,7 @@ def _span(word: dict[str, Any]) -> str:
 
 
 def _values(row: dict[str, Any], joints: list[str]) -> list[str]:
-    """An effect's values with joints' names and units, one line a parameter."""
+    """An effect's values with joints' names and units, one line per parameter."""
     out = []
     for name, value in row["parameters"].items():
         if isinstance(value, str):

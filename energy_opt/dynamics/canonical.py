@@ -21,7 +21,7 @@ import numpy as np
 
 from energy_opt.robot.kinematics import Coupling, Link, pseudo_inertia
 
-ROUNDING = 1e-12  # what six-digit right angles in a URDF leave behind is smaller; coarser snapping would change torques
+ROUNDING = 1e-12  # entries this near to 0 and +-1 are rounding errors; coarser snapping would change torques
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ def canonical(links: Sequence[Link]) -> tuple[CanonicalLink, ...]:
         maps.append(np.linalg.inv(_pose(frames.turn[k]) @ _pose(np.eye(3), frames.shift[k])))
         inertias.append(maps[k] @ pseudo_inertia(link.mass, link.lever, link.inertia) @ maps[k].T)
     for k in reversed(range(len(links))):
-        # Base parameters: the part of the pseudo-inertia that this joint's torque does not see moves to the parent. The
+        # Base parameters: the part of the pseudo-inertia without effect on this joint's torque moves to the parent. The
         # pseudo-inertia of a link in another frame is T J T^T.
         hidden = np.zeros((4, 4))
         if links[k].prismatic:

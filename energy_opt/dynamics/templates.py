@@ -18,7 +18,7 @@ def from_templates(body: RigidBody) -> ca.Function | None:
     """Inverse dynamics (q, v, a, gravity, mass, com) -> tau as in `compact`; None without the extension.
 
     Raises:
-        BadInput: the last joint of the tree is not the outermost, which is where the payload hangs.
+        BadInput: the last joint of the tree is not the outermost, to which the payload is attached.
     """
     try:
         import energy_opt_pinsx

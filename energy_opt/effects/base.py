@@ -1,4 +1,4 @@
-"""What an effect is: named parameters with units, and one CasADi expression.
+"""Base class of effects: named parameters with units, and one CasADi expression.
 
 The power of an arm is built in stages, and every effect belongs to exactly one of them:
 
@@ -11,8 +11,8 @@ The power of an arm is built in stages, and every effect belongs to exactly one 
     supply     between the drives and the meter         p / eta
     meter      what the meter makes of the true power   reading(t), never part of an energy
 
-What others must know of an effect (is it overhead, does it store energy, does it depend on time, ...) is said by its
-class: no code outside names one. The stages' base classes are in `stages`.
+Properties that other code needs (is it overhead, does it store energy, does it depend on time, ...) are attributes of
+the class: no code outside names an effect. The stages' base classes are in `stages`.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ import numpy as np
 from energy_opt.effects.parameter import Parameter
 from energy_opt.errors import BadInput
 
-SMALL = 1e-9  # a factor of another parameter is kept this far from 0 while that is sought
+SMALL = 1e-9  # least absolute value of a factor by which another parameter is divided
 Stage = Literal["rigid", "torque", "heat", "winding", "drive", "power", "supply", "meter"]
 
 
@@ -38,12 +38,12 @@ Stage = Literal["rigid", "torque", "heat", "winding", "drive", "power", "supply"
 class Signals:
     """The state at one instant, as CasADi columns: q [rad], v [rad/s], a [rad/s^2], tau [N m] (rigid body), t [s].
 
-    What the past or the recording adds is None where it is unknown, as in planning: `temperature` (n, 1) [degC] of each
-    joint; `warmth` (n, 1) how far that has come from the set's first to its highest, 0 to 1; `idle` [s] the time since
-    the last motion ended (negative while moving and before any motion); `returned` [W] what a store gives back at this
+    Signals of the past or the recording are None if unknown, as in planning: `temperature` (n, 1) [degC] of each joint;
+    `warmth` (n, 1) how far that has come from the set's first to its highest, 0 to 1; `idle` [s] the time since the
+    last motion ended (negative while moving and before any motion); `returned` [W] what a store gives back at this
     instant; `run` the index of the run; `dwell` how many standstills between motions the run has had; `day` [s] time
-    since the set's first sample, in a set of some hours; `heated` (n, 1) [W] of the heat that each joint had of late;
-    `logged` by name what else was recorded, 0 or 1 or a number.
+    since the set's first sample, in a set of some hours; `heated` (n, 1) [W] recent heat of each joint, with
+    exponential weights; `logged` further recorded signals by name, 0 or 1 or a number.
     """
 
     q: ca.SX
@@ -73,24 +73,25 @@ class Effect:
     name: ClassVar[str]
     stage: ClassVar[Stage]
     parameters: ClassVar[tuple[Parameter, ...]]
-    options: ClassVar[Mapping[str, tuple[str, ...]]] = {}  # words beside numbers, the first is the default
-    free_options: ClassVar[tuple[str, ...]] = ()  # options that take any word, as a signal's name
-    extents_by_default: ClassVar[Mapping[str, int]] = {}  # lengths of free dimensions where no values are given
+    # words that are not numbers; the first of each option is its default
+    options: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    free_options: ClassVar[tuple[str, ...]] = ()  # options that accept any word, e.g. a signal's name
+    extents_by_default: ClassVar[Mapping[str, int]] = {}  # lengths of free dimensions if no values are given
 
-    # What others must know of it.
-    overhead: ClassVar[bool] = False  # is drawn whether the arm moves or not: counted as standby
-    stores: ClassVar[bool] = False  # its work is the change of `stored` between the ends, whatever the way
-    drifts: ClassVar[bool] = False  # depends on time itself
-    dissipates: ClassVar[bool] = False  # is its share of the energy never negative?
-    convex_in_retiming: ClassVar[bool] = True  # does retiming stay convex with it?
-    follows: ClassVar[tuple[str, ...]] = ()  # the signals of the past or the recording that its law follows
-    bakes: ClassVar[bool] = False  # are its values numbers, not parameters, of the inverse dynamics?
-    needs: ClassVar[tuple[str, ...]] = ()  # effects without which it has no meaning
-    # Parameters that the law takes times another one, and the bound of that product in a fit: {"com": ("mass", 100.0)}.
+    # Properties that other code needs.
+    overhead: ClassVar[bool] = False  # True if its power is drawn whether the arm moves or not: counted as standby
+    stores: ClassVar[bool] = False  # True if its work is the change of `stored` between the ends, whatever the path
+    drifts: ClassVar[bool] = False  # True if the law depends on time
+    dissipates: ClassVar[bool] = False  # True if its share of the energy is never negative
+    convex_in_retiming: ClassVar[bool] = True  # True if retiming stays convex under this effect
+    follows: ClassVar[tuple[str, ...]] = ()  # signals of the past or the recording that the law uses
+    bakes: ClassVar[bool] = False  # True if its values are numbers, not parameters, of the inverse dynamics
+    needs: ClassVar[tuple[str, ...]] = ()  # effects that it requires
+    # Parameters that the law multiplies by another one, and the product's bound in a fit: {"com": ("mass", 100.0)}.
     products: ClassVar[Mapping[str, tuple[str, float]]] = {}
-    same_on_all_joints: ClassVar[bool] = True  # may one number stand for all joints where data are fitted?
-    sought: ClassVar[bool] = True  # may diagnosis propose it where a declared model lacks it?
-    version: ClassVar[int] = 0  # counts how often a class of this name was registered anew
+    same_on_all_joints: ClassVar[bool] = True  # True if one number may represent all joints in a fit
+    sought: ClassVar[bool] = True  # True if diagnosis may propose it when a declared model lacks it
+    version: ClassVar[int] = 0  # counts how often a class of this name was registered again
 
     def __init_subclass__(cls, **keywords: Any) -> None:
         super().__init_subclass__(**keywords)
@@ -118,7 +119,7 @@ class Effect:
 
     @property
     def form(self) -> tuple[str, ...]:
-        """What a built problem depends on: name, options and lengths, not values; see `registry.of_form`."""
+        """Structure for a built problem: name, options and lengths, not values; see `registry.of_form`."""
         words = {**self.choices, **self.extents}
         mark = (f"@{self.version}",) if self.version else ()
         return (self.name, *(f"{key}={word}" for key, word in sorted(words.items())), *mark)
@@ -195,7 +196,7 @@ class Effect:
 
     @classmethod
     def passed(cls, p: SimpleNamespace) -> ca.SX | float:
-        """Of mechanical power that is stored and given back, the factor at which it reaches the meter past it."""
+        """Factor with which mechanical power that was stored and is returned passes the effect to the meter."""
         return 1.0
 
     @classmethod
@@ -210,8 +211,8 @@ class Effect:
                 out.append(float(np.clip(value, p.lower, p.upper)))
         return np.array(out)
 
-    # What a fit works with: numbers x in which the effect is (nearly) linear, instead of `full`. They are as `full` but
-    # for `products`, which take their parameters' place.
+    # A fit works with numbers x in which the effect is (nearly) linear, instead of `full`. They equal `full`, but
+    # `products` take the place of their parameters.
 
     @classmethod
     def idle(cls, joints: int, **words: str | int) -> Effect:
@@ -253,7 +254,7 @@ class Effect:
 
     @classmethod
     def _products(cls, joints: int) -> tuple[np.ndarray, np.ndarray]:
-        """Places in `full` of the parameters of `products`, and those of the numbers that each is taken times."""
+        """Indices in `full` of the parameters of `products`, and of the factors that multiply them."""
         at = cls.split(np.arange(cls.size(joints)), joints).__dict__
         pairs = [np.broadcast_arrays(at[name], at[factor]) for name, (factor, _) in cls.products.items()]
         none = np.zeros(0, dtype=int)

@@ -26,8 +26,8 @@ from energy_opt.effects.stages import (
 SAMPLES = 60
 CLOSE = 1e-4  # relative tolerance of derivatives and of recovered parameters
 GRAVITY = np.array([0.0, 0.0, -9.81])
-LINK = (2.0, np.array([0.02, -0.05, 0.1]), np.diag([0.03, 0.04, 0.02]))  # [kg], [m], [kg m^2] a link to deviate from
-DRAWN = {  # what the past and the recording may hold
+LINK = (2.0, np.array([0.02, -0.05, 0.1]), np.diag([0.03, 0.04, 0.02]))  # [kg], [m], [kg m^2] nominal link of the check
+DRAWN = {  # random signals of the past and the recording
     "warmth": lambda rng, shape: rng.uniform(0, 1, shape),
     "idle": lambda rng, shape: rng.uniform(-1, 2, shape),
     "returned": lambda rng, shape: np.zeros(shape),
@@ -39,10 +39,10 @@ DRAWN = {  # what the past and the recording may hold
 
 
 def check_effect(kind: type[Effect], joints: int = 3, seed: int = 0) -> list[str]:
-    """What is wrong with an effect, one sentence each; empty where it passes.
+    """Faults of an effect, one sentence each; empty if it passes.
 
     Checked: at its neutral value it changes nothing; its derivatives by every parameter agree with finite differences;
-    it is finite at rest; where it claims to dissipate, it never gives power; its parameters are recovered from data
+    it is finite at rest; if it claims to dissipate, it never gives power; its parameters are recovered from data
     that it simulates.
     """
     rng = np.random.default_rng(seed)
@@ -102,7 +102,7 @@ def _recovery(kind: type[Effect], law: SimpleNamespace, values: np.ndarray, rng:
     off = np.abs(found - values[free]) / np.maximum(np.abs(values[free]), 1e-3)
     if np.max(off, initial=0.0) > CLOSE:
         return [f"{kind.name}: its parameters are not recovered from its own data (off by {off.max():.2g})"]
-    for k in np.flatnonzero(~free & ~_grids(kind, law.joints)):  # scanned: no other value fits as well
+    for k in np.flatnonzero(~free & ~_grids(kind, law.joints)):  # scanned parameters: no other value may fit as well
         others = [_put(values, np.arange(len(values)) == k, values[k] * share) for share in (0.7, 1.4)]
         if min(np.abs(law.change(x) - data).max() for x in others) < 1e-9:
             return [f"{kind.name}: number {k} of its parameters cannot be scanned: others fit its data as well"]
@@ -110,12 +110,12 @@ def _recovery(kind: type[Effect], law: SimpleNamespace, values: np.ndarray, rng:
 
 
 def _descended(kind: type[Effect], joints: int) -> np.ndarray:
-    """For each entry of `full`: may a fit descend along it?"""
+    """For each entry of `full`: True if a fit may descend along it."""
     return np.array([not p.steps for p in kind.parameters for _ in range(p.count(joints, kind.extents_by_default))])
 
 
 def _grids(kind: type[Effect], joints: int) -> np.ndarray:
-    """For each entry of `full`: is it part of a grid that is chosen?"""
+    """For each entry of `full`: True if it belongs to a grid that is chosen."""
     return np.array([bool(p.free) for p in kind.parameters for _ in range(p.count(joints, kind.extents_by_default))])
 
 
@@ -141,8 +141,8 @@ def _law(kind: type[Effect], joints: int, rng: np.random.Generator) -> SimpleNam
     spread = np.array([1.0] * 3 * joints + [8.0] * joints + [0.0] + [10.0] * joints)
     states = rng.normal(size=(SAMPLES, 5 * joints + 1)) * spread
     states[:, joints : 2 * joints] *= rng.random((SAMPLES, joints)) > 0.3  # some joints stand still
-    states[:, 4 * joints] = rng.uniform(0, 300.0, SAMPLES)  # s
-    states[:, 4 * joints + 1 :] += 25.0  # degC
+    states[:, 4 * joints] = rng.uniform(0, 300.0, SAMPLES)  # [s]
+    states[:, 4 * joints + 1 :] += 25.0  # [degC]
     added = [DRAWN[name](rng, (SAMPLES, symbol.numel())) for name, symbol in past.items()]
     states = np.column_stack([states, *added])
     rest = states.copy()
@@ -163,7 +163,7 @@ def _law(kind: type[Effect], joints: int, rng: np.random.Generator) -> SimpleNam
 def _expressions(kind: type[Effect], x: Signals, p: ca.SX, joints: int, kinks: Kinks) -> tuple[ca.SX, ca.SX]:
     """What an effect adds (to torque, power, heat or gravity), and the power that it takes away, W.
 
-    Of an effect with options the expressions under each of them, one below the other.
+    For an effect with options, the expressions for all combinations, one below the other.
     """
     each = [dict(zip(kind.options, words, strict=True)) for words in product(*kind.options.values())]
     both = [_law_of(kind.neutral(joints, **words), x, p, joints, kinks) for words in each]
@@ -212,13 +212,13 @@ def _law_of(effect: Effect, x: Signals, vector: ca.SX, joints: int, kinks: Kinks
 def _law_over_time(
     kind: type[MeterEffect] | type[StoreEffect] | type[SoakingEffect], rng: np.random.Generator
 ) -> SimpleNamespace:
-    """The same of an effect whose law runs over time, on a power over time."""
+    """`_law` for an effect whose law runs over time, on a power over time."""
     time = np.arange(200) * 0.01
     wave = sum(5 * rng.normal() * np.sin(2 * np.pi * f * time + rng.uniform(0, 6)) for f in (0.7, 1.6, 2.9))
     step, still = np.full_like(time, 0.01), np.zeros_like(time)
 
     def run(values: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """What the effect changes (M,) where the power, or the root of the heat, is x (M,)."""
+        """Change (M,) by the effect if the power, or the root of the heat, is x (M,)."""
         if issubclass(kind, MeterEffect):
             return kind.reading(time, 90 + x, float(values[0])) - 90 - x
         if issubclass(kind, StoreEffect):

@@ -11,7 +11,7 @@ from energy_opt.effects.friction import SIGN_WIDTH, SOAKING, SOAKING_TRIALS, TOR
 from energy_opt.effects.parameter import Kinks, Parameter
 from energy_opt.effects.stages import DriveEffect, HeatEffect, PowerEffect, SupplyEffect, WindingEffect
 
-POWER_WIDTH = 0.5  # [W]
+POWER_WIDTH = 0.5  # [W] smoothing width of power about zero
 
 
 class Standby(PowerEffect):

@@ -16,9 +16,9 @@ from energy_opt.effects.parameter import Kinks, Parameter
 from energy_opt.effects.stages import TorqueEffect
 from energy_opt.errors import BadInput
 
-SIGN_WIDTH = 0.01  # [rad/s]
-TORQUE_WIDTH = 0.05  # [N m]
-SOAKING = (10.0, 2e3)  # [s] time constants with which an arm warms up
+SIGN_WIDTH = 0.01  # [rad/s] smoothing width of sign(v)
+TORQUE_WIDTH = 0.05  # [N m] smoothing width of |tau|
+SOAKING = (10.0, 2e3)  # [s] range of time constants with which an arm warms up
 SOAKING_TRIALS = (12.0, 30.0, 120.0, 500.0)  # [s]
 
 
@@ -71,7 +71,7 @@ class LoadFriction(TorqueEffect):
 
     name = "load_friction"
     parameters = (Parameter("mu", "1", 0.0, 0.0, 1.0, "joint"),)
-    convex_in_retiming = False  # tau_m^2 bends inwards at tau = 0 where a spring or a rotor keeps tau_m from zero there
+    convex_in_retiming = False  # tau_m^2 is not convex at tau = 0 if a spring or a rotor keeps tau_m from zero there
     dissipates = True
 
     @classmethod
@@ -89,7 +89,7 @@ class GearEfficiency(TorqueEffect):
 
     name = "gear_efficiency"
     parameters = (Parameter("eta", "1", 1.0, 0.05, 1.0, "joint", fit=(0.2, 1.0)),)
-    convex_in_retiming = False  # as load friction
+    convex_in_retiming = False  # as for load friction
     dissipates = True
 
     @classmethod
@@ -179,7 +179,7 @@ class SigmoidFriction(TorqueEffect):
     )
     convex_in_retiming = False
     dissipates = True
-    sought = False  # dry and viscous friction say the same of data
+    sought = False  # dry and viscous friction fit data equally well
 
     @classmethod
     def torque(cls, x: Signals, p: SimpleNamespace, k: Kinks) -> ca.SX:
@@ -190,7 +190,7 @@ class SigmoidFriction(TorqueEffect):
 
 
 DAY = 86400.0  # [s]
-AT_WORK = 40.0  # [degC] of a cobot's joint at work, as UR's own calibrations (43 to 46 degC)
+AT_WORK = 40.0  # [degC] temperature of a cobot's joint at work, as in UR's own calibrations (43 to 46 degC)
 
 
 class TemperatureFriction(TorqueEffect):
@@ -251,7 +251,7 @@ class DailyFriction(TorqueEffect):
         return np.append(super().example(joints, rng)[:-2], [0.4, 2e4])
 
 
-FASTEST = 2.5  # [rad/s] of the points of a curve that nothing else is known of
+FASTEST = 2.5  # [rad/s] last speed of a curve by default
 
 
 class FrictionCurve(TorqueEffect):

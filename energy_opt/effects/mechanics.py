@@ -72,7 +72,7 @@ class Payload(RigidEffect):
         Parameter("mass", "kg", 0.0, 0.0, 1e3, fit=(1e-4, 200.0)),
         Parameter("com", "m", 0.0, -10.0, 10.0, 3, shapes=True),
     )
-    products = {"com": ("mass", 100.0)}  # [kg m] the torque is linear in these but for the second moment
+    products = {"com": ("mass", 100.0)}  # [kg m] the torque is linear in these except for the second moment
 
     @classmethod
     def inertia(cls, p: SimpleNamespace) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -108,7 +108,7 @@ class BaseTilt(RigidEffect):
         return ca.vertcat(u, cr * y + sr * w, -sr * y + cr * w)  # Rx^T (Ry^T g)
 
 
-ALWAYS = 1e3  # dwells: until the run's end
+ALWAYS = 1e3  # [dwells] until the run's end
 
 
 class PayloadChange(Payload):

@@ -41,9 +41,9 @@ class Parameter:
             for all parameters of the effect that name it, as ("joint", "points").
         shapes: True where the parameter only shapes the effect and cannot switch it off by itself.
         fit: bounds that a fit keeps to, where they are tighter than the physical ones.
-        trials: values at which a search begins where the effect's size says nothing of this parameter.
-        steps: the law jumps with it, or it is a grid that is chosen: derivatives by it say nothing, so it is scanned or
-            given, never descended.
+        trials: start values of a search if the effect's size does not determine this parameter.
+        steps: the law is discontinuous in it, or it is a grid that is chosen: derivatives by it are useless, so it is
+            scanned or given, never fitted by descent.
     """
 
     name: str
@@ -66,7 +66,7 @@ class Parameter:
 
     @property
     def per_joint(self) -> bool:
-        """One entry (or row) per joint?"""
+        """True if it has one entry (or row) per joint."""
         return "joint" in self.dimensions
 
     @property
@@ -76,7 +76,7 @@ class Parameter:
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """What a fit keeps to."""
+        """Bounds in a fit."""
         return self.fit or (self.lower, self.upper)
 
     def shape(self, joints: int, extents: Mapping[str, int] | None = None) -> tuple[int, ...]:
@@ -85,7 +85,7 @@ class Parameter:
         return tuple(d if isinstance(d, int) else known[d] for d in self.dimensions)
 
     def count(self, joints: int, extents: Mapping[str, int] | None = None) -> int:
-        """How many numbers it has on an arm of `joints` joints."""
+        """Number of values on an arm of `joints` joints."""
         return int(np.prod(self.shape(joints, extents), dtype=int))
 
     def checked(self, effect: str, value: Any, extents: dict[str, int]) -> np.ndarray:
@@ -147,10 +147,10 @@ class Parameter:
         return np.broadcast_to(value, shape or (1,)).ravel()
 
 
-TINY = 1e-12  # keeps the logarithm of nothing finite
-MOVING_SPEED = 1e-3  # [rad/s] a joint that is faster than this moves
+TINY = 1e-12  # keeps the logarithm of 0 finite
+MOVING_SPEED = 1e-3  # [rad/s] a faster joint counts as moving
 SLIDING_SPEED = 0.01  # [rad/s] smoothing width about standstill: about a hundredth of a cobot's usual joint speed
-LOAD_WIDTH = 0.05  # [N m] smoothing width of what friction bears at rest
+LOAD_WIDTH = 0.05  # [N m] smoothing width of the load that friction bears at rest
 
 
 def bearing(load: ca.SX, level: ca.SX) -> ca.SX:

@@ -17,8 +17,8 @@ from energy_opt.effects.parameter import Kinks, Parameter
 from energy_opt.effects.stages import PowerEffect, SoakingEffect, StoreEffect
 from energy_opt.errors import BadInput
 
-ENDLESS = 1e9  # [J] a store of this size takes back all there is, as if negative power counted in full
-SMALLEST = 0.1  # [J] a smaller store is none: regeneration that gives nothing back
+ENDLESS = 1e9  # [J] a store of this size takes all negative power, as if that counted in full
+SMALLEST = 0.1  # [J] a smaller store counts as none: regeneration that returns nothing
 HELD = (0.3, 0.6, 1.0, 2.0)  # [s] durations that are tried first
 EDGE = 0.02  # [s] half-width of the smoothed end of a hold
 
@@ -105,8 +105,8 @@ class RunOffset(PowerEffect):
         return sum((ca.if_else(x.run == r, p.power[r], 0) for r in range(p.power.numel())), ca.SX(0))
 
 
-TOGETHER = 3  # signals that are sought at once
-LOGGED = "signal."  # and the signal's name, among the signals that a recording has
+TOGETHER = 3  # most signals that are sought at once
+LOGGED = "signal."  # prefix of a logged signal's name among the signals of a recording
 
 
 class SignalPower(PowerEffect):
@@ -148,7 +148,7 @@ class SignalPower(PowerEffect):
         return sum(parts, ca.SX(0))
 
 
-GAP = 3.0  # times the usual step between instants: between runs
+GAP = 3.0  # steps longer than this multiple of the usual one are gaps between runs
 
 
 class WindingSelfHeating(SoakingEffect):

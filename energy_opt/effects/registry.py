@@ -40,7 +40,7 @@ TRAITS = {
 
 
 def described_effect(kind: type[Effect]) -> dict[str, Any]:
-    """name, stage, law (the first paragraph of its text), parameters, options and traits of an effect."""
+    """name, stage, law (the first paragraph of its docstring), parameters, options and traits of an effect."""
     text = inspect.getdoc(kind) or ""
     traits = [STAGES.get(kind.stage, kind.stage)]
     traits += [words for trait, words in TRAITS.items() if getattr(kind, trait)]
@@ -64,7 +64,7 @@ def described_effect(kind: type[Effect]) -> dict[str, Any]:
     }
 
 
-LARGEST = 10**6  # bytes of a file of effects
+LARGEST = 10**6  # [bytes] largest file of effects
 GROUP = "energy_opt.effects"
 
 ALL_EFFECTS: tuple[type[Effect], ...] = (
@@ -80,7 +80,7 @@ ALL_EFFECTS: tuple[type[Effect], ...] = (
 )  # fmt: skip
 BY_NAME: dict[str, type[Effect]] = {effect.name: effect for effect in ALL_EFFECTS}
 
-# The law that an effect of each stage must write, by the base class that asks for it.
+# Methods for the law of an effect, by the base class of its stage: at least one must be defined.
 LAWS: dict[type[Effect], tuple[str, ...]] = {
     stages.RigidEffect: ("gravity", "point_mass", "links", "held"),
     stages.TorqueEffect: ("torque",),
@@ -93,7 +93,7 @@ LAWS: dict[type[Effect], tuple[str, ...]] = {
 }
 
 _added: dict[str, type[Effect]] = {}
-_sources: dict[str, tuple[str, str]] = {}  # digest of a file of effects -> its text and place
+_sources: dict[str, tuple[str, str]] = {}  # digest of a file of effects -> its text and path
 
 Kind = TypeVar("Kind", bound=type[Effect])
 
@@ -119,7 +119,7 @@ def register(kind: Kind) -> Kind:
 
 
 def unregister(name: str) -> None:
-    """Take an effect of one's own out again; the package's own stay."""
+    """Unregister a user's effect; the package's own effects stay."""
     _added.pop(name, None)
 
 
@@ -212,7 +212,7 @@ def _in(module: ModuleType) -> list[type[Effect]]:
 
 @lru_cache(maxsize=1)
 def _installed() -> None:
-    """Register what installed packages offer."""
+    """Register the effects of installed packages."""
     for entry in entry_points(group=GROUP):
         try:
             found: Any = entry.load()

@@ -38,7 +38,7 @@ class RigidEffect(Effect):
 
     @classmethod
     def links(cls, nominal: Sequence[Link], p: SimpleNamespace) -> list[Link] | None:
-        """The links as they are, in joint order, from what the URDF says; None for an effect that leaves them."""
+        """Actual links, in joint order, from the URDF's links; None for an effect that does not change them."""
         return None
 
     @classmethod
@@ -84,7 +84,7 @@ class WindingEffect(Effect):
 
     @classmethod
     def factor(cls, x: Signals, p: SimpleNamespace) -> ca.SX:
-        """What that heat is multiplied by, a scalar or (n, 1)."""
+        """Factor on that heat, a scalar or (n, 1)."""
         raise NotImplementedError
 
 
@@ -155,9 +155,9 @@ class SupplyEffect(Effect):
         raise NotImplementedError
 
 
-SHORTEST_LAG = 1e-4  # [s] a lag below this is none
-LAGS = (0.02, 0.06, 0.15, 0.4)  # [s] at which lags are tried
-DELAYS = tuple(sign * lag for lag in LAGS for sign in (1.0, -1.0))  # [s] a meter may be stamped late
+SHORTEST_LAG = 1e-4  # [s] a smaller lag counts as none
+LAGS = (0.02, 0.06, 0.15, 0.4)  # [s] lags that are tried
+DELAYS = tuple(sign * lag for lag in LAGS for sign in (1.0, -1.0))  # [s] delays of a meter's stamps that are tried
 
 
 class MeterEffect(Effect):
@@ -280,7 +280,7 @@ class MeterWindow(MeterEffect):
     name = "meter_window"
     parameters = (Parameter("duration", "s", 0.0, 0.0, 60.0, fit=(0.0, 5.0), trials=LAGS),)
     turn = 4
-    sought = False  # what the set declares as [meter] window is applied as such; a lag and a delay say nearly the same
+    sought = False  # a window declared in [meter] is applied as such; a lag and a delay fit data nearly as well
 
     @classmethod
     def reading(cls, time: np.ndarray, power: np.ndarray, value: float) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Any motion as it is: energy under one or several models, limits and clearance, beside plain timings of its path."""
+"""Evaluation of a given motion: energy under one or more models, limits, clearance, and simple timings of its path."""
 
 from energy_opt.evaluations.run import Evaluation, evaluate
 from energy_opt.evaluations.source import Recorded, load

@@ -1,4 +1,4 @@
-"""What `evaluate` leaves behind: evaluate.json, files in other formats, and a table with the motions side by side."""
+"""Output of `evaluate`: evaluate.json, files in other formats, and a table of all motions."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from energy_opt.robot import Robot
 
 FORMAT = "energy-opt/evaluation/1"
 ANSWER = "evaluate.json"
-WIDTH = 14  # of a column
+WIDTH = 14  # [characters] least width of a column
 
 
 def document(robot: Robot, found: Sequence[Evaluation], request: Mapping[str, Any]) -> dict[str, Any]:
@@ -68,7 +68,7 @@ def write(
 
 
 def table(found: Sequence[Evaluation]) -> str:
-    """The motions side by side, for the terminal."""
+    """Table of all motions, one column each, for the terminal."""
     files = [Path(evaluation.motion.name) for evaluation in found]
     alike = len({file.name for file in files}) < len(files)
     names = ["/".join(file.parts[-2:]) if alike else file.name for file in files]

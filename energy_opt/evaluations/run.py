@@ -1,4 +1,4 @@
-"""The work of `evaluate`: energies of motions as they are, under every model, and of plain timings of their paths."""
+"""The work of `evaluate`: energies of given motions and of simple timings of their paths, under every model."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from energy_opt.motion.retime.fastest import minimum_time
 from energy_opt.motion.trajectory import Trajectory, whole
 from energy_opt.robot import Robot
 
-SHORT = 1e-7  # [s] shorter stretches are rounding
-BESIDE = 0.03  # [s] over which a cycle's accelerations are spread at most: two samples at 100 Hz, and a step
-AT_REST = 1e-6  # [rad/s] of a wait that a program may leave the servo for
+SHORT = 1e-7  # [s] shorter stretches are rounding errors
+BESIDE = 0.03  # [s] longest time over which a cycle's accelerations are spread: two samples at 100 Hz, and a step
+AT_REST = 1e-6  # [rad/s] slower waits may be left to the servo by a program
 
 
 @dataclass(frozen=True)
 class Interval:
-    """Part of a motion, from `start` to `end` s, in which all joints stand, or not; what is carried in it."""
+    """Part of a motion from `start` to `end` [s]: whether all joints rest, the load, and whether brakes hold."""
 
     start: float
     end: float
@@ -53,13 +53,13 @@ class Baseline:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What one motion comes to.
+    """Result for one motion.
 
     Attributes:
         energies: under each model, by its name.
         certificate: limits and clearance; its peak power is the first model's.
         baselines: where the paths have a timing within the limits; `remark` says why there are none.
-        parts: the motion as a program has it; judge: what judges it.
+        parts: the motion as parts of a program; judge: judges these parts.
     """
 
     motion: Recorded
@@ -74,12 +74,12 @@ class Evaluation:
 def evaluate(
     robot: Robot, motion: Recorded, rivals: Sequence[Rival], cell: Cell | None = None, payload: bool = False
 ) -> Evaluation:
-    """Energy of a motion as it is, by effect, under every model; limits, clearance and baselines.
+    """Energy of a given motion by effect, under every model; limits, clearance and baselines.
 
     Args:
-        rivals: the models, with what is carried where the motion's file does not say it.
-        cell: what must not be touched; None: nothing is checked.
-        payload: what the models carry counts, whatever the file says.
+        rivals: the models, with the payload that holds if the motion's file states none.
+        cell: obstacles that must not be touched; None to check nothing.
+        payload: True to use the models' payload, whatever the file states.
     """
     limits = joint_limits(robot.limits)
     intervals = _intervals(motion, payload)
@@ -95,7 +95,7 @@ def evaluate(
         for i, start, end in zip(intervals, ends, ends[1:], strict=False)
     )
     certificate = judge(motion.trajectory)
-    # the path's positions are the motion's own; the spline through them may pass a bound that these only touch
+    # the motion's samples keep the position limits; the spline through them may exceed a limit that they only touch
     kept = (certificate.max_violation["position"] or 0.0) <= ALLOWED
     timed = tuple(limit for limit in limits if not (kept and limit.name == "position"))
     try:
@@ -106,7 +106,7 @@ def evaluate(
 
 
 def part_of(trajectory: Trajectory, start: float, end: float) -> Trajectory:
-    """The samples of a trajectory between two times [s] from its first row on, both included; times from 0 on."""
+    """The samples of a trajectory between two times [s] from its first sample, both included; its time starts at 0."""
     time = trajectory.time - trajectory.time[0]
     inner = time[(time > start + SHORT) & (time < end - SHORT)]
     at = np.concatenate([[start], inner, [end]])
@@ -115,7 +115,7 @@ def part_of(trajectory: Trajectory, start: float, end: float) -> Trajectory:
 
 
 def _scorers(robot: Robot, rival: Rival) -> Callable[[Load | None], Scorer]:
-    """Scorers of a model by what is carried; each is built once."""
+    """Scorers of a model by load; each is built once."""
     kept: dict[Load | None, Scorer] = {}
 
     def of(load: Load | None) -> Scorer:
@@ -130,10 +130,11 @@ def _scorers(robot: Robot, rival: Rival) -> Callable[[Load | None], Scorer]:
 
 
 def _intervals(motion: Recorded, payload: bool) -> list[Interval]:
-    """The motion cut where it begins or ends to stand, and where what is carried changes.
+    """Cut the motion where it starts or stops, and where the load changes.
 
-    A cycle whose accelerations are spread over milliseconds is a few of them earlier or later than its steps say:
-    what is carried changes while it rests.
+    In a cycle with accelerations spread over milliseconds, motions start and stop slightly earlier or later than its
+    steps
+    state: changes of load are moved into the waits.
     """
     end = motion.trajectory.duration
     marks = {0.0, end, *motion.waits.ravel().tolist()}
@@ -155,7 +156,7 @@ def _intervals(motion: Recorded, payload: bool) -> list[Interval]:
 
 
 def _at_waits(motion: Recorded) -> tuple[Stretch, ...]:
-    """The stretches with ends that lie a few milliseconds beside a wait moved to its end."""
+    """The stretches; their ends that lie a few milliseconds outside a wait are moved to its end."""
     edges = motion.waits.ravel()
 
     def moved(time: float) -> float:
@@ -169,7 +170,7 @@ def _at_waits(motion: Recorded) -> tuple[Stretch, ...]:
 
 
 def _energy(of: Callable[[Load | None], Scorer], trajectory: Trajectory, interval: Interval) -> Energy:
-    """Of a part of the motion; brakes leave the constant overhead alone."""
+    """Energy of a part of the motion; if brakes hold, only the constant overhead."""
     scorer = of(interval.load)
     if not interval.brakes:
         return scorer.energy(trajectory)
@@ -220,7 +221,7 @@ def _baselines(
 
 
 def _parts(motion: Recorded, intervals: Sequence[Interval]) -> tuple[Part, ...]:
-    """The motion as motions and waits for a program."""
+    """The motion as motions and waits of a program."""
     out = []
     for i in intervals:
         trajectory = part_of(motion.trajectory, i.start, i.end)

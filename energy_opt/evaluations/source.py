@@ -18,15 +18,15 @@ from energy_opt.measured.differentiate import smooth
 from energy_opt.motion.standing import standstills
 from energy_opt.motion.trajectory import Trajectory
 
-CUTOFF = 10.0  # [Hz] of recorded positions
-NOISY = 3.0  # times the accelerations of the smoothed positions: those of a recording with noise
-COARSE = 0.02  # [s] between samples, from which positions are not smoothed
+CUTOFF = 10.0  # [Hz] cut-off frequency for recorded positions
+NOISY = 3.0  # accelerations over those of the smoothed positions above which a recording is noisy
+COARSE = 0.02  # [s] between samples above which positions are not smoothed
 ANSWERS = {"result.json": "trajectory.csv", "job.json": "cycle.csv"}
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """From `start` to `end` s: what is carried (None: what the request says), and whether brakes hold."""
+    """From `start` to `end` [s]: the load (None: as in the request), and whether brakes hold."""
 
     start: float
     end: float
@@ -36,14 +36,14 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Recorded:
-    """A motion as it is.
+    """A motion read from a file.
 
     Attributes:
         name: of its file.
         trajectory: its samples, from time 0 on.
-        stretches: what is carried when; they follow one another from its start to its end.
+        stretches: loads over time; they follow one another from its start to its end.
         waits: (W, 2) s, where the arm is at rest for a while.
-        notes: what a reader must know, a line each.
+        notes: remarks for the reader, a line each.
     """
 
     name: str
@@ -72,8 +72,8 @@ def joints_in(path: Path) -> Sequence[str]:
 def load(path: Path, joints: Sequence[str], prefix: str = "") -> Recorded:
     """The motion in a file, for the robot's `joints`; in the file their names begin with `prefix`.
 
-    The folder, the JSON result or the table of a solved move or job bring along what was carried when, and where
-    brakes hold.
+    The folder, the JSON result or the table of a solved move or job also state the loads over time, and where brakes
+    hold.
 
     Raises:
         BadInput: no motion can be read; names the place.
@@ -109,7 +109,7 @@ def _answer(path: Path) -> Path | None:
 
 
 def _stretches(document: Any, trajectory: Trajectory) -> tuple[Stretch, ...]:
-    """What a result says was carried when; empty where it says nothing."""
+    """Loads over time as a result states them; empty if it states none."""
     request = document.get("request") if isinstance(document, dict) else None
     if not isinstance(request, dict):
         return ()

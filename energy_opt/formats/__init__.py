@@ -1,4 +1,4 @@
-"""Files of the field: trajectories and waypoints in, trajectories out, one module a format.
+"""File formats of the field: trajectories and waypoints are read, trajectories written; one module per format.
 
 Joints are matched by name, never by order. Nothing here needs a ROS installation.
 """
@@ -59,7 +59,7 @@ FORMATS: dict[str, Format] = {
 
 
 def read(path: str | Path) -> Samples:
-    """The samples of a file, by its suffix: a trajectory where they have times, else waypoints.
+    """The samples of a file, by its suffix: a trajectory if they have times, else waypoints.
 
     Raises:
         BadInput: the file is of no known kind, or faulty; names the place.
@@ -80,7 +80,7 @@ def write(trajectory: Trajectory, path: Path) -> None:
 
 
 def _format_of(path: Path, otherwise: str) -> Format:
-    """The format with the longest of the endings that the path's name has; BadInput that says `otherwise`."""
+    """The format with the longest matching ending of the path's name; BadInput that says `otherwise` if none does."""
     endings = {suffix: f for f in FORMATS.values() for suffix in (f.suffix, *f.others)}
     fitting = [suffix for suffix in endings if path.name.lower().endswith(suffix)]
     if not fitting:

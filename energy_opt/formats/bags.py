@@ -1,6 +1,6 @@
 """Bags of ROS 2 (sqlite3, MCAP) and ROS 1, read and written without ROS. The only module that imports rosbags.
 
-Old sqlite3 bags do not say what their messages look like; the definitions that are needed then are in moveit_msgs.toml.
+Old sqlite3 bags lack the definitions of their messages; moveit_msgs.toml has those that are needed.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from energy_opt.formats.unpacking import bounded
 from energy_opt.formats.waypoints import Samples
 from energy_opt.motion.trajectory import Trajectory
 
-LARGEST = 4 * 10**9  # bytes of a bag
-MOST_MESSAGES = 2 * 10**6  # of those that are asked for: half an hour at 1 kHz
+LARGEST = 4 * 10**9  # [bytes] largest bag
+MOST_MESSAGES = 2 * 10**6  # most messages of the requested topics: half an hour at 1 kHz
 SUFFIXES = (".mcap", ".db3", ".bag", ".zstd")  # the last: a file of a compressed bag
 METADATA = "metadata.yaml"
 TOPIC = "/joint_trajectory"
@@ -116,13 +116,13 @@ def opened(path: Path) -> Iterator[Bag]:
             yield Bag(path, reader)
     except BadInput:
         raise
-    except Exception as error:  # a faulty bag makes the library raise nearly anything
+    except Exception as error:  # a faulty bag may raise almost any exception in the library
         reason = " ".join(str(error).split()) or type(error).__name__
         raise BadInput(f"{path}: not a bag that can be read: {reason[:300]}") from None
 
 
 def _check_files(folder: Path) -> None:
-    """The files that a bag's metadata name lie in its folder; the document is read within bounds."""
+    """Check that the files named by a bag's metadata lie in its folder; the document is read within bounds."""
     document = read_yaml(folder / METADATA)
     about = document.get("rosbag2_bagfile_information") if isinstance(document, dict) else None
     for name in about.get("relative_file_paths") or [] if isinstance(about, dict) else []:
@@ -130,7 +130,7 @@ def _check_files(folder: Path) -> None:
 
 
 def _whole(path: Path) -> Path:
-    """The folder of a bag whose only file this is, where that says how it is compressed; else the path itself."""
+    """The folder of a bag whose only file is `path`, if its metadata says so; else the path itself."""
     beside = path.parent / METADATA
     if path.suffix.lower() == ".bag" or not path.is_file() or not beside.is_file():
         return path

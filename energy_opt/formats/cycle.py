@@ -18,8 +18,8 @@ from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.trajectory import Trajectory, whole
 from energy_opt.robot import Limits
 
-ROOM = 1.05  # of the shortest time over which a jump of the acceleration is spread
-SAMPLES = 2  # over which it is spread at least, where the cycle is sampled at a rate
+ROOM = 1.05  # factor on the shortest time over which a jump of the acceleration is spread
+SAMPLES = 2  # least samples over which it is spread, if the cycle is sampled at a rate
 
 
 def write_cycle(
@@ -36,7 +36,7 @@ def write_cycle(
     Args:
         rate: samples per second; None for the judged samples. A cycle keeps its time: where samples at a rate break a
             limit, the lowest of the usual rates that holds is taken.
-        prefix: what is before the joints' names in the files.
+        prefix: of the joints' names in the files.
         stem: of the files' names.
     """
     cycle = joined([part.trajectory for part in parts])
@@ -99,7 +99,7 @@ def _written(
 def certificates(
     parts: Sequence[Part], judge: CycleJudging, formats: Sequence[Format], rate: float | None
 ) -> list[Certificate]:
-    """Of the samples that formats get of a cycle; none where they hold the judged samples."""
+    """Certificates of the samples that formats write of a cycle; none if they write the judged samples."""
     limits, out = judge.scorer.robot.limits, []
     names = {form.name for form in formats}
     if "franka" in names:
@@ -113,18 +113,19 @@ def certificates(
 
 
 def without_jumps(parts: Sequence[Part], limits: Limits, rate: float | None = None) -> Sequence[Part]:
-    """The cycle as one motion in which the acceleration does not jump between motions, where a jerk limit forbids it.
+    """The cycle as one motion without jumps of the acceleration between motions, if a jerk limit forbids them.
 
-    It is the mean over some milliseconds, over two samples at least at a rate [Hz]. Its longest wait gives them up; a
-    cycle without a wait that is long enough runs so much faster.
+    The motion is averaged over some milliseconds, at a rate [Hz] over at least two samples. The longest wait is
+    shortened by this time; a cycle without a long enough wait runs faster instead.
     """
     ends = [(a.trajectory.acceleration[-1], b.trajectory.acceleration[0]) for a, b in pairwise(parts)]
-    jumps = [float((np.abs(b - a) / limits.jerk).max()) for a, b in ends]  # [s] that each takes
+    jumps = [float((np.abs(b - a) / limits.jerk).max()) for a, b in ends]  # [s] that each one needs
     if not any(jumps):
         return parts
     if max(jumps) <= NANOSECOND:
         return _met(parts, limits)
-    both = parts[0].trajectory.acceleration[0], parts[-1].trajectory.acceleration[-1]  # at both ends, at rest
+    # at both ends of the cycle, where the arm rests
+    both = parts[0].trajectory.acceleration[0], parts[-1].trajectory.acceleration[-1]
     shortest = max(*jumps, *(float((np.abs(a) / limits.jerk).max()) for a in both))
     width = float(whole(max(ROOM * shortest, 0.0 if rate is None else SAMPLES / rate)))
     out = list(parts)
@@ -142,7 +143,7 @@ def without_jumps(parts: Sequence[Part], limits: Limits, rate: float | None = No
 
 
 def _met(parts: Sequence[Part], limits: Limits) -> Sequence[Part]:
-    """Each motion begins with the acceleration that the one before ended with: they differ by rounding alone."""
+    """Start each motion with the final acceleration of the one before: they differ only by rounding."""
     out = [parts[0]]
     for part in parts[1:]:
         t = part.trajectory
@@ -154,12 +155,12 @@ def _met(parts: Sequence[Part], limits: Limits) -> Sequence[Part]:
 
 
 def _at(parts: Sequence[Part], rate: float) -> Trajectory:
-    """The cycle with every motion at a rate from its own beginning on; waits are two points and one between."""
+    """The cycle with every motion sampled at a rate from its own start; waits keep their three points."""
     return joined([part.trajectory if part.waits else resampled(part.trajectory, rate) for part in parts])
 
 
 def _carried(parts: Sequence[Part]) -> str:
-    """What such a file cannot say: when which payload is to be set, and when the arm waits in which mode."""
+    """Text on what such a file cannot contain: changes of payload, and modes of waits."""
     loads, modes, at, before = [], [], 0.0, 0.0
     for part in parts:
         mass = part.payload[0] if part.payload is not None else 0.0

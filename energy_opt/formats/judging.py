@@ -49,7 +49,7 @@ class Judging:
         return self._clear(replace(whole, found=(*others, *steps)), trajectory)
 
     def joules(self, trajectory: Trajectory) -> float:
-        """Its energy under the model, J."""
+        """Energy [J] of a trajectory under the model."""
         return self.scorer.energy(trajectory).total
 
     def _clear(self, certificate: Certificate, trajectory: Trajectory) -> Certificate:
@@ -78,7 +78,7 @@ class CycleJudging(Judging):
 
     @classmethod
     def of(cls, stretches: Iterable[tuple[float, Judging]]) -> CycleJudging:
-        """What judges a cycle whose stretches take so many seconds, in order; neighbours judged alike are one."""
+        """Judge of a cycle from the durations [s] of its stretches, in order; equal neighbours are merged."""
         windows: list[Window] = []
         at = 0.0
         for seconds, judge in stretches:
@@ -98,10 +98,10 @@ class CycleJudging(Judging):
         """The worst of all stretches; differences from step to step are compared over the whole cycle."""
         found = self._over(trajectory, lambda judge, part: judge.at_steps(part, None))
         steps = () if rate is None else (worst_step(trajectory, rate, self.scorer.robot.limits),)
-        return replace(found, found=(*found.found, *steps))  # steps know nothing of windows
+        return replace(found, found=(*found.found, *steps))  # differences between steps do not depend on the stretches
 
     def of_parts(self, parts: Sequence[Part]) -> Certificate:
-        """Of a program's motions one by one, each under what holds in its middle; the arm rests between them."""
+        """Certificate of a program's motions one by one, each by the judge of its middle; the arm rests in between."""
         looks, at = [], 0.0
         for part in parts:
             end = at + part.trajectory.duration
@@ -115,7 +115,7 @@ class CycleJudging(Judging):
         return sum(window.judge.joules(_part(trajectory, window)) for window in self.windows)
 
     def _over(self, trajectory: Trajectory, look: Callable[[Judging, Trajectory], Certificate]) -> Certificate:
-        """The worst of what `look` finds in each stretch."""
+        """The worst of the certificates that `look` gives for the stretches."""
         looks = []
         for window in self.windows:
             part = _part(trajectory, window)
@@ -124,7 +124,7 @@ class CycleJudging(Judging):
 
 
 def _worst(looks: Sequence[tuple[Certificate, float]]) -> Certificate:
-    """The worst under each limit of certificates of stretches that begin at those times [s]."""
+    """The worst violation of each limit in certificates of stretches that begin at the given times [s]."""
     found: dict[str, list[Violation]] = {}
     for certificate, at in looks:
         for violation in certificate.found:

@@ -23,7 +23,7 @@ from energy_opt.motion.trajectory import Trajectory
 FIELDS = {
     "position": "positions", "velocity": "velocities", "acceleration": "accelerations", "effort": "effort",
 }  # fmt: skip
-SAME = 1e-9  # [rad or m] parts of a plan that are this near to each other are one motion
+SAME = 1e-9  # [rad or m] parts of a plan whose ends differ by less are one motion
 CUT = "..."  # what `ros2 topic echo` writes in place of the rest of a long array
 
 
@@ -73,7 +73,7 @@ def planned(plans: Sequence[Sequence[Mapping[str, Any]]], where: str) -> Samples
 
 
 def joined(parts: Sequence[Samples]) -> Samples:
-    """Parts of one plan that follow each other as one, times running on.
+    """Join consecutive parts of one plan; times continue.
 
     Raises:
         BadInput: a part does not begin where the one before ends, or has other joints.
@@ -139,10 +139,10 @@ def _vector(values: Any, count: int, where: str) -> list[float]:
 
 
 def number(value: Any, where: str) -> float:
-    """A field as a finite number; text such as 1e-05, which YAML does not take for one, is read too.
+    """A field as a finite number; text such as 1e-05, which YAML does not read as a number, is accepted.
 
     Raises:
-        BadInput: it is none.
+        BadInput: it is not a finite number.
     """
     try:
         if isinstance(value, bool) or not isinstance(value, (int, float, str)):
@@ -171,7 +171,7 @@ def seconds(stamp: Any, where: str) -> float:
 
 
 def message(trajectory: Trajectory) -> dict[str, Any]:
-    """A trajectory as trajectory_msgs/JointTrajectory, times from the first row on, effort where known."""
+    """A trajectory as trajectory_msgs/JointTrajectory, times from the first sample, effort if known."""
     nanoseconds = [round(t * 1e9) for t in (trajectory.time - trajectory.time[0]).tolist()]
     points = []
     for k, total in enumerate(nanoseconds):
@@ -236,9 +236,9 @@ def _yaml(value: Mapping[str, Any], indent: str = "") -> Iterator[str]:
 
 
 def _word(value: Any) -> str:
-    """A scalar of YAML; a float's exponent gets the point and sign without which YAML 1.1 takes it for text."""
+    """A scalar of YAML; a float with an exponent gets a point, without which YAML 1.1 reads it as text."""
     if isinstance(value, str):
-        return json.dumps(value)  # which is YAML, too, and keeps to its line
+        return json.dumps(value)  # JSON text is YAML, too, and stays on one line
     text = repr(value)
     if isinstance(value, float) and "e" in text and "." not in text:
         mantissa, exponent = text.split("e")

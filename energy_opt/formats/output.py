@@ -20,7 +20,7 @@ from energy_opt.formats.urscript import read_program
 from energy_opt.motion.judge.certificate import ALLOWED, Certificate
 from energy_opt.motion.trajectory import Trajectory
 
-STEPS = {"franka": franka.RATE, "urscript": urscript.STREAM_RATE}  # [Hz] of controllers that are sent positions alone
+STEPS = {"franka": franka.RATE, "urscript": urscript.STREAM_RATE}  # [Hz] of controllers that receive positions alone
 
 
 @dataclass(frozen=True)
@@ -76,15 +76,15 @@ def wanted(names: Sequence[str], joints: int | None = None) -> list[Format]:
 
 
 def file_of(form: Format, rate: float | None, stem: str = "trajectory") -> str:
-    """The file's name; that of a table at a rate says the rate, beside the judged one."""
+    """The file's name; that of a table at a rate contains the rate, to differ from the judged one."""
     at = f"_{rate:g}hz" if form.name == "csv" and rate is not None else ""
     return f"{stem}{at}{form.suffix}"
 
 
 def sample(trajectory: Trajectory, judge: Judging, form: Format, rate: float | None) -> tuple[Trajectory, float | None]:
-    """What a format gets of a trajectory, and its samples per second [Hz]: at `rate`, or at its controller's own.
+    """The samples of a trajectory for a format, and their rate [Hz]: `rate`, or the controller's own.
 
-    None: the judged samples, or for `urscript` a rate that is chosen so that it holds.
+    A rate of None means the judged samples, or for `urscript` a rate that is chosen to keep all limits.
     """
     if form.name == "franka" or (form.name == "urscript" and rate == urscript.STREAM_RATE):
         pace = STEPS[form.name]
@@ -104,7 +104,7 @@ def sampled(trajectory: Trajectory, judge: Judging, form: Format, rate: float | 
         return fitted(trajectory, rate, judge)
     if form.name == "urscript":
         found = lowest(trajectory, judge)
-        if found == urscript.STREAM_RATE:  # at which the program sends positions, and no quintics between them
+        if found == urscript.STREAM_RATE:  # at this rate the program sends positions, without quintics between them
             return sampled(trajectory, judge, form, found)
         if found is not None:
             return Sampled(resampled(trajectory, found), found)
@@ -125,14 +125,14 @@ def write(
     Args:
         rate: samples per second, None for the judged samples themselves. The 1 kHz of `franka` is its own; `urscript`
             takes the lowest of the usual rates that holds all limits where none is given.
-        prefix: what is before the joints' names in the files.
+        prefix: of the joints' names in the files.
         payload: what a program sets: mass [kg] and its centre [m] in the tool's frame; None: nothing.
     """
     files = []
     for form in formats:
         got = sampled(trajectory, judge, form, rate)
         if form.name == "csv" and got.rate is None:
-            continue  # trajectory.csv is there
+            continue  # trajectory.csv exists already
         path, chosen = out / file_of(form, got.rate), got.trajectory
         if chosen is not trajectory and form.name not in STEPS:
             chosen = judge.scorer.filled(chosen)
@@ -146,7 +146,7 @@ def write(
 
 
 def read_back(path: Path, form: Format, got: Sampled, judge: Judging, prefix: str, trajectory: Trajectory) -> Written:
-    """What a file holds, judged; `trajectory` is what it was made from."""
+    """Read a file and judge its content; `trajectory` is its source."""
     again = form.read(path).of(judge.scorer.robot.joints, prefix).trajectory()
     positions_alone = form.name in STEPS and got.rate == STEPS[form.name]
     if isinstance(judge, CycleJudging) and form.name == "urscript":
@@ -169,7 +169,7 @@ def unchanged(path: Path, form: Format, judged: Trajectory, certificate: Certifi
 
 
 def worst_of(certificate: Certificate) -> dict[str, object]:
-    """The limit that is used most, or what is not proven to be free."""
+    """The limit that is used most, or the clearance that is not proven."""
     if certificate.within_limits and not certificate.valid:
         return {"limit": "clearance", "joint": str(certificate.clearance), "time": None, "value": None, "bound": None}
     return certificate.worst
@@ -190,25 +190,25 @@ def _text(form: Format, got: Sampled, judge: Judging, trajectory: Trajectory) ->
     return text + (f"; {got.why}" if got.why else "")
 
 
-ROUNDS = 6  # plans with smaller bounds
-STEP = 1.2  # times what is broken, by which a bound becomes smaller: peaks move with the plan
-SHOWN = 0.9995  # of a bound: shares above it are all of it in words
-NEAR = 1e-2  # of a bound: what samples may break at most of a plan that is then slowed
-LEAST = 0.5  # of a bound: where samples need less than that, the rate is too low for the motion
+ROUNDS = 6  # most plans with tightened bounds
+STEP = 1.2  # factor on the excess by which a bound is tightened: peaks move with the plan
+SHOWN = 0.9995  # shares of a bound above this are not mentioned
+NEAR = 1e-2  # largest excess over a bound in samples of a plan that is then slowed
+LEAST = 0.5  # least share of a bound: if samples need less, the rate is too low for the motion
 
-Shares = dict[str, float]  # of the limits' bounds, by the limits' names
+Shares = dict[str, float]  # shares of the limits' bounds, by the limits' names
 Answer = TypeVar("Answer")
 
 
 @dataclass(frozen=True)
 class Files:
-    """What is going to be written: formats, and samples per second (None: the judged samples)."""
+    """Files to write: formats, and samples per second (None: the judged samples)."""
 
     formats: Sequence[Format] = ()
     rate: float | None = None
 
     def certificates(self, trajectory: Trajectory, judge: Judging) -> list[Certificate]:
-        """Of what every format gets, before anything is slowed; none where all files hold the judged samples."""
+        """Certificates of the samples for every format, before slowing; none if all files have the judged samples."""
         known: dict[tuple[float, bool], Certificate] = {}
         for form in self.formats:
             got, pace = sample(trajectory, judge, form, self.rate)
@@ -257,7 +257,7 @@ def with_room(
 
 
 def said(shares: Mapping[str, float], joules: float) -> str:
-    """What room was left and what it costs, in words; empty where none was."""
+    """Sentence on the room that was left in the limits, and its cost; empty if there is none."""
     if not shares:
         return ""
     less = {name: share for name, share in shares.items() if share < SHOWN} or shares

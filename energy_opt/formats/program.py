@@ -1,4 +1,4 @@
-"""What a controller runs from start to end: motions and waits, and what the arm carries from when on."""
+"""Programs for a controller: motions and waits, and changes of payload."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from energy_opt.robot import Robot
 Load = tuple[float, float, float, float]  # mass [kg] and its centre [m]
 STANDING = 3  # samples of a wait
 NANOSECOND = 1e-9  # [s]
-SAME = 1e-9  # [rad/s^2] accelerations that differ by less are one
+SAME = 1e-9  # [rad/s^2] accelerations that differ by less count as equal
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Part:
 
     Attributes:
         trajectory: its samples, from any time on; of a wait, standing ones.
-        waits: it is a wait; mode: what the arm waits in, where that is not held by its motors.
+        waits: True for a wait; mode: of the wait, if the motors do not hold the arm.
         payload: mass [kg] and its centre [m] in the last joint's frame, from its beginning on; None: not known.
     """
 
@@ -44,8 +44,8 @@ def standing(joints: Sequence[str], q: np.ndarray, seconds: float) -> Trajectory
 def joined(trajectories: Sequence[Trajectory]) -> Trajectory:
     """Motions that follow one another as one, samples on whole nanoseconds.
 
-    Where one ends with another acceleration than the next begins with, both samples are there, a nanosecond apart: with
-    a    jerk limit that breaks it, as the motions themselves do. The longest wait is so much shorter.
+    If the acceleration jumps between two motions, both samples are kept, a nanosecond apart. This breaks a jerk limit,
+    as the motions themselves do. The longest wait is shortened by these nanoseconds.
     """
     jumps = [
         k > 0 and np.abs(t.acceleration[0] - trajectories[k - 1].acceleration[-1]).max() > SAME
@@ -59,7 +59,7 @@ def joined(trajectories: Sequence[Trajectory]) -> Trajectory:
     at = 0.0
     for k, t in enumerate(trajectories):
         at += NANOSECOND * jumps[k]
-        first = 0 if k == 0 or jumps[k] else 1  # the row at which the motion before ended
+        first = 0 if k == 0 or jumps[k] else 1  # skip the sample at which the motion before ended
         time = t.time - t.time[0]
         if k == pays:
             time = time * (1 - owed / time[-1])
@@ -71,7 +71,7 @@ def joined(trajectories: Sequence[Trajectory]) -> Trajectory:
 
 
 def load_of(robot: Robot, model: PowerModel) -> Load | None:
-    """What a model says is carried, None without a payload; its centre in the frame that programs mean."""
+    """Payload of a model, with its centre in the frame that programs use; None without a payload."""
     payload = model.get("payload")
     if payload is None:
         return None
@@ -79,7 +79,7 @@ def load_of(robot: Robot, model: PowerModel) -> Load | None:
 
 
 def in_tool(robot: Robot, load: Load) -> Load:
-    """A payload with its centre in the frame of the link `tool0`, which controllers mean; as it is without one."""
+    """A payload with its centre in the frame of the link `tool0`, which controllers use; unchanged without it."""
     found = robot.body.link_frames().get("tool0")
     if found is None:
         return load

@@ -137,7 +137,7 @@ def _others(topics: Sequence[str], chosen: str, path: Path) -> list[str]:
 
 
 def _time(found: Any, recorded: int) -> float:
-    """When a message says it was, else when it was recorded, s."""
+    """Time [s] that a message states, else its time of recording."""
     stamp = getattr(getattr(found, "header", None), "stamp", None)
     if stamp is not None and (stamp.sec or stamp.nanosec):
         return float(stamp.sec + stamp.nanosec / 1e9)

@@ -19,11 +19,12 @@ from energy_opt.motion.limits.base import Violation
 from energy_opt.motion.trajectory import Trajectory, whole
 from energy_opt.robot import Limits
 
-RATES = (10, 20, 25, 40, 50, 100, 125, 200, 250, 400, 500, 800, 1000, 2000, 4000)  # [Hz] that are proposed
-FASTEST = 10_000.0  # [Hz]
+# [Hz] usual rates, which are proposed
+RATES = (10, 20, 25, 40, 50, 100, 125, 200, 250, 400, 500, 800, 1000, 2000, 4000)
+FASTEST = 10_000.0  # [Hz] largest rate
 LEAST_STEP = 0.01  # a last step that is shorter than this share of the others is merged with the one before
-SLOWER = 1.05  # times the duration: slowed further, another rate serves better
-TRIALS = 12  # slower motions that are tried at most
+SLOWER = 1.05  # largest factor on the duration: beyond it, another rate is better
+TRIALS = 12  # most slower motions that are tried
 
 Judge = Callable[[Trajectory], Certificate]
 
@@ -105,7 +106,7 @@ def slowed_until(
         certificate = judge(out)
         if certificate.valid:
             return out
-        if certificate.within_limits:  # time does not help to keep clear
+        if certificate.within_limits:  # slowing does not increase the clearance
             return None
         factor *= 1 + float(np.clip(0.6 * certificate.violation, 2e-6, 0.02))
         if factor > SLOWER:
@@ -129,7 +130,7 @@ def lowest(trajectory: Trajectory, judge: Judge, above: float = 0.0) -> float | 
     return next((rate for rate in RATES if rate > above and judge(resampled(trajectory, rate)).valid), None)
 
 
-REST = 3  # steps of rest that the differences see before and after
+REST = 3  # steps of rest before and after the motion in the differences
 KINDS = ("velocity", "acceleration", "jerk")
 
 

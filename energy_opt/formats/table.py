@@ -12,7 +12,7 @@ from energy_opt.files import read_table, write_table
 from energy_opt.formats.waypoints import KINDS, Samples
 from energy_opt.motion.trajectory import Trajectory
 
-LIKE_TIME = ("t", "t [s]", "stamp", "seconds", "secs")  # beside all that begins with "time"
+LIKE_TIME = ("t", "t [s]", "stamp", "seconds", "secs")  # names like time, besides all that begin with "time"
 
 
 def read(path: Path) -> Samples:

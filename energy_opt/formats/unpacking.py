@@ -1,7 +1,7 @@
-"""Compressed parts of bags, unpacked within bounds: what a file says of its own size is not believed.
+"""Compressed parts of bags, unpacked within bounds: the size that a file states is not trusted.
 
-The library unpacks each part at once, however large it turns out. Inside `bounded` its tables of decompressors are
-ours, which stop at a bound for each part and at one for the whole bag.
+The library unpacks each part at once, whatever its size. Inside `bounded` its decompressors are replaced by ones that
+stop at a bound for each part and at one for the whole bag.
 """
 
 from __future__ import annotations
@@ -15,22 +15,22 @@ from typing import Any
 
 from energy_opt.errors import BadInput
 
-LARGEST_PART = 64 * 10**6  # bytes of a chunk or message; recorders write chunks of 1 to 16 MB
+LARGEST_PART = 64 * 10**6  # [bytes] largest chunk or message; recorders write chunks of 1 to 16 MB
 LEAST, RATIO = (
     256 * 10**6,
     20,
-)  # bytes of a whole bag: so many, or so many times its size; joint states pack 3 to 10 fold
+)  # a bag may unpack to LEAST bytes or RATIO times its size; joint states pack 3 to 10 fold
 
 
 class Budget:
-    """How much of a bag may still be unpacked."""
+    """Number of bytes of a bag that may still be unpacked."""
 
     def __init__(self, path: Path, size: int) -> None:
         self._path, self._left = path, max(LEAST, RATIO * size)
 
     @property
     def part(self) -> int:
-        """The most that one part may come to, bytes."""
+        """Largest size [bytes] of one part."""
         return min(LARGEST_PART, self._left)
 
     def take(self, count: int, most: int | None = None) -> None:
@@ -74,7 +74,7 @@ class _Counted:
 
 @contextmanager
 def bounded(path: Path, size: int, first: ModuleType, second: ModuleType, mcap: ModuleType) -> Iterator[None]:
-    """Inside, the library unpacks within bounds.
+    """Context in which the library unpacks within bounds.
 
     Args:
         size: of the bag's files, bytes.

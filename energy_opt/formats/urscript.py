@@ -2,9 +2,9 @@
 
 The program refuses to begin unless the arm is at its start. It then follows the quintics between the points with
 `servoj`, one command for every step of the controller (2 ms on the e-series, 8 ms on CB3), at the pace `speed`: 1.0 is
-the trajectory as it was planned, and 0.1 a good first try. At 500 Hz the positions stand in the program one by one, and
-nothing is computed on the controller. What is left of a step at the end of a part is carried into the next, so that a
-cycle keeps its time."""
+the trajectory as it was planned, and 0.1 a good first try. At 500 Hz the program contains the positions one by one, and
+nothing is computed on the controller. The rest of a step at the end of a part is carried into the next, so that a cycle
+keeps its time."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ from energy_opt.names import commented
 
 JOINTS = 6
 NAMES = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")  # of joints in UR's descriptions
-NEAR = 0.01  # [rad] how far from the start the arm may stand
-LOOKAHEAD, GAIN = 0.03, 500  # [s], - of servoj: the least smoothing that it takes, and a firm but quiet gain
+NEAR = 0.01  # [rad] largest distance of the arm from the start
+LOOKAHEAD, GAIN = 0.03, 500  # [s] look-ahead of servoj, the least that it accepts; a firm but quiet gain
 STREAM_RATE = 500.0  # [Hz] of positions that are streamed one by one
 STOP = 4.0  # [rad/s^2] deceleration where the program ends or is refused
-BRIEF = 0.05  # [s] shorter waits are run as motions that stand still
-LAST = 0.99  # of a step: a target this near to a part's end is its end
+BRIEF = 0.05  # [s] shorter waits are written as motions at rest
+LAST = 0.99  # share of a step: a target this close to a part's end is its end
 
 _SERVO = f"servoj(q, 0, 0, dt, {LOOKAHEAD}, {GAIN})"
 
 
 def vector(values: np.ndarray) -> str:
-    """Numbers as a list of URScript, with fifteen decimals: accelerations come out of differences over 10 us."""
+    """Numbers as a list of URScript, with fifteen decimals, as accelerations come from differences over 10 us."""
     return "[" + ",".join(f"{x:.15f}" for x in values.tolist()) + "]"
 
 
 def check_start(start: np.ndarray) -> list[str]:
-    """Lines that stop the program where the arm does not stand at `start` (6,)."""
+    """Lines that stop the program if the arm is not at `start` (6,)."""
     return [
         f"  local start = {vector(start)}",
         "  local here = get_actual_joint_positions()",
@@ -67,7 +67,7 @@ def check_arm(joints: int) -> None:
 
 
 def streams(trajectory: Trajectory) -> bool:
-    """Are the samples those of a controller's steps at 500 Hz, to be sent one by one?"""
+    """True if the samples are steps of a controller at 500 Hz, to be sent one by one."""
     steps = np.diff(trajectory.time)
     return len(steps) > 1 and bool(np.allclose(steps, 1 / STREAM_RATE, rtol=1e-6))
 
@@ -91,7 +91,7 @@ def write_program(parts: Sequence[Part], path: Path) -> None:
     check_arm(len(first.joints))
     streamed = len(parts) == 1 and streams(first)
     lines = [] if streamed else [*_QUINTIC, *(_REST if any(map(_rests, parts)) else [])]
-    payload, flows = None, True  # flows: `t` carries what is left of a step
+    payload, flows = None, True  # flows: `t` carries the rest of a step
     for number, part in enumerate(parts, start=1):
         if part.name:
             lines.append(f"  # {number}. {commented(part.name)}")
@@ -115,7 +115,7 @@ def write_program(parts: Sequence[Part], path: Path) -> None:
 
 
 def _rests(part: Part) -> bool:
-    """Is it a wait for which the servo is left?"""
+    """True for a wait in which the servo is left."""
     return part.waits and part.trajectory.duration >= BRIEF
 
 
@@ -133,8 +133,8 @@ def _head(parts: Sequence[Part]) -> list[str]:
     ]
 
 
-# Runs one quintic; `t` is the time in it of the next command, and what it returns is that in the next one. All that the
-# functions use is handed to them: whether they see what is `local` to the program is not left to the scope.
+# Runs one quintic; `t` is the time of the next command in it, and the result is that time in the next quintic. The
+# functions get all values as arguments: it is uncertain whether they see variables `local` to the program.
 #
 # With x = t / h and the differences d = q1 - q0 - h v0 - h^2 a0 / 2, e = h (v1 - v0 - h a0), f = h^2 (a1 - a0):
 # q = q0 + h v0 x + h^2 a0 x^2 / 2 + (10 d - 4 e + f/2) x^3 + (-15 d + 7 e - f) x^4 + (6 d - 3 e + f/2) x^5.
@@ -176,7 +176,7 @@ _REST = [
 
 
 def _followed(trajectory: Trajectory) -> list[str]:
-    """A call for every two samples."""
+    """Lines with a call of `quintic` for every two neighbouring samples."""
     samples = [(vector(q), vector(v), vector(a)) for q, v, a in zip(
         trajectory.position, trajectory.velocity, trajectory.acceleration, strict=True
     )]  # fmt: skip
@@ -188,7 +188,7 @@ def _followed(trajectory: Trajectory) -> list[str]:
 
 
 def _streamed(trajectory: Trajectory) -> list[str]:
-    """One servoj for every row; a slower pace lasts longer at each."""
+    """Lines with one servoj for every sample; a slower pace lasts longer at each."""
     command = f"servoj({{}}, 0, 0, {1 / STREAM_RATE:.9f} / speed, {LOOKAHEAD}, {GAIN})"
     return [f"  {command.format(vector(q))}" for q in trajectory.position[1:]]
 
@@ -217,7 +217,7 @@ def read_program(path: Path) -> list[Part]:
     stream: list[np.ndarray] = []
 
     def end() -> None:
-        """What was collected becomes a part."""
+        """Make a part of the collected samples."""
         nonlocal samples, times, stream
         if samples:
             block = np.array(samples)  # (N, 3, n)

@@ -1,4 +1,4 @@
-"""What a file of the field says of joints: positions of named joints, with times where it has them."""
+"""Samples from files: positions of named joints, with times if the file has them."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from energy_opt.motion.path import JointPath, of_trajectory, through
 from energy_opt.motion.standing import check_moves_on
 from energy_opt.motion.trajectory import Trajectory
 
-LARGEST = 1e9  # rad or m, and per second, ...: what no joint does
-SHORTEST = 1e-10  # [s] between two samples: messages count nanoseconds
-LONGEST = 1e5  # [s] a motion of more than a day has its times in another unit
-FEWEST = 8  # samples from which rates are compared with each other
+LARGEST = 1e9  # largest plausible value [rad or m, and per second, ...]
+SHORTEST = 1e-10  # [s] least step between two samples: messages count nanoseconds
+LONGEST = 1e5  # [s] longest motion, more than a day: times of a longer one are in another unit
+FEWEST = 8  # least samples for comparing rates
 SLIP, UNLIKE = (
     5.0,
     0.1,
-)  # a factor from which a unit is wrong, and how much of its square a factor may leave unexplained
+)  # factor from which a unit is wrong; largest share of the squares that it may leave unexplained
 KINDS = ("position", "velocity", "acceleration", "effort")
 
 
 @dataclass(frozen=True)
 class Samples:
-    """Positions (N, n) of joints by name [rad or m], and what else a file gives of them.
+    """Positions (N, n) of joints by name [rad or m], and further signals of a file.
 
     Attributes:
         where: the file, and the place in it where that is not plain, for messages.
         joints: (n,) names, as the file has them.
         time: (N,) s; None where the samples are waypoints, to be passed at any time.
         velocity, acceleration, effort: (N, n), None where the file has none.
-        planned: a plan for a controller, which begins and ends at rest where nothing else is said; a recording may be
+        planned: a plan for a controller, which begins and ends at rest unless it states otherwise; a recording may be
             in motion at both ends.
-        notes: what a reader of the file must know, a line each.
+        notes: remarks for the reader, a line each.
     """
 
     where: str
@@ -72,7 +72,7 @@ class Samples:
         Joints of the file that the robot does not have are left out.
 
         Raises:
-            BadInput: a joint of the robot is missing; says which prefix would find all of them, where one does.
+            BadInput: a joint of the robot is missing; says which prefix would find all of them, if there is one.
         """
         wanted = [prefix + joint for joint in joints]
         missing = [name for name in wanted if name not in self.joints]
@@ -111,7 +111,7 @@ class Samples:
         return Trajectory(self.joints, self.time, self.position, velocity, acceleration, self.effort)
 
     def _check_units(self, kind: str, given: np.ndarray | None, of: np.ndarray) -> None:
-        """Refuse rates (N, n) that are those of `of` (N, n) but for one factor, which a slip of the unit is.
+        """Refuse rates (N, n) that differ from those of `of` (N, n) by one factor: their unit is wrong.
 
         Raises:
             BadInput: says by which factor they differ.
@@ -136,7 +136,7 @@ class Samples:
         """The samples as a path: that of the trajectory, which it keeps, or the spline through waypoints.
 
         Raises:
-            BadInput: the trajectory rests on its way, of which a path keeps nothing.
+            BadInput: the trajectory rests on its way, which a path cannot represent.
         """
         if self.time is None:
             return through(self.position)
@@ -146,7 +146,7 @@ class Samples:
 
 
 def fitting_prefix(names: Sequence[str], joints: Sequence[str]) -> str | None:
-    """What is before every one of `joints` in `names`; None where no one word does for all of them."""
+    """The common prefix of all `joints` in `names`; None if there is none."""
     for name in names:
         if name.endswith(joints[0]):
             prefix = name[: len(name) - len(joints[0])]

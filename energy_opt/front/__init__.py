@@ -1,1 +1,1 @@
-"""The front door: what `import energy_opt` offers, from arguments as people have them to answers that can be saved."""
+"""The functions of `import energy_opt`: from flexible arguments to answers that can be saved."""

@@ -1,4 +1,4 @@
-"""A solved move with what it was asked for: its files, and the table that the command prints."""
+"""A solved move with its request: its files, and the table that the command prints."""
 
 from __future__ import annotations
 
@@ -36,14 +36,13 @@ ANSWER = "result.json"
 
 @dataclass(frozen=True, repr=False, kw_only=True)
 class Answer(Result, Answered):
-    """A result that knows its robot and the request that it answers, and so can be saved.
+    """A result with its robot and request, which can be saved.
 
     Attributes:
         arm: the robot.
-        move: what was solved; where the goal is a set, its ends are those that were chosen.
-        cell: the arm's body and what stood around it; None where nothing was kept clear of.
-        goals: where the goal is a set, the candidates that were looked at, the nearest one, and by what the ends miss
-            their poses.
+        move: as solved; if the goal is a set, with the chosen ends.
+        cell: the arm's body and its surroundings; None without collision checks.
+        goals: if the goal is a set, the candidates, the nearest one, and the errors of the ends at their poses.
         controllers: writes the files that `--write` and `--as` ask for into a folder.
         files: those that were written, read back and judged.
     """
@@ -58,23 +57,23 @@ class Answer(Result, Answered):
 
     @property
     def per_year(self) -> dict[str, float | None] | None:
-        """What the saving is worth in a year; None where that was not asked for."""
+        """The saving per year; None if it was not requested."""
         saving, worth = self.saving, self.request.worth
         return None if worth is None else worth.of(None if saving is None else saving["joules"])
 
     @property
     def year(self) -> str:
-        """The same in words; empty where that was not asked for."""
+        """`per_year` in words; empty if it was not requested."""
         found = self.per_year
         return "" if found is None else per_year_words(found, self.request.cycles_per_year or 0.0)
 
     @property
     def exit_code(self) -> int:
-        """Of the command line."""
+        """Exit code of the command line."""
         return exit_of(self.interrupted, self.status == "solved" and all(row.valid for row in self.files))
 
     def document(self) -> dict[str, object]:
-        """result.json."""
+        """Content of result.json."""
         worth = {} if self.request.worth is None else {"per_year": self.per_year}
         return {"format": FORMAT, **super().document(), **worth, **self.goals, "request": self.asked}
 
@@ -99,9 +98,9 @@ class Answer(Result, Answered):
 
 
 def answer_of(result: Result, **known: Any) -> Answer:
-    """The result as an answer; `known` are the further fields of that.
+    """The result as an answer; `known` are the answer's further fields.
 
-    Where the arm's own body was not kept clear of, a warning says so.
+    A warning says if self-collision was not checked.
     """
     of_result = {f.name: getattr(result, f.name) for f in fields(Result)}
     if known["request"].self_collision is False:
@@ -113,8 +112,8 @@ def put(result: Result, robot: Robot, document: Mapping[str, Any], out: Path, ce
     """Write result.json (`document`), trajectory.csv, trajectory.yaml, plot.png and report.html into a folder.
 
     Args:
-        out: whose files take their places together later.
-        cell: the bodies that the report's moving arm is drawn with; the robot's own where none is given.
+        out: a temporary folder, whose files are moved to their places together.
+        cell: bodies for drawing the moving arm in the report; the robot's own if None.
     """
     own = []
     for name in ("csv", "yaml"):
@@ -161,7 +160,7 @@ def _lost(result: Result, robot: Robot, document: Mapping[str, Any]) -> dict[str
 
 
 def _why_less(result: Result) -> list[str]:
-    """Why the fastest timing takes less than the result, where it does: it pays the overhead for a shorter time."""
+    """Line on why the fastest timing takes less energy than the result, if it does: the overhead lasts less long."""
     fastest, duration = result.baseline("toppra"), result.trajectory.duration
     if fastest is None or fastest.energy.total >= result.energy.total or fastest.duration >= duration * (1 - 1e-6):
         return []
@@ -173,7 +172,7 @@ def _why_less(result: Result) -> list[str]:
 
 
 def _under(row: Mapping[str, Any]) -> str:
-    """What one of several models makes of the move, as a line."""
+    """Line on the move's energy under one of several models."""
     joules, share = row["saving_joules"], row["saving_loss_percent"]
     if joules is None:
         return f"  under {row['name']}: {row['total']:.3f} J"
@@ -186,7 +185,7 @@ def _under(row: Mapping[str, Any]) -> str:
 
 
 def table(result: Result, out: Path, robot: Robot, year: str = "") -> str:
-    """The short table for the terminal; `year` says what the saving is worth in one."""
+    """The short table for the terminal; `year` is the line on the saving per year."""
     columns = [("result", result.trajectory.duration, result.energy)]
     columns += [(b.name, b.duration, b.energy) for b in result.baselines]
     lines = [f"{'energy [J]':<22}" + "".join(f"{name:>12}" for name, _, _ in columns)]

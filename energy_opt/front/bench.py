@@ -18,12 +18,12 @@ from energy_opt.requests.verbs import BenchRequest
 from energy_opt.results import Found
 from energy_opt.robot import Robot
 
-MOST_JOBS = 1024  # on one machine
+MOST_JOBS = 1024  # most processes on one machine
 
 
 @dataclass(frozen=True)
 class Comparison(Found):
-    """What got better or worse between two runs of a suite: the document of `energy_opt.batches.compare`."""
+    """Changes between two runs of a suite: the document of `energy_opt.batches.compare`."""
 
     found: Mapping[str, Any]
 
@@ -77,7 +77,7 @@ bench = verb(BenchRequest, run)
 
 
 def overrides_of(request: BenchRequest) -> dict[str, Any]:
-    """What a request says in place of every table of a suite, in a suite's words."""
+    """A request's values that replace those of every table of a suite, by the suite's keys."""
     out: dict[str, Any] = dict(request.overrides or {})
     for name, given in (("robots", request.robot), ("models", request.model)):
         if isinstance(given, (Robot, PowerModel)):
@@ -100,7 +100,7 @@ def overrides_of(request: BenchRequest) -> dict[str, Any]:
 
 
 def _surroundings(request: BenchRequest) -> dict[str, Any]:
-    """Body and cell in a suite's words, as far as options say them."""
+    """Body and cell by the suite's keys, as far as options state them."""
     around = cell_of(request)
     out = {key: value for key, value in around.document().items() if key in CellTable.model_fields}
     if request.self_collision is not None:

@@ -31,12 +31,12 @@ class Checked(Found):
 
     @property
     def usable(self) -> bool:
-        """Whether nothing is wrong."""
+        """True if there is no fault."""
         return not any(self.faults.values())
 
     @property
     def exit_code(self) -> int:
-        """Of the command line."""
+        """Exit code of the command line."""
         return 0 if self.usable else BadInput.exit_code
 
     def document(self) -> dict[str, Any]:
@@ -86,7 +86,7 @@ def _model(request: CheckRequest, robot: Robot) -> PowerModel:
 
 
 def _faults(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
-    """Faults of a file or folder; what else its reader should know goes to `notes`."""
+    """Faults of a file or folder; further remarks go to `notes`."""
     if file.is_dir() and (file / "metadata.yaml").is_file():
         return _trajectory(file, request, notes)
     held = faults_of_results(file) if file.is_dir() else None

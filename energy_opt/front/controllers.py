@@ -1,4 +1,4 @@
-"""What a plan is written as for controllers: `--write`, `--rate`, `--as moves`."""
+"""Files of a plan for controllers: `--write`, `--rate`, `--as moves`."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from energy_opt.motion.plan.robust import RobustPlanner
     from energy_opt.profiles import StandardMoves
 
-ROOM = 1.001  # of the shortest duration that standard moves were found for: what is shortest leaves nothing to choose
+ROOM = 1.001  # factor on the shortest duration of standard moves, which leaves no choice
 
 
 def check_written(request: WriteGroup, joints: int) -> list[Format]:
-    """The formats of --write, for an arm of so many joints; what cannot be meant is refused before the work."""
+    """The formats of --write for an arm of `joints` joints; impossible requests are refused before any work."""
     from energy_opt.formats.output import wanted
 
     check_rate_of(request)
@@ -30,7 +30,7 @@ def check_written(request: WriteGroup, joints: int) -> list[Format]:
 
 
 def check_rate_of(request: WriteGroup) -> None:
-    """Refuse a rate that no controller has, or one of no file."""
+    """Refuse an impossible rate, or a rate without files."""
     from energy_opt.formats.resample import check_rate
 
     if request.rate is not None:
@@ -40,7 +40,7 @@ def check_rate_of(request: WriteGroup) -> None:
 
 
 def check_controllers(request: OptimizeRequest, joints: int) -> None:
-    """Refuse what cannot be meant, before anything is solved."""
+    """Refuse impossible requests before anything is solved."""
     check_written(request, joints)
     if request.vias is not None and request.standard is None:
         raise BadInput("--vias belongs to --as moves; give --as moves, too")
@@ -61,7 +61,7 @@ class Controllers:
 
     @property
     def solver(self) -> Planner | RobustPlanner:
-        """What plans."""
+        """The planner that is used: that of several models, or of one."""
         return self.planner if self.robust is None else self.robust
 
     def moves(self, move: Move, result: Result) -> tuple[Result, StandardMoves | None]:
@@ -132,7 +132,7 @@ class Controllers:
         return replace(found, message=said(shares, found.energy.total - result.energy.total)), chosen
 
     def judge(self, move: Move) -> Judging:
-        """What judges the files of a move."""
+        """The judge of a move's files."""
         from energy_opt.formats.judging import Judging
         from energy_opt.motion.judge.energy import Scorer
 
@@ -164,6 +164,6 @@ class Controllers:
 
 
 def kept_words(moves: StandardMoves) -> str:
-    """How much of a free trajectory's saving standard moves keep, as a message."""
+    """Message on the share of a free trajectory's saving that standard moves keep."""
     kept = "nothing to save" if moves.kept is None else f"{100 * moves.kept:.1f} % of the free trajectory's saving"
     return f"standard moves ({moves.kind}, {moves.vias} via points) keep {kept}"

@@ -21,7 +21,7 @@ from energy_opt.folders import take_folder, written_whole
 from energy_opt.requests.option import Request, options_of
 from energy_opt.results import Found, no_folder_in_the_way, no_other_verb
 
-SAME_ANSWER = ("verb", "version", "command", "folder")  # what may differ between two requests for the same thing
+SAME_ANSWER = ("verb", "version", "command", "folder")  # entries that may differ between equal requests
 
 
 def guard(file: Path, request: Mapping[str, Any], force: bool) -> None:
@@ -68,10 +68,10 @@ Given = TypeVar("Given", bound=Found)
 
 @dataclass(frozen=True, repr=False, kw_only=True)
 class Answered(Found):
-    """What a verb found, with what it was asked for.
+    """The result of a verb with its request.
 
     Attributes:
-        request: what was asked, with what its words and files came to; `run` repeats it.
+        request: as asked, with its words and files resolved; `run` repeats it.
         stamp: version, and the command line where there was one.
     """
 
@@ -121,12 +121,12 @@ class Desk:
 
     @contextmanager
     def showing(self) -> Iterator[Show]:
-        """A block with progress in which a request to stop ends everything: nothing is known yet."""
+        """A block with progress in which a request to stop ends everything, as there is no result yet."""
         yield Show()
 
     @contextmanager
     def working(self) -> Iterator[tuple[Callable[[], bool], Show]]:
-        """A block in which a request to stop is heeded: whether there was one, and where to show progress."""
+        """A block that obeys a request to stop; yields whether there was one, and where to show progress."""
         yield self.ends, Show()
 
     def stamped(self, request: Mapping[str, Any]) -> dict[str, Any]:
@@ -149,7 +149,7 @@ class Desk:
         return document
 
     def keep(self, found: Given) -> Given:
-        """Write what was found; returns the same with what is known of its files."""
+        """Write the result; return it with the records of its files."""
         return found if self.out is None else found.kept(self.out)
 
     def report(self, files: Iterable[Any] = (), assumed: str = "", warnings: Iterable[str] = ()) -> None:

@@ -40,11 +40,11 @@ NEXT = "next_motion.csv"
 
 @dataclass(frozen=True, repr=False)
 class Diagnosed(Found, Diagnosis):
-    """A diagnosis with what was asked for.
+    """A diagnosis with its request.
 
     Attributes:
         request: what was asked; `run` repeats it.
-        next_motion: the motion to record next, where one would help.
+        next_motion: the motion to record next, if one would help.
         interrupted: stopped early.
     """
 
@@ -54,7 +54,7 @@ class Diagnosed(Found, Diagnosis):
 
     @property
     def exit_code(self) -> int:
-        """Of the command line."""
+        """Exit code of the command line."""
         return 130 if self.interrupted else 0
 
     def kept(self, out: Path) -> Diagnosed:
@@ -81,7 +81,7 @@ def run(request: DiagnoseRequest, desk: Desk) -> Diagnosed:
     if request.payload is not None:
         declared = declared.replaced(payload_from(request.payload))
     asked = request_of_set(request, robot, model=documents([Rival("declared", declared)])[0])
-    surroundings = cell_of(request)  # of the motion to record next
+    surroundings = cell_of(request)  # for the motion to record next
     if not 0 < request.tolerance <= 100:
         raise BadInput(f"--tolerance {request.tolerance:g}: expected per cent of the energy, above 0 and at most 100")
     document = desk.take(ANSWER, asked)
@@ -115,7 +115,7 @@ diagnose = verb(DiagnoseRequest, run)
 
 
 def _declared(request: DiagnoseRequest, measured: MeasuredSet) -> tuple[PowerModel, tuple[str, ...], str]:
-    """The model to start from, its effects that are free without being news, and what to say of it."""
+    """The model to start from, its effects that are fitted but not reported, and a remark on it."""
     if request.model is not None:
         return model_from(request.model, measured.robot), (), ""
     own = measured.path / "declared.toml"
@@ -132,18 +132,18 @@ def _declared(request: DiagnoseRequest, measured: MeasuredSet) -> tuple[PowerMod
 
 
 def _next_motion(result: Diagnosis, seed: int, surroundings: CellRequest) -> Trajectory | None:
-    """The motion to record next, where one would help; a diagnosis does not fail where none is found."""
+    """The motion to record next, if one would help; a diagnosis does not fail if none is found."""
     if result.verdict not in ("ambiguous", "insufficient") or result.inference is None:
         return None
     robot, remarks = result.measured.robot, result.document["remarks"]
     try:
         cell = load_cell(robot, surroundings)
         motion = propose(rivals_of(result.inference, robot.n), robot, seed, cell)
-    except KeyboardInterrupt:  # what was known before is written
+    except KeyboardInterrupt:  # the results so far are written
         result.document["interrupted"] = True
         remarks.append("No motion to record next is proposed: the search for one was interrupted.")
         return None
-    except Exception as error:  # the results are there already, whatever is wrong with bodies, meshes or limits
+    except Exception as error:  # the results exist already: no fault of bodies, meshes or limits may lose them
         logging.getLogger(__name__).debug("the search for the next motion failed", exc_info=True)
         remarks.append(f"No motion to record next is proposed: {error}.")
         return None

@@ -27,7 +27,7 @@ def ends_of(request: MoveRequest, robot: Robot, around: CellRequest) -> Ends | N
     """The ends that a request describes; None where start and goal are one position each.
 
     Args:
-        around: in whose scene's frames poses may be given.
+        around: poses may be given in frames of its scene.
 
     Raises:
         BadInput: ends that are missing, given twice, or given beside a path.
@@ -82,7 +82,7 @@ def _is_pose(given: Any) -> bool:
 
 
 def _goals(given: Any) -> list[Any]:
-    """What was given as goals, one by one."""
+    """The given goals as a list."""
     if given is None:
         return []
     if isinstance(given, Mapping) and "any_of" in given:
@@ -110,7 +110,7 @@ def written(given: Mapping[str, Any], name: str) -> Pose:
 
 
 def _passing(trajectory: Trajectory, q: np.ndarray) -> np.ndarray:
-    """Where a motion is nearest to positions q (n,)."""
+    """Position (n,) of a motion that is nearest to q (n,)."""
     from scipy.optimize import minimize_scalar
 
     time = trajectory.time
@@ -125,7 +125,7 @@ def _passing(trajectory: Trajectory, q: np.ndarray) -> np.ndarray:
 
 
 def with_goals(result: Answer, chosen: Chosen, poses: dict[str, Pose], settings: Settings) -> Answer:
-    """The answer with the goals that were looked at, and by what its ends miss their poses."""
+    """The answer with the goals that were considered, and the errors of its ends at their poses."""
     positions = result.trajectory.position
     at = {"start": positions[0], "goal": positions[-1]}
     for k, q in enumerate(chosen.move.via, start=1):

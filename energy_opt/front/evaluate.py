@@ -1,4 +1,4 @@
-"""The verb `evaluate`: motions as they are, under one or several models."""
+"""The verb `evaluate`: given motions, under one or several models."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ AnyMotion = Trajectory | str | PathLike[str]
 
 @dataclass(frozen=True, repr=False)
 class Answers(Found):
-    """Evaluations of all motions, with the robot and what was asked for.
+    """Evaluations of all motions, with the robot and the request.
 
     Attributes:
         asked: the request; request: the same as evaluate.json has it.
@@ -49,7 +49,7 @@ class Answers(Found):
 
     @property
     def exit_code(self) -> int:
-        """Of the command line."""
+        """Exit code of the command line."""
         return exit_of(False, all(row.valid for row in self.files))
 
     def document(self) -> dict[str, Any]:
@@ -58,7 +58,7 @@ class Answers(Found):
         return document(self.robot, self.found, self.request) | {"written": written}
 
     def text(self, out: Path) -> str:
-        """The motions side by side, for a terminal."""
+        """Table of all motions, for a terminal."""
         return table(self.found)
 
     def __str__(self) -> str:
@@ -89,8 +89,7 @@ class Answers(Found):
 
 
 def run(request: EvaluateRequest, desk: Desk) -> Answers:
-    """Any trajectory, cycle or recorded motion as it is: energy by effect under every model, limits, clearance,
-    baselines.
+    """Energy by effect of given trajectories, cycles or recordings under every model; limits, clearance, baselines.
 
     Raises:
         BadInput: a file holds no motion, or the robot is not known from it.

@@ -1,4 +1,4 @@
-"""Arguments as people have them (words, lists, names, files) made into what the package works with; shapes are checked.
+"""Conversion of arguments (words, lists, names, files) to the package's objects; shapes are checked.
 
 Words are those of the command line: `"0.1,0.2"`, `"joint=0.1"`, `"1.5,0,0,0.1"`.
 """
@@ -33,9 +33,9 @@ if TYPE_CHECKING:
     from energy_opt.requests.groups import AnyModel, AnyRobot
 
 DEFAULT = "source-method-2"
-DEGREES = 4 * 3.15  # [rad] outside a limit, from which a position is taken for degrees: two turns
-HEAVIEST = 5.0  # times what an arm moves of itself: no arm carries its own weight twice
-FARTHEST = 2.0  # [m] of a payload's centre from the last joint: tools of large robots are half as long
+DEGREES = 4 * 3.15  # [rad] beyond a limit from which a position is assumed to be in degrees: two turns
+HEAVIEST = 5.0  # largest payload over an arm's own moving mass: no arm carries twice its weight
+FARTHEST = 2.0  # [m] largest distance of a payload's centre from the last joint: tools of large robots have half of it
 PAYLOAD = "MASS or MASS,CX,CY,CZ"
 _NUMBER = re.compile(r"[-+.]*\d")
 
@@ -68,7 +68,7 @@ def robot_of(request: RobotGroup, given: Any = None) -> Robot:
 
 
 def named_robot(robot: Robot, given: Any) -> str:
-    """What a robot is loaded by: what was given, or the name of one handed in, or its URDF."""
+    """Name to load a robot by: the given word, the name of a given `Robot`, or its URDF."""
     if isinstance(given, Robot) or given is None:
         from energy_opt.robot import known_robots
 
@@ -109,7 +109,7 @@ def source_model(robot: AnyRobot = "panda", method: int = 2) -> PowerModel:
 
 
 def carried(given: Any, robot: Robot) -> Payload:
-    """`payload_from`, of what an arm may carry.
+    """`payload_from`, with a check that the arm may carry it.
 
     Raises:
         BadInput: as `payload_from`, or far more than the arm itself weighs.
@@ -129,7 +129,7 @@ def payload_from(given: Any) -> Payload:
     """A payload from its mass [kg], from mass and centre (m, x, y, z) [kg, m] in the last joint's frame, or by name.
 
     Raises:
-        BadInput: another number of values, values that are none, or a centre as far off as none is.
+        BadInput: another number of values, invalid values, or a centre that is implausibly far away.
     """
     if isinstance(given, Payload):
         return given
@@ -156,7 +156,7 @@ def payload_from(given: Any) -> Payload:
 
 
 def payload_document(given: Any) -> dict[str, Any] | None:
-    """A payload as a request has it."""
+    """A payload as an entry of a request's document."""
     return None if given is None else {name: value.tolist() for name, value in payload_from(given).values.items()}
 
 
@@ -242,7 +242,7 @@ def _in_words(text: str, joints: Sequence[str], flag: str) -> np.ndarray:
 
 
 def refuse_degrees(robot: Robot, position: np.ndarray, where: str) -> None:
-    """Refuse positions (N, n) or (n,) that are radians by the rules and degrees by their size.
+    """Refuse positions (N, n) or (n,) that should be radians and look like degrees.
 
     Raises:
         BadInput: names what to write instead.
@@ -266,7 +266,7 @@ def robot_of_set(request: IdentifyRequest | DiagnoseRequest, folder: Path) -> Ro
 
 
 def request_of_set(request: Asked, robot: Robot, **known: Any) -> Asked:
-    """The request with what its words came to.
+    """The request with its words resolved.
 
     Raises:
         BadInput: the seed is below 0.

@@ -25,10 +25,10 @@ ANSWER = "identify.json"
 
 @dataclass(frozen=True, repr=False)
 class Suggested(Found):
-    """Static poses that tell most of an arm's copper loss.
+    """Static poses that determine an arm's copper loss best.
 
-    Attributes:
-        robot: the arm. found: the poses (K, n) [rad], their |gravity torque|^2 (K,) [(N m)^2], and how well they tell.
+    Attributes: robot: the arm. found: the poses (K, n) [rad], their |gravity torque|^2 (K,) [(N m)^2], and their
+    expected accuracy.
     """
 
     robot: Robot

@@ -31,10 +31,10 @@ ANSWER = "job.json"
 
 @dataclass(frozen=True, repr=False, kw_only=True)
 class JobAnswer(Answered):
-    """A solved job with what it was asked for.
+    """A solved job with its request.
 
     Attributes:
-        result: the cycle: its pieces, baselines, what was kept clear of.
+        result: the cycle: its pieces, baselines and cell.
         formats: of the programs that are written beside it. files: those that were written, read back and judged.
         saved: job.json as it was written.
     """
@@ -47,19 +47,19 @@ class JobAnswer(Answered):
 
     @property
     def exit_code(self) -> int:
-        """Of the command line."""
+        """Exit code of the command line."""
         written = [] if self.saved is None else self.saved["written"]
         return exit_of(self.result.interrupted, self.result.solved and all(row["valid"] for row in written))
 
     def document(self) -> dict[str, Any]:
-        """job.json, less its files."""
+        """Content of job.json without its files."""
         found = found_of(self.result, self.asked, self.request.worth)
         del found["written"]
         return found
 
     @property
     def slowed(self) -> float | None:
-        """Energy of the cycle slowed evenly [J], or where that is not possible, done fastest; None where neither is."""
+        """Energy [J] of the cycle slowed evenly, else of the fastest one; None if neither is possible."""
         return self.result.slowed
 
     def text(self, out: Path) -> str:
@@ -147,7 +147,7 @@ job = verb(JobRequest, run)
 
 
 def table(found: Mapping[str, Any], cycles: float | None, out: Path) -> str:
-    """The steps and what they save, for a terminal; `cycles` in a year, where that was asked for."""
+    """Table of the steps and savings, for a terminal; `cycles` per year if requested."""
     lines = [f"{'step':<24} {'begins [s]':>10} {'takes [s]':>10} {'energy [J]':>11} {'kg':>5}"]
     for row in found["steps"]:
         lines.append(

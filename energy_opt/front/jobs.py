@@ -31,7 +31,7 @@ Asked = TypeVar("Asked", JobRequest, TradeoffRequest, PlaceRequest)
 
 
 def content_of(request: JobRequest | TradeoffRequest | PlaceRequest) -> tuple[dict[str, Any], Path]:
-    """A job's document, and the file that other files lie beside."""
+    """A job's document, and the file whose folder contains its other files."""
     if isinstance(request.job, Mapping):
         return dict(request.job), Path(request.folder or ".") / "job.toml"
     path = Path(str(request.job))
@@ -44,7 +44,7 @@ def job_from(
     """The job, for the robot that the request names, or else its own.
 
     Args:
-        payload: held until a step says another, in place of what the job says. robot: loaded already.
+        payload: until a step states another one, in place of the job's. robot: if loaded already.
     """
     document, path = content_of(request)
     return job_of(
@@ -70,7 +70,7 @@ def resolved_job(request: Asked, robot: Robot, rivals: list[Rival], kind: Kind |
 
 
 def job_settings(request: JobRequest | PlaceRequest) -> Settings:
-    """How to solve the moves of a job."""
+    """Solver settings for the moves of a job."""
     given = {name: getattr(request, name, None) for name in ("seed", "compile", "starts", "deadline")}
     return Settings(**{name: value for name, value in given.items() if value is not None})
 
@@ -95,7 +95,7 @@ class JobFront(Found):
 
     @property
     def exit_code(self) -> int:
-        """Of the command line."""
+        """Exit code of the command line."""
         return EXITS[self.document["status"]]
 
     def text(self, out: Path) -> str:

@@ -21,8 +21,8 @@ from energy_opt.poses.ends import Ends
 from energy_opt.requests.moves import MoveRequest
 from energy_opt.robot import Robot
 
-SAMPLED = 401  # points at which a path that is any function is taken
-DERIVED = ("draw ", "rival ")  # names of models that follow from another one's covariance and rivals
+SAMPLED = 401  # points at which a path given as a function is sampled
+DERIVED = ("draw ", "rival ")  # prefixes of models that follow from another one's covariance and rivals
 OF_TRAJECTORY = ("time", "position", "velocity", "acceleration")
 Asked = TypeVar("Asked", bound=MoveRequest)
 
@@ -31,7 +31,7 @@ def path_from(given: Any, robot: Robot, prefix: str = "", say: Callable[[str], N
     """A path from waypoints (K, n) [rad], a trajectory, a file of either, or any function q(s) on [0, 1].
 
     Args:
-        prefix: what joints' names in a file begin with. say: takes what its reader notes.
+        prefix: of the joints' names in a file. say: receives the notes of its reader.
 
     Raises:
         BadInput: of another number of joints, or not finite.
@@ -113,7 +113,7 @@ def _end(request: MoveRequest, robot: Robot, name: str) -> np.ndarray:
 
 
 def settings_of(request: Any) -> Settings:
-    """How to solve: the settings that a request has."""
+    """Solver settings of a request."""
     given = {f.name: getattr(request, f.name, None) for f in fields(Settings)}
     return Settings(**{name: value for name, value in given.items() if value is not None})
 
@@ -146,7 +146,7 @@ def resolved(
 
 
 def documents(rivals: list[Rival]) -> tuple[dict[str, Any], ...]:
-    """Models as documents with their names, less those that follow from the first one's covariance and rivals."""
+    """Models as documents with their names, without those that follow from the first one's covariance and rivals."""
     return tuple({"name": r.name, **r.model.to_document()} for r in rivals if not r.name.startswith(DERIVED))
 
 

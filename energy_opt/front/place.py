@@ -25,7 +25,7 @@ ANSWER = "place.json"
 
 @dataclass(frozen=True, repr=False, kw_only=True)
 class PlaceAnswer(Answered):
-    """A placement with what it was asked for.
+    """A placement with its request.
 
     Attributes:
         placement: the base pose, and the job solved there.
@@ -40,11 +40,11 @@ class PlaceAnswer(Answered):
 
     @property
     def exit_code(self) -> int:
-        """Of the command line."""
+        """Exit code of the command line."""
         return exit_of(self.interrupted, self.placement.solved)
 
     def document(self) -> dict[str, Any]:
-        """place.json, less its files."""
+        """Content of place.json without its files."""
         return {**self.placement.document(), "request": self.asked}
 
     def text(self, out: Path) -> str:

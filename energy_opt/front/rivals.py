@@ -1,4 +1,4 @@
-"""The models that a plan is made under, its energies under other models, and the assumed values that it rests on."""
+"""The models of a plan, its energies under other models, and its assumed values."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from energy_opt.robot import Robot
 if TYPE_CHECKING:
     from energy_opt.requests.groups import AnyModel
 
-COARSER = 2  # places between two samples: what friction adds, and what differs between draws, is smooth
-FAST = 50.0  # [rad/s^2, m/s^2] accelerations beyond are those of no arm of a robot's size
+COARSER = 2  # places between two samples: added friction and draws change the power smoothly
+FAST = 50.0  # [rad/s^2, m/s^2] larger accelerations are implausible for an arm
 
 
 def grounded(result: Result, rivals: Sequence[Rival], robot: Robot) -> Result:
-    """The result with assumed values, and warnings on values that no such arm has and on models without friction.
+    """The result with assumed values, and warnings on implausible values and on models without friction.
 
     Args:
         result: the plan. rivals: the models that it was planned with; results are stated under the first. robot: the
@@ -72,7 +72,7 @@ def break_even_friction(ours: Trajectory, slowed: Trajectory | None, model: Powe
 
 
 def _beyond_belief(result: Result, robot: Robot) -> list[str]:
-    """Accelerations and power that no such arm has."""
+    """Warnings on accelerations and power that are implausible for the arm."""
     out, most = [], np.abs(result.trajectory.sample_denser(10)[2]).max(axis=0)
     for joint, value, source in zip(robot.joints, most.tolist(), robot.sources["acceleration"], strict=True):
         if value > FAST:
@@ -91,7 +91,7 @@ def _beyond_belief(result: Result, robot: Robot) -> list[str]:
 
 
 def _frictionless(result: Result, rivals: Sequence[Rival], share: float | None) -> list[str]:
-    """What to say where no model that the move was planned with has friction."""
+    """Warning if no model that the move was planned with has friction."""
     saving = (result.saving or {}).get("joules")
     if any(has_friction(rival.model) for rival in rivals) or not saving or saving <= 0:
         return []
@@ -100,9 +100,9 @@ def _frictionless(result: Result, rivals: Sequence[Rival], share: float | None) 
 
 
 CAREFUL = "careful"
-PLANNED, JUDGED = 6, 40  # draws of a model's values that a plan is made for, and that its saving is judged under
+PLANNED, JUDGED = 6, 40  # draws of a model's values: for planning, and for judging the saving
 KINDS = ("mean", "worst")
-DRAW = "draw "  # before the number of one
+DRAW = "draw "  # prefix of a draw's name, before its number
 
 
 def members(rivals: Sequence[Rival]) -> list[PowerModel]:
@@ -139,7 +139,7 @@ def rivals_from(
         rivals.append(Rival(_name(given, number), model))
     if len(rivals) == 1 and robust is None:
         return rivals, None
-    if len(rivals) == 1:  # a plan that holds under what the model's own data leave open
+    if len(rivals) == 1:  # a plan that holds under the uncertainty of the model's own data
         rivals += [*_drawn(rivals[0], PLANNED), *_explaining(rivals[0])]
     return rivals, cast(Kind, robust or "mean")
 
@@ -194,7 +194,7 @@ def _interval(result: Result, rival: Rival, robot: Robot) -> dict[str, list[floa
 
 
 def _name(given: AnyModel, number: int) -> str:
-    """What results call a model."""
+    """Name of a model in results."""
     if isinstance(given, str) and is_named(given):
         return given.replace("_", "-")
     if isinstance(given, Mapping) and given.get("name"):
@@ -203,7 +203,7 @@ def _name(given: AnyModel, number: int) -> str:
 
 
 def with_careful(rivals: Sequence[Rival], robot: Robot) -> list[Rival]:
-    """The models, and the careful one where the first is one of the source paper's, which knows no friction."""
+    """The models, and the careful one if the first is one of the source paper's, which have no friction."""
     if not rivals[0].name.startswith("source-method"):
         return list(rivals)
     careful = model_from(CAREFUL, robot)
@@ -214,10 +214,10 @@ def with_careful(rivals: Sequence[Rival], robot: Robot) -> list[Rival]:
 
 
 def said(records: Sequence[Mapping[str, Any]], what: str) -> list[str]:
-    """What models that a plan was not made under make of it, in words; `what` names it.
+    """Sentences on a plan's energy under models that it was not planned with; `what` names the plan.
 
     Args:
-        records: name, total [J] and saving_joules beside the same slowed evenly; of the model it was made under first.
+        records: name, total [J] and saving_joules against the evenly slowed one; the first is of the plan's own model.
     """
     out = []
     for row in records[1:]:
@@ -231,7 +231,7 @@ def said(records: Sequence[Mapping[str, Any]], what: str) -> list[str]:
 
 
 def compared(result: Result, rivals: Sequence[Rival], robot: Robot) -> Result:
-    """The result with its energies under further models, and with the values that it rests on (see `grounded`).
+    """The result with its energies under further models, and with assumed values and warnings (see `grounded`).
 
     Further models are: the careful one, if the first is one of the source paper's, which have no friction; and the
     rivals of the first model's file. If the model has a covariance, the saving gets an interval. If the move costs more

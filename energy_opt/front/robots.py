@@ -90,7 +90,7 @@ def _text(r: Robot) -> str:
 
 @dataclass(frozen=True)
 class Effects(Found):
-    """Effects as they describe themselves."""
+    """Descriptions of effects."""
 
     found: tuple[dict[str, Any], ...]
 

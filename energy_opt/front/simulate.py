@@ -1,4 +1,4 @@
-"""The verbs `simulate` and `import`: measured sets of a virtual arm, or of logs as labs have them."""
+"""The verbs `simulate` and `import`: measured sets of a virtual arm, or of a lab's logs."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ from energy_opt.virtual_arm import Instruments, Plant, Reference, Run, load_plan
 from energy_opt.virtual_arm import simulate as simulated
 
 MOST_REPEATS = 100_000
-BRIEFEST = 0.1  # [s] of a pose that is held: a meter has some readings of it
-MOST_SECONDS = 3600.0  # of motion: 4 million steps, some minutes and 2 GB
+BRIEFEST = 0.1  # [s] shortest pose that is held, so that a meter has some readings
+MOST_SECONDS = 3600.0  # [s] longest motion: 4 million steps, some minutes and 2 GB
 
 
 @dataclass(frozen=True, repr=False)
@@ -39,7 +39,7 @@ class Simulation(Found):
     """A measured set of a virtual arm, in a folder.
 
     Attributes:
-        out: the folder. robot: the arm. plant: what it truly is.
+        out: the folder. robot: the arm. plant: its true effects.
         runs: what was played and measured. sources: the file that each comes from. request: what was asked.
     """
 
@@ -114,7 +114,7 @@ simulate = verb(SimulateRequest, run)
 
 
 def simulated_files(out: Path) -> list[str]:
-    """Files of the runs that lie in a folder already, where they were simulated and not measured."""
+    """Files of the runs in a folder if it holds a simulated set, not a measured one."""
     if not (out / "truth.toml").is_file() or not (out / "log.toml").is_file():
         return []
     try:
@@ -126,7 +126,7 @@ def simulated_files(out: Path) -> list[str]:
 
 
 def _guard(request: SimulateRequest, asked: str, force: bool) -> None:
-    """Refuse to overwrite measured data, or what another request simulated, unless forced.
+    """Refuse to overwrite measured data, or the simulation of another request, unless forced.
 
     Args:
         asked: the request as truth.toml has it.
@@ -142,7 +142,7 @@ def _guard(request: SimulateRequest, asked: str, force: bool) -> None:
 
 
 def _references(request: SimulateRequest, robot: Robot, desk: Desk) -> tuple[list[Reference], list[str]]:
-    """What to play, in order, named run01, run02, ..., and the file that each comes from."""
+    """References to play, in order, named run01, run02, ..., and the file that each comes from."""
     if request.static != 0 and not BRIEFEST <= request.static < np.inf:
         raise BadInput(f"--static {request.static:g}: expected 0, or {BRIEFEST:g} s and more")
     files = [
@@ -167,7 +167,7 @@ def _references(request: SimulateRequest, robot: Robot, desk: Desk) -> tuple[lis
 
 
 def _check_clear(request: SimulateRequest, robot: Robot, files: list[tuple[Trajectory, Path]], desk: Desk) -> None:
-    """Refuse what would break an arm.
+    """Refuse trajectories that collide.
 
     Raises:
         Infeasible: a trajectory touches the arm's own body or its cell; names pair, time and depth.
@@ -188,7 +188,7 @@ def _check_clear(request: SimulateRequest, robot: Robot, files: list[tuple[Traje
 
 
 def _remarks(runs: list[Run], robot: Robot) -> list[str]:
-    """A line for every joint whose motor had to give more than its effort limit."""
+    """A warning for every joint whose motor needed more than its effort limit."""
     out = []
     for j, joint in enumerate(robot.joints):
         worst = max(float(abs(r.played.torque[:, j]).max()) for r in runs)
@@ -203,7 +203,7 @@ class Set(Found):
     """A measured set that was written: what it was made from and its folder.
 
     Attributes:
-        out: the folder. imported: its robot, runs, what was guessed and what to mind. request: what was asked.
+        out: the folder. imported: its robot, runs, guesses and remarks. request: what was asked.
     """
 
     out: Path
@@ -227,7 +227,7 @@ class Set(Found):
 
 
 def run_import(request: ImportRequest, desk: Desk) -> Set:
-    """Logs as labs have them to a measured set; columns and units are guessed, and said.
+    """Convert a lab's logs to a measured set; columns and units are guessed and reported.
 
     Raises:
         BadInput: no robot has these columns, or a file is at fault.

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from energy_opt.fronts import Cycle, Front
 
 ANSWER = "tradeoff.json"
-MOST = 1000  # durations of a front, each a solve or more: some minutes
+MOST = 1000  # most durations of a front; each needs a solve or more: some minutes
 EXITS = {"solved": 0, "infeasible": 3, "not_converged": 4, "interrupted": 130}
 DURATIONS = "expected FIRST:LAST:COUNT, seconds above 0 in rising order and how many"
 
@@ -47,7 +47,7 @@ class Tradeoff(Found):
     Attributes:
         front: its points, from fast to slow.
         document: tradeoff.json. robot: the arm. move: what was solved. request: what was asked.
-        cell: the arm's body and what stood around it; None where nothing was kept clear of.
+        cell: the arm's body and its surroundings; None without collision checks.
     """
 
     front: Front
@@ -59,7 +59,7 @@ class Tradeoff(Found):
 
     @property
     def exit_code(self) -> int:
-        """Of the command line."""
+        """Exit code of the command line."""
         return EXITS[self.front.status]
 
     def text(self, out: Path) -> str:
@@ -207,7 +207,7 @@ def planner_for(
 
 
 def mean_of(planner: Planner | RobustPlanner) -> Planner:
-    """The planner itself, or of several models that of their mean."""
+    """The planner itself; for several models, the planner of their mean."""
     return planner.planner if isinstance(planner, RobustPlanner) else planner
 
 

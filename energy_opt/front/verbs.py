@@ -25,10 +25,10 @@ class Verb:
         summary: what it is for, in one line.
         request: what it can be asked.
         place: the module with the function that does it, and after a colon its name where that is not `run`.
-        out: the folder of its results where none is given; empty where it has none, or where its request says.
+        out: the default folder of its results; empty if it has none, or if its request states it.
         report: whether that holds a report.html.
         answer: the file there that holds its answer; empty where that is no file.
-        printed: whether its text is what was asked for: it is printed with --quiet too.
+        printed: True if its text is the answer: it is printed with --quiet, too.
     """
 
     summary: str
@@ -112,7 +112,7 @@ def asked_in(given: Any) -> Request:
         path = Path(str(given))
         where, document = str(path), read_json(path)
     if isinstance(document, Mapping) and isinstance(document.get("request"), Mapping):
-        known = ANSWERS.get(Path(where).name)  # of results before requests named their verb
+        known = ANSWERS.get(Path(where).name)  # for older results, whose requests do not name their verb
         document = {"verb": known, **document["request"]}
     if not isinstance(document, Mapping) or not document.get("verb"):
         raise BadInput(f'{where}: no request; expected a JSON object with "verb", or a result of this program')

@@ -25,7 +25,7 @@ from energy_opt.robot import Robot
 
 WORKCELL = "energy-opt/job/2"
 ANSWER = "job.json"
-OF_ONE_ROBOT = ("robot", "payload", "base")  # options that are refused here
+OF_ONE_ROBOT = ("robot", "payload", "base")  # options of one robot, which are refused here
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
@@ -44,12 +44,12 @@ class CellAnswer(Answered):
 
     @property
     def exit_code(self) -> int:
-        """Of the command line."""
+        """Exit code of the command line."""
         good = self.result.solved and all(row.written.valid for row in self.files)
         return exit_of(self.result.interrupted, good)
 
     def document(self) -> dict[str, Any]:
-        """job.json, less its files."""
+        """Content of job.json without its files."""
         from energy_opt.workcell.output import found_of
 
         return found_of(self.result, self.asked, self.request.worth, self.files)
@@ -98,7 +98,7 @@ def run_workcell_job(request: JobRequest, desk: Desk) -> CellAnswer:
         return mean_of(rivals_from(several(request.model) or ([] if own is None else [own]), kind, robot)[0])
 
     asked = replace(request, job=content, folder=str(path.parent.resolve()))
-    _ = request.worth  # numbers that are none are refused before the work
+    _ = request.worth  # refuses invalid numbers before the work
     document = desk.take(ANSWER, asked)
     settings = job_settings(request)
     with desk.working() as (stopped, show):
@@ -120,7 +120,7 @@ def run_workcell_job(request: JobRequest, desk: Desk) -> CellAnswer:
 
 
 def table(found: Mapping[str, Any], cycles: float | None, out: Path) -> str:
-    """The schedule and what each lever saves, for a terminal; `cycles` in a year, where that was asked for."""
+    """Table of the schedule and the saving by each lever, for a terminal; `cycles` per year if requested."""
     lines = [f"{'robot':<14} {'step':<28} {'begins [s]':>10} {'takes [s]':>10} {'mode':<16} {'energy [J]':>12}"]
     for robot in found["robots"]:
         lines += [
@@ -140,7 +140,7 @@ def table(found: Mapping[str, Any], cycles: float | None, out: Path) -> str:
 
 
 def _apart(found: Mapping[str, Any]) -> str:
-    """What is proven of the arms' distance; nothing where there are no two."""
+    """Line on the proven distance of the arms; empty for a single arm."""
     clearance = found["clearance"]
     if clearance is None:
         return ""
@@ -151,7 +151,7 @@ def _apart(found: Mapping[str, Any]) -> str:
 
 
 def _supplied(found: Mapping[str, Any]) -> list[str]:
-    """What the arms draw from supplies of their own and from the one of the file."""
+    """Lines on the arms' energy from supplies of their own and from the supply of the file."""
     supply = found["supply"]
     if supply is None or found["levers"][-1]["name"] != "supply":
         return []

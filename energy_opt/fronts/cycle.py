@@ -1,11 +1,11 @@
-"""The fixed cycle: an arm that arrives early waits at the goal, and waiting is not free.
+"""The fixed cycle: an arm that arrives early waits at the goal, and waiting costs energy.
 
 With E(d) the energy of the move in duration d and T the cycle,
 
     C(d) = E(d) + integral from d to T of the power that holds the goal,
 
-so that the best d weighs a slower move (less loss) against a shorter wait. The free optimum, which minimises E alone,
-pays standby only while it moves and is often the opposite answer.
+so the best d balances a slower move (less loss) against a shorter wait. The free optimum, which minimises E alone, pays
+standby only while it moves and is often the opposite answer.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ _X, _W = np.polynomial.legendre.leggauss(16)  # exact enough for the exponential
 
 @dataclass(frozen=True)
 class Waiting:
-    """Energy while waiting, J: the overhead (or the idle power in its place), and what holding the goal costs."""
+    """Energy while waiting, J: the overhead (or the idle power in its place), and the energy to hold the goal."""
 
     standby: float
     holding: float
 
     @property
     def total(self) -> float:
-        """Both."""
+        """Total energy of the wait, J."""
         return self.standby + self.holding
 
 

@@ -1,9 +1,9 @@
 """Energy against duration for one move.
 
-The minimum is a solve of its own with free duration, the fastest point one of minimum time. Every other point is
-continued from its neighbours (see `motion.plan.neighbour`): out from the free optimum to both ends, then down and up
-the whole front as long as that leads lower. The better is kept, so a poorer optimum cannot leave a bump that a
-neighbour's answer would have avoided.
+The minimum is a solve with free duration, the fastest point one of minimum time. Every other point is continued from
+its neighbours (see `motion.plan.neighbour`): out from the free optimum to both ends, then down and up the whole front
+while that reduces energy. The better result is kept, so a poorer optimum cannot leave a bump that a neighbour's answer
+would have avoided.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ from energy_opt.motion.trajectory import Trajectory
 if TYPE_CHECKING:
     from energy_opt.motion import Move, Planner
 
-COUNT = 20  # points where none are asked for
+COUNT = 20  # default number of points
 REACH = 2.5  # the default front ends at this multiple of the fastest duration, or beyond the optimum
-LOWER = 1e-6  # a point this much (relative) below the free optimum makes it solve again from there
+LOWER = 1e-6  # relative: if a point is this much below the free optimum, the latter is solved again from there
 SAME = 1e-9  # relative difference of durations that count as equal
-ROUNDS = 3  # passes up and down at most, while they lead lower
-SEARCH = 12  # solves that the search for the best duration in a cycle may take
+ROUNDS = 3  # most passes down and up, while they reduce energy
+SEARCH = 12  # most solves of the search for the best duration in a cycle
 
 
 @dataclass(frozen=True)
 class Point:
-    """A duration [s] and what became of it; `reason` says why where there is no trajectory."""
+    """A duration [s] and its result; `reason` says why there is no trajectory, if there is none."""
 
     duration: float
     status: str
@@ -44,17 +44,17 @@ class Point:
 
     @property
     def energy(self) -> Energy | None:
-        """Energy of the move, where there is a trajectory."""
+        """Energy of the move, if there is a trajectory."""
         return None if self.optimum is None else self.optimum.energy
 
     @property
     def trajectory(self) -> Trajectory | None:
-        """The move, where there is one."""
+        """The move's trajectory, if there is one."""
         return None if self.optimum is None else self.optimum.trajectory
 
     @property
     def total(self) -> float:
-        """Energy of the move, J; infinite where there is none."""
+        """Energy of the move, J; infinite without a trajectory."""
         return np.inf if self.energy is None else self.energy.total
 
     @property
@@ -65,7 +65,7 @@ class Point:
 
 @dataclass
 class Front:
-    """What is known so far of a move's front; complete unless `interrupted`."""
+    """The part of a move's front that is known so far; complete unless `interrupted`."""
 
     points: list[Point] = field(default_factory=list)
     minimum: Point | None = None
@@ -77,7 +77,7 @@ class Front:
 
     @property
     def status(self) -> str:
-        """Of the points that can be done: "solved" or "not_converged"; "infeasible" without any; or "interrupted"."""
+        """Status of the feasible points, "solved" or "not_converged"; "infeasible" without any; or "interrupted"."""
         found = [point.status for point in self.points if point.status != "infeasible"]
         if self.interrupted or not found:
             return "interrupted" if self.interrupted else "infeasible"
@@ -85,7 +85,7 @@ class Front:
 
     @property
     def fastest_duration(self) -> float:
-        """Shortest duration that works, s; NaN where it is not known yet."""
+        """Shortest feasible duration, s; NaN if it is not known yet."""
         return np.nan if self.fastest is None else self.fastest.duration
 
 
@@ -100,20 +100,20 @@ def trace(
     stopped: Callable[[], bool] = lambda: False,
     steps: Steps | None = None,
 ) -> Front:
-    """The front of a move; Ctrl-C ends it early and keeps what is there.
+    """The front of a move; Ctrl-C ends it early and keeps the points so far.
 
     Args:
         planner: minimises energy.
         move: its duration is ignored.
-        durations: where the front is wanted, s; chosen from the fastest and the optimum otherwise.
-        longest: where the program's own choice of durations ends, s.
+        durations: of the front's points, s; by default chosen from the fastest and the optimum.
+        longest: largest default duration, s.
         cycle: also the energy over this cycle.
         progress: called after every solve with the front and the number of solves expected.
-        stopped: asked after every solve; True ends the front early, like Ctrl-C.
-        steps: what solves the move at one duration after the other; the planner's own by default.
+        stopped: called after every solve; True ends the front early, like Ctrl-C.
+        steps: solves the move at given durations; the planner's own by default.
 
     Raises:
-        Infeasible: no duration works at all, or none that is within the cycle.
+        Infeasible: no duration works, or none within the cycle.
     """
     if steps is None:
         steps = Neighbours(planner.single(replace(move, duration=None, max_duration=None)))
@@ -126,7 +126,7 @@ def trace(
 
 
 class Steps(Protocol):
-    """Solves a move at one duration after the other (see `Neighbours`)."""
+    """Solves a move at several durations, one after the other (see `Neighbours`)."""
 
     def at(self, duration: float, neighbour: Optimum) -> Optimum | None: ...
 
@@ -169,7 +169,7 @@ class _Tracer:
             front.cycle_minimum = self._best_in_cycle(self.cycle)
 
     def _fastest(self) -> Point:
-        """The fastest move: TOPP-RA's on the path itself, or a solve of minimum time where the path is free."""
+        """The fastest move: TOPP-RA's on a fixed path, or a solve of minimum time if the path is free."""
         path_fastest = self.planner.minimum_time(self.free)
         if self.free.mode == "retime":
             return Point(path_fastest, "solved")
@@ -204,14 +204,14 @@ class _Tracer:
             raise KeyboardInterrupt
 
     def _free(self, warm: Sequence[Trajectory]) -> Point:
-        """The least energy at a duration of the program's own choice."""
+        """The least energy at a free duration."""
         result = self.planner.solve(self.free, warm=warm)
         self._count()
         optimum = Optimum(result.trajectory, result.energy, result.status == "solved")
         return self._point(result.trajectory.duration, optimum)
 
     def _step(self, duration: float, neighbour: Optimum, known: Optimum | None = None) -> Point:
-        """One step to exactly `duration` s; it is no solve where it comes to what is `known`."""
+        """One step to exactly `duration` s; it does not count as a solve if the result is `known`."""
         try:
             optimum = self.steps.at(duration, neighbour)
         except Infeasible as error:
@@ -229,13 +229,13 @@ class _Tracer:
         return Point(duration, status, optimum, waiting=self._waiting(duration))
 
     def _waiting(self, duration: float) -> Waiting | None:
-        """What the wait costs; None without a cycle, or where the move outlasts it."""
+        """Energy of the wait; None without a cycle, or if the move outlasts it."""
         if self.cycle is None or duration > self.cycle.length * (1 + SAME):
             return None
         return self.cycle.waiting(duration)
 
     def _sweep(self) -> None:
-        """Out from the free optimum to both ends; then down and up again, as long as that leads lower."""
+        """Out from the free optimum to both ends; then down and up again, while that reduces energy."""
         points, best = self.front.points, self.front.minimum
         assert best is not None
         middle = int(np.searchsorted([p.duration for p in points], best.duration))
@@ -250,7 +250,7 @@ class _Tracer:
                 return
 
     def _go(self, neighbour: Point, order: Iterable[int]) -> bool:
-        """Improve one point from the one before, and go on from what is there then; whether any is lower now."""
+        """Improve each point from the one before it; True if any has less energy now."""
         points, lower = self.front.points, False
         for k in order:
             before = points[k].total
@@ -259,7 +259,7 @@ class _Tracer:
         return lower
 
     def _improve(self, k: int, neighbour: Point) -> Point:
-        """Step to point k from a neighbour and keep the better; returns what the next point is to start from."""
+        """Step to point k from a neighbour and keep the better; returns the point from which the next one starts."""
         old, fastest = self.front.points[k], self.front.fastest
         assert fastest is not None
         if old.duration < fastest.duration * (1 - SAME):
@@ -276,7 +276,7 @@ class _Tracer:
         return kept if kept.optimum is not None else neighbour
 
     def _keep_minimum(self) -> None:
-        """If a point of the grid lies below the free optimum, solve again with free duration from there."""
+        """If a point of the grid is below the free optimum, solve again with free duration from there."""
         best = min(self.front.points, key=lambda p: p.total, default=Point(np.nan, ""))
         assert self.front.minimum is not None
         if best.trajectory is not None and best.total < self.front.minimum.total * (1 - LOWER):
@@ -299,11 +299,11 @@ class _Tracer:
                 known.append(point)
             return point
 
-        if self.front.fastest is not None:  # what is run without thought, to be beside the best
+        if self.front.fastest is not None:  # the fastest move, for comparison with the best
             at_once = at(self.front.fastest.duration)
             self.front.cycle_fastest = at_once if at_once.trajectory is not None else None
         if not any(_equal(p.duration, cycle.length) for p in known):
-            end = at(cycle.length)  # slower is often better still: the whole cycle is always looked at
+            end = at(cycle.length)  # slower is often even better: always try the whole cycle
             if not known:
                 raise Infeasible(end.reason, limit="duration")
         known.sort(key=lambda p: p.duration)
@@ -322,7 +322,7 @@ class _Tracer:
 
 @contextmanager
 def _changed(planner: Planner, **changes: Any) -> Iterator[None]:
-    """The planner with other settings for a while; what it has built stays."""
+    """The planner with other settings inside the context; it keeps what it has built."""
     before = planner.settings
     planner.settings = replace(before, **changes)
     try:
@@ -336,5 +336,5 @@ def _equal(a: float, b: float) -> bool:
 
 
 def _better(new: Point, old: Point) -> bool:
-    """A converged answer before one that is not, then the lower energy."""
+    """True if only `new` converged, or else if it has less energy."""
     return (new.status != "solved", new.total) < (old.status != "solved", old.total)

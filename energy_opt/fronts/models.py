@@ -16,7 +16,7 @@ from energy_opt.motion.plan.robust import Rival, RobustPlanner, row_of
 
 
 def models_of(planner: Planner, move: Move, front: Front, judges: Sequence[Rival]) -> list[dict[str, Any]]:
-    """A row for every judge: name, total and loss [J], and beside the same move slowed evenly what it saves."""
+    """A record for every judge: name, total and loss [J], and the saving over the same move slowed evenly."""
     best = front.minimum
     if best is None or best.trajectory is None:
         return []
@@ -30,14 +30,14 @@ def models_of(planner: Planner, move: Move, front: Front, judges: Sequence[Rival
 
 
 def stated(robust: RobustPlanner, move: Move, front: Front, cycle: Cycle | None) -> Front:
-    """A front that was made for the mean of several models, stated under the first of them.
+    """A front computed for the mean of several models, stated under the first of them.
 
     A point that costs more than the evenly slowed move under any model, or at a corner of assumed friction, is solved
-    anew as `optimize` solves it.
+    again as in `optimize`.
 
     Args:
-        robust: made the front with its `planner`.
-        cycle: the cycle under the first model, where there is one.
+        robust: its `planner` computed the front.
+        cycle: the cycle under the first model, if any.
     """
     planner = robust.planner
     timed, _, _ = planner.first_path(replace(move, duration=None, max_duration=None))
@@ -56,14 +56,14 @@ def stated(robust: RobustPlanner, move: Move, front: Front, cycle: Cycle | None)
     def under_first(point: Point | None) -> Point | None:
         if point is None or point.optimum is None:
             return point
-        if id(point.optimum) not in known:  # one optimum may be several points
+        if id(point.optimum) not in known:  # several points may share one optimum
             known[id(point.optimum)] = held(point.optimum)
         waiting = None if cycle is None or point.waiting is None else cycle.waiting(point.duration)
         return replace(point, optimum=known[id(point.optimum)], waiting=waiting)
 
     points = [found for point in front.points if (found := under_first(point)) is not None]
     minimum, quickest, in_cycle = map(under_first, (front.minimum, front.fastest, front.cycle_minimum))
-    # the least of the mean need not be the least under the first model: what is called the minimum is the least stated
+    # the minimum of the mean may not be that under the first model: report the least stated energy as the minimum
     solved = [p for p in (*points, minimum, quickest) if p is not None and p.status == "solved"]
     if minimum is not None and minimum.status == "solved":
         minimum = min(solved, key=lambda point: point.total)
@@ -74,7 +74,7 @@ def stated(robust: RobustPlanner, move: Move, front: Front, cycle: Cycle | None)
 
 
 def models_of_front(robust: RobustPlanner, move: Move, front: Front) -> list[dict[str, Any]]:
-    """What every model of a front makes of its minimum, beside the same move slowed evenly."""
+    """Each model's energies of a front's minimum and of the same move slowed evenly."""
     best = front.minimum
     if best is None or best.trajectory is None:
         return []

@@ -1,4 +1,4 @@
-"""What `tradeoff` writes: the front as a table, as a document and as a picture."""
+"""The output of `tradeoff`: the front as a table, as a document and as a picture."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ COLUMNS = ("duration", "energy_total", "energy_standby", "energy_loss", "status"
 
 
 def document(front: Front, *, robot: str, joints: tuple[str, ...], mode: str, cycle: Cycle | None) -> dict[str, Any]:
-    """The front as it is in tradeoff.json; energies in J, durations in s."""
+    """The content of tradeoff.json; energies in J, durations in s."""
     out: dict[str, Any] = {
         "status": front.status,
         "robot": robot,
@@ -63,7 +63,7 @@ def _energies(point: Point) -> dict[str, float | None]:
 
 
 def _over_cycle(point: Point) -> dict[str, float] | None:
-    """Energy of move and wait; None where the move outlasts the cycle."""
+    """Energy of move and wait; None if the move outlasts the cycle."""
     if point.energy is None or point.waiting is None:
         return None
     return {
@@ -98,7 +98,7 @@ def write(out: Path, front: Front, found: dict[str, Any], robot: Robot, cell: Ce
     """Write tradeoff.csv, tradeoff.json, plot.png and report.html, and the trajectories of the optima.
 
     Args:
-        cell: the bodies that the report's moving arm is drawn with; the robot's own where none is given.
+        cell: the bodies to draw in the report; by default the robot's own.
     """
     with written_whole(out, "tradeoff.json") as aside:
         _write(aside, front, found, robot, cell or own_body(robot))
@@ -117,7 +117,7 @@ def _write(out: Path, front: Front, found: dict[str, Any], robot: Robot, cell: C
 
 
 def _plot(path: Path, front: Front) -> None:
-    """Energy split into standby, holding, loss and stored, with the optima; over the cycle where there is one."""
+    """Energy split into standby, holding, loss and stored, with the optima; over the cycle if there is one."""
     from energy_opt.reports import plots
 
     cyclic = front.cycle_minimum is not None

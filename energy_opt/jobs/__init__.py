@@ -1,4 +1,4 @@
-"""Whole jobs: a cycle of moves and waits, its time spent where it saves most."""
+"""Whole jobs: a cycle of moves and waits, whose time is shared for least energy."""
 
 from energy_opt.jobs.file import check_job, load_job
 from energy_opt.jobs.legs import Job, Step

@@ -1,16 +1,16 @@
-"""How a cycle's time is shared among its legs for least energy: equal slopes, by a price of time.
+"""Sharing a cycle's time among its legs for least energy: equal slopes, by a price of time.
 
-A leg's least energy E(T) over the timing of its path is convex in T (where the model keeps retiming convex), and a
-second that is left over costs the power of waiting. So the best shares solve, for one price [W] of a second,
+A leg's least energy E(T) over the timing of its path is convex in T (if the model keeps retiming convex), and remaining
+time costs the power of waiting. So the best shares solve, for one price [W] of a second,
 
-    minimise  E(T) - price T   for every leg,   sum of T = what the cycle leaves,   price <= power of waiting
+    minimise  E(T) - price T   for every leg,   sum of T = the cycle less its waits,   price <= power of waiting
 
-(waiting takes what is left where the price has reached it). Each solve of a leg at a price is one convex program. By
-weak duality, the sum of their bounds plus price times the time to be shared is a bound of the whole job's energy.
+(if the price reaches that power, the arm waits for the remaining time). Each solve of a leg at a price is one convex
+program. By weak duality, the sum of their bounds plus price times the shared time is a bound of the job's energy.
 
-Between solves the price is found on a model of each leg: slowing down by a little saves k / T^4 (losses of a motion go
-with T^-3) and costs its holding power h, E'(T) = h - k / T^4. So T^-4 is linear in the price: between two prices that
-were solved for, one too high and one too low, it is interpolated.
+Between solves the price is found on a model of each leg: slowing down by a little saves k / T^4 (losses of a motion are
+proportional to T^-3) and costs its holding power h, E'(T) = h - k / T^4. So T^-4 is linear in the price: between two
+solved prices, one too high and one too low, it is interpolated.
 """
 
 from __future__ import annotations
@@ -20,16 +20,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-ROUNDS = 9  # prices tried at most; three are usual
-SLOW = 5.0  # times its shortest duration: no leg is sensibly slower
-INSIDE = 0.02  # a price between two others keeps this share of their distance from both
-NEAR = 1e-3  # relative: durations that add up to what is to be shared this nearly are scaled to it
-FLAT = 1e-3  # [W] least distance of a price from a leg's holding power: below it the leg would never arrive
+ROUNDS = 9  # most prices to try; three are usual
+SLOW = 5.0  # times the shortest duration: longer durations are not used to fit k
+INSIDE = 0.02  # share of the distance between two prices that a new price keeps from both
+NEAR = 1e-3  # relative: durations whose sum is this close to the shared time are scaled to it
+# [W] least distance of a price from a leg's holding power: nearer to it the leg's duration would be infinite
+FLAT = 1e-3
 
 
 @dataclass(frozen=True)
 class Solved:
-    """A leg at a price: its duration [s], energy [J], and a proven bound of E - price T [J] if there is one."""
+    """A leg's solution at a price: duration [s], energy [J], and a proven bound of E - price T [J] if any."""
 
     duration: float
     energy: float
@@ -38,7 +39,7 @@ class Solved:
 
 @dataclass
 class Front:
-    """What is known of a leg: its shortest and longest duration [s], holding power [W], and how to solve it."""
+    """The data of a leg: its shortest and longest duration [s], holding power [W], and its solver at a price."""
 
     shortest: float
     longest: float
@@ -48,12 +49,12 @@ class Front:
 
 @dataclass(frozen=True)
 class Shares:
-    """How the time is shared.
+    """The shares of the time.
 
     Attributes:
         durations: (L,) s of the legs; left: s to wait.
-        bound: J of the legs and that wait that nothing goes below; None where not proven.
-        saved, holding: (L,) k [J s^3] and h [W] of the legs' models; energies: (L,) J, by the solves nearest to this.
+        bound: J, a lower bound of the energy of the legs and that wait; None if not proven.
+        saved, holding: (L,) k [J s^3] and h [W] of the legs' models; energies: (L,) J, of the nearest solves.
     """
 
     durations: np.ndarray
@@ -66,7 +67,7 @@ class Shares:
 
 @dataclass(frozen=True)
 class _Seen:
-    """What a price [W] led to: durations (L,) [s] and energies (L,) [J]."""
+    """The solution at a price [W]: durations (L,) [s] and energies (L,) [J]."""
 
     price: float
     durations: np.ndarray
@@ -74,12 +75,12 @@ class _Seen:
 
     @property
     def total(self) -> float:
-        """s"""
+        """Sum of the durations [s]."""
         return float(self.durations.sum())
 
 
 def allocate(fronts: Sequence[Front], time: float, waiting: float, guess: float | None = None) -> Shares:
-    """Share `time` s among the legs and a wait that takes `waiting` W; their shortest durations must fit into it.
+    """Share `time` s among the legs and a wait of `waiting` W; the legs' shortest durations must fit into it.
 
     Args:
         guess: a first price [W] that may be near.
@@ -96,7 +97,7 @@ def allocate(fronts: Sequence[Front], time: float, waiting: float, guess: float 
         durations = np.clip([s.duration for s in solved], low, high)
         seen.append(_Seen(price, durations, np.array([s.energy for s in solved])))
         bounds = [s.bound for s in solved if s.bound is not None]
-        if len(bounds) == len(solved):  # the wait adds nothing below zero, as the price is at most what it takes
+        if len(bounds) == len(solved):  # the wait contributes at least zero, because the price is at most its power
             bound = max(bound, sum(bounds) + price * time)
         total = durations.sum()
         if (price == waiting and total <= time) or abs(total / time - 1) < NEAR:
@@ -114,13 +115,14 @@ def allocate(fronts: Sequence[Front], time: float, waiting: float, guess: float 
 def _next(
     seen: Sequence[_Seen], holding: np.ndarray, low: np.ndarray, high: np.ndarray, time: float, waiting: float
 ) -> float:
-    """The price to try after those that were."""
+    """The next price to try."""
     short = max((s for s in seen if s.total < time), key=lambda s: s.price, default=None)
     long = min((s for s in seen if s.total >= time), key=lambda s: s.price, default=None)
     if short is None or long is None:
         only = short or long
         assert only is not None
-        durations = np.minimum(only.durations, SLOW * low)  # a leg that would rather rest on its way tells nothing of k
+        # durations of legs that would rather stand still do not determine k
+        durations = np.minimum(only.durations, SLOW * low)
         k = np.maximum(holding - only.price, FLAT) * durations**4
         price = _price(k, holding, low, high, time, waiting)
         if short is not None:
@@ -138,7 +140,7 @@ def _next(
 
 
 def _fitted(seen: Sequence[_Seen], best: _Seen, holding: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """k [J s^3] and h [W] (L,) of the legs: through the best price and the next where that tells, else by `holding`."""
+    """k [J s^3] and h [W] (L,) of the legs: fitted to the best price and the next if possible, else from `holding`."""
     k, h = (holding - best.price) * best.durations**4, holding.copy()
     others = [s for s in seen if s is not best]
     if others:
@@ -169,7 +171,7 @@ def _durations(k: np.ndarray, holding: np.ndarray, low: np.ndarray, high: np.nda
 
 
 def _price(k: np.ndarray, holding: np.ndarray, low: np.ndarray, high: np.ndarray, time: float, waiting: float) -> float:
-    """The price at which the model's durations add up to `time`, by bisection."""
+    """The price at which the sum of the model's durations is `time`, by bisection."""
     below, above = waiting - 1.0, waiting
     while _durations(k, holding, low, high, below).sum() > time and waiting - below < 1e12:
         below = waiting - 4 * (waiting - below)
@@ -183,7 +185,7 @@ def _price(k: np.ndarray, holding: np.ndarray, low: np.ndarray, high: np.ndarray
 
 
 def _scaled(durations: np.ndarray, low: np.ndarray, high: np.ndarray, time: float) -> np.ndarray:
-    """The durations moved a little, within their bounds, so that they add up to `time`."""
+    """The durations moved slightly, within their bounds, so that their sum is `time`."""
     out = durations
     for _ in range(50):
         missing = time - out.sum()

@@ -1,4 +1,4 @@
-"""A cycle put together: motions and waits in order, and where the arm waits while time is left over."""
+"""The assembly of a cycle: motions and waits in order, and where the arm waits for the remaining time."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from energy_opt.poses.pose import Pose
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 
-SHORTEST_WAIT = 1e-8  # [s] less is no wait, and rounding of motions to nanoseconds
+SHORTEST_WAIT = 1e-8  # [s] a shorter wait is only the rounding of motions to nanoseconds
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Answer:
     """A leg's motion, its energy and status.
 
     Attributes:
-        source: what made it: a solve, as `chosen` of its result says; "scaled" or "toppra", its first path's timing;
+        source: its origin: `chosen` of a solve's result; "scaled" or "toppra", its first path's timing;
             "resumed", an earlier run.
     """
 
@@ -36,13 +36,13 @@ class Answer:
 
 @dataclass(frozen=True)
 class Piece:
-    """One stretch of the cycle: a leg's motion, or a wait.
+    """A part of the cycle: a leg's motion, or a wait.
 
     Attributes:
-        steps: the job's steps that it does, none for time that is left over.
+        steps: the job's steps that it does; empty for remaining time.
         energy: J, standby included; payload: kg.
         source: of a motion as in `Answer`, else "wait".
-        begins: where a motion's first path comes from; empty for a wait.
+        begins: source of a motion's first path; empty for a wait.
     """
 
     name: str
@@ -63,7 +63,7 @@ class Scorers:
         self._kept: dict[tuple[float, ...], Scorer] = {}
 
     def of(self, step: Step) -> Scorer:
-        """Under the payload of a step."""
+        """The scorer under the payload of a step."""
         mass, *com = step.payload
         if step.payload not in self._kept:
             self._kept[step.payload] = Scorer(self.robot, self._model.replaced(Payload(mass=mass, com=com)))
@@ -72,14 +72,14 @@ class Scorers:
 
 @dataclass(frozen=True)
 class Choice:
-    """How the positions of a job's poses were chosen.
+    """The choice of positions for a job's poses.
 
     Attributes:
         ends: positions (n,) [rad] at the end of each step that has a pose; poses: these, in the base frame.
-        branches: how many positions were looked at.
-        greedy: J of the cycle with the nearest branches, None where this was not looked at or cannot be done.
-        solves: how many cycles were solved.
-        tool: as --tool says it.
+        branches: number of positions considered for each.
+        greedy: J of the cycle with the nearest branches; None if not solved, or infeasible.
+        solves: number of cycles solved.
+        tool: the value of --tool.
     """
 
     ends: Mapping[int, np.ndarray]
@@ -92,7 +92,7 @@ class Choice:
 
 @dataclass(frozen=True)
 class Rest:
-    """Where the arm waits while time is left over: after step `after`, at `power` W, held by brakes or by motors."""
+    """Where the arm waits for the remaining time: after step `after`, at `power` W, held by brakes or by motors."""
 
     after: int
     power: float
@@ -100,7 +100,7 @@ class Rest:
 
 
 def standing_power(scorers: Scorers, step: Step, brakes: bool) -> float:
-    """W of standing at a step's end; brakes leave the overhead alone."""
+    """Power [W] of standing at a step's end; with brakes only the overhead."""
     scorer = scorers.of(step)
     if brakes:
         return scorer.model.constant_power(scorer.robot.n)
@@ -108,20 +108,20 @@ def standing_power(scorers: Scorers, step: Step, brakes: bool) -> float:
 
 
 def cheapest_rest(job: Job, scorers: Scorers) -> Rest:
-    """The place where waiting costs least, late ones first among equals."""
+    """The place where waiting costs least; among equals the latest."""
     held = [(k, step, step.brakes or job.brakes) for k, step in enumerate(job.steps) if step.stop]
     rests = [Rest(k, standing_power(scorers, step, brakes), brakes) for k, step, brakes in held]
     return min(reversed(rests), key=lambda rest: rest.power)
 
 
 def last_rest(job: Job, scorers: Scorers) -> Rest:
-    """At the end of the cycle, holding."""
+    """The wait at the end of the cycle, held by the motors."""
     return Rest(len(job.steps) - 1, standing_power(scorers, job.steps[-1], False))
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What a cycle is put together from: its legs' motions, and `left` s of waiting where `rest` says."""
+    """The parts of a cycle: its legs' motions, and `left` s of waiting at `rest`."""
 
     legs: tuple[Leg, ...]
     answers: tuple[Answer, ...]
@@ -163,5 +163,5 @@ def assembled(job: Job, scorers: Scorers, plan: Plan) -> tuple[Piece, ...]:
 
 
 def energy_of(pieces: Sequence[Piece]) -> float:
-    """J of all pieces."""
+    """Energy [J] of all pieces."""
     return sum(piece.energy for piece in pieces)

@@ -42,7 +42,7 @@ from energy_opt.schema import Name, Number, Table, parse, reads
 
 OF_POSE = {"pose", "free", "pose_tolerance"}
 MOVING = {"to", "mode", "min_duration", "max_duration", "stop", *OF_POSE}  # keys of steps that do not wait
-BRIEFEST, LONGEST = 1e-6, 1e7  # [s] of a cycle and a wait: less is none, more is a slip of units
+BRIEFEST, LONGEST = 1e-6, 1e7  # [s] bounds of a cycle and a wait: longer ones are probably in wrong units
 Target = Pose | np.ndarray
 
 
@@ -92,12 +92,12 @@ class StepTable(Table):
 
     @property
     def moves(self) -> bool:
-        """Whether it is a move."""
+        """True if it is a move."""
         return self.to is not None or self.pose is not None
 
 
 class JobTable(Table):
-    """JOB.toml as it is written; positions and poses are read for the robot later."""
+    """The content of JOB.toml; positions and poses are read for the robot later."""
 
     format: Literal["energy-opt/job/1"]
     robot: StrictStr
@@ -125,14 +125,14 @@ def job_of(
     payload: Load | None = None,
     named: Mapping[str, Pose] | None = None,
 ) -> Job:
-    """A job from a document that was read.
+    """A job from its document.
 
     Args:
-        path: of the file that other files are beside, for messages too.
-        load: makes the robot out of its name, or of the path of its URDF.
+        path: of the job file, the base of other files' paths, also for messages.
+        load: loads the robot from its name, or from the path of its URDF.
         allow_outside: URDF and scenes may lie outside the job's folder.
-        payload: held until a step says another, in place of what the job says.
-        named: poses by name beside those of the job, as a scene file has them.
+        payload: initial payload instead of the job's, until a step changes it.
+        named: further poses by name, as from a scene file.
 
     Raises:
         BadInput: names every fault, one a line, with the step's name.
@@ -151,7 +151,7 @@ def job_of(
 
 
 def check_job(path: Path, load: Callable[[str], Robot], **more: Any) -> list[str]:
-    """Every fault of a job file, one line each; empty where it is usable. Arguments are those of `load_job`."""
+    """Every fault of a job file, one line each; empty if it is usable. Arguments are those of `load_job`."""
     try:
         load_job(path, load, **more)
     except BadInput as error:
@@ -160,7 +160,7 @@ def check_job(path: Path, load: Callable[[str], Robot], **more: Any) -> list[str
 
 
 class _Reading:
-    """What the positions, poses and scenes of a job mean for its robot; faults are collected."""
+    """The positions, poses and scenes of a job, read for its robot; faults are collected."""
 
     def __init__(self, job: JobTable, path: Path, robot: Robot, allow_outside: bool) -> None:
         self.job, self.path, self.robot, self.allow_outside = job, path, robot, allow_outside
@@ -169,14 +169,14 @@ class _Reading:
         self._poses: dict[str, Target] = {}
 
     def fault(self, text: object) -> None:
-        """Note a fault, once."""
+        """Record a fault, once."""
         self.faults[str(text)] = None
 
     def name_poses(self, named: Mapping[str, Pose]) -> None:
-        """Take the poses that the job's scene file names, others that are known, and the job's own."""
+        """Collect the poses of the job's scene file, the given ones, and the job's own."""
         scene = self._scene(self.job.scene, "job")
         if scene is not None:
-            with suppress(BadInput):  # the scene's own faults are named where it is read
+            with suppress(BadInput):  # the scene's own faults are reported where it is read
                 self._poses |= poses_of_request(CellRequest(scene=scene))
         self._poses |= named
         for name, value in self.job.poses.items():
@@ -192,12 +192,12 @@ class _Reading:
                 )
 
     def steps(self, held: Load | None) -> list[Step]:
-        """All steps as they are done; `held` is the first payload, in place of what the job says."""
+        """All steps in order; `held` is the first payload, instead of the job's."""
         tables = self.job.step
         places = [f"step {k}" + (f" ({row.name})" if row.name else "") for k, row in enumerate(tables, start=1)]
         home = None if self.job.home is None else self._target(self.job.home, "home")
         if home is not None:
-            self._poses.setdefault("home", home)  # `to = "home"` goes there, also where home is given as positions
+            self._poses.setdefault("home", home)  # `to = "home"` also works if home is given as positions
         targets = [self._end(row, where) if row.moves else None for row, where in zip(tables, places, strict=True)]
         last = next((q for row, q in zip(tables[::-1], targets[::-1], strict=True) if row.moves), None)
         begin = last if self.job.home is None else home
@@ -234,7 +234,7 @@ class _Reading:
         return out
 
     def _check_return(self, where: str, end: Target, begin: Target) -> None:
-        """Note where the last step does not end at the cycle's beginning."""
+        """Record a fault if the last step does not end at the cycle's beginning."""
         returns = f"{where}: the last step does not return to where the cycle begins"
         if isinstance(end, Pose) or isinstance(begin, Pose):
             if end is not begin and not (isinstance(end, Pose) and end.same_as(begin)):
@@ -244,7 +244,7 @@ class _Reading:
             self.fault(f"{returns}: {self.robot.joints[j]} ends at {end[j]:.4g}, the cycle begins at {begin[j]:.4g}")
 
     def _end(self, row: StepTable, where: str) -> Target | None:
-        """Where a step goes: `to`, or a pose of the tool with its freedom."""
+        """The end of a step: `to`, or a pose of the tool with its freedom."""
         given = [key for key in ("pose", "free", "pose_tolerance") if key in row.model_fields_set]
         if not given:
             return self._target(row.to, where)
@@ -265,11 +265,11 @@ class _Reading:
             return None
 
     def _target(self, value: Any, where: str) -> Target | None:
-        """A pose of the tool, or positions within the position limits, by name or as they are."""
+        """A pose of the tool, or positions within the position limits, by name or by value."""
         if isinstance(value, str) and value in self._poses:
             return self._poses[value]
         if isinstance(value, str) and self.faults and value in self.job.poses:
-            return None  # what is wrong with it has been said
+            return None  # its fault is already recorded
         if isinstance(value, str) and not ("," in value or value.endswith(SUFFIXES)):
             self.fault(f"{where}: unknown pose {value!r}{near(value, self._poses)}; [poses] names them")
             return None
@@ -289,7 +289,7 @@ class _Reading:
         return None if outside.size else q
 
     def _scene(self, name: str | None, where: str) -> Path | None:
-        """A scene's file beside the job."""
+        """The path of a scene file beside the job."""
         if name is None:
             return None
         try:

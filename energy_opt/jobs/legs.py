@@ -1,4 +1,4 @@
-"""A job as its steps, the motions between its stops, and how the energy of these goes with their duration."""
+"""A job as its steps, the motions between its stops, and their energy as a function of duration."""
 
 from __future__ import annotations
 
@@ -23,23 +23,23 @@ from energy_opt.poses.pose import Pose
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 
-SAME = 1e-9  # [rad] two positions nearer than this are one
+SAME = 1e-9  # [rad] positions that differ by less are the same
 Load = tuple[float, float, float, float]  # mass [kg] and its centre [m] in the last joint's frame
 
 
 @dataclass(frozen=True)
 class Step:
-    """One step as it is done.
+    """One step of a job, ready to run.
 
     Attributes:
         name: for messages and results.
-        start, goal: (n,) [rad]; the same where it waits.
+        start, goal: (n,) [rad]; equal for a wait.
         wait: seconds, None for a move; brakes: it waits without holding losses.
         mode: "retime" or "reshape"; least, most: of the duration, s.
         payload: (4,) mass [kg] and its centre [m] in the last joint's frame.
-        scene: file of what is around the arm, if the job names one.
+        scene: file of the scene, if the job names one.
         stop: does the arm stand still at its end?
-        pose: where the tool must be at its end, while `goal` is still to be chosen (nan then, see `Job.at`).
+        pose: required pose of the tool at its end, while `goal` is still to be chosen (nan then, see `Job.at`).
     """
 
     name: str
@@ -61,8 +61,8 @@ class Job:
     """A cycle of steps; the last ends where the first begins.
 
     Attributes:
-        cycle_time: s; brakes: may brakes hold the arm while time is left over?
-        remarks: what in the file may be meant otherwise than it is read.
+        cycle_time: s; brakes: may brakes hold the arm during remaining time?
+        remarks: parts of the file that may be meant differently.
     """
 
     name: str
@@ -74,7 +74,7 @@ class Job:
 
     @property
     def waiting(self) -> float:
-        """Seconds that the job itself asks to wait."""
+        """Total time [s] of the waits in the job."""
         return sum(step.wait for step in self.steps if step.wait is not None)
 
     @property
@@ -99,9 +99,9 @@ class Leg:
 
     Attributes:
         steps: their places in the job.
-        points: (K, n) [rad] the start, what is passed, and the end.
-        way: the first path, where that is neither the straight line nor the curve through what is passed.
-        begins: where the first path comes from, as `first_path.source` of a result says it.
+        points: (K, n) [rad] the start, the via points, and the end.
+        way: the first path, if it is neither the straight line nor the curve through the points.
+        begins: source of the first path, as in `first_path.source` of a result.
     """
 
     steps: tuple[int, ...]
@@ -116,23 +116,23 @@ class Leg:
 
     @property
     def name(self) -> str:
-        """For messages."""
+        """The names of its steps, for messages."""
         return " and ".join(self.names)
 
     @property
     def moves(self) -> bool:
-        """False where it ends where it begins and passes nothing."""
+        """False if it ends where it begins and has no other point between."""
         return bool(np.abs(self.points - self.points[0]).max() > SAME)
 
     @property
     def path(self) -> JointPath:
-        """The first path: the straight line, the smooth curve through what is passed, or a way around."""
+        """The first path: the straight line, the smooth curve through the points, or a path around obstacles."""
         if self.way is not None:
             return self.way
         return through(self.points) if len(self.points) > 2 else straight(self.points[0], self.points[-1])
 
     def move(self, duration: float | None) -> Move:
-        """The leg as a move of exactly so many seconds, from ends and via points alone; None: of any duration."""
+        """The leg as a move of exactly `duration` seconds, with its ends and via points; None: of any duration."""
         start, goal = self.points[0], self.points[-1]
         if self.mode == "retime":
             return Move(start, goal, "retime", duration, path=through(self.points) if len(self.points) > 2 else None)
@@ -140,7 +140,7 @@ class Leg:
 
 
 def legs_of(steps: Sequence[Step]) -> list[Leg]:
-    """The motions of a job in order; a joined leg is reshaped where one of its steps is."""
+    """The motions of a job in order; a joined leg is reshaped if one of its steps is."""
     out: list[Leg] = []
     part: list[int] = []
     for k, step in enumerate(steps):
@@ -164,9 +164,9 @@ def legs_of(steps: Sequence[Step]) -> list[Leg]:
     return out
 
 
-LONGEST = 50.0  # a leg's duration ends at this multiple of its shortest
-SLOWER = 1.02  # step of a difference quotient
-SAMPLES = 40  # of the path, for the power that holding it takes
+LONGEST = 50.0  # longest duration of a leg, as a multiple of its shortest
+SLOWER = 1.02  # ratio of durations in a difference quotient
+SAMPLES = 40  # samples of the path for its holding power
 
 
 def fastest_timing(robot: Robot, model: PowerModel, leg: Leg, limits: Sequence[Limit]) -> Timing:
@@ -208,14 +208,14 @@ def front_of(leg: Leg, timing: Timing, scorer: Scorer, limits: Sequence[Limit], 
             slowed = timing.slowed(float(np.clip(last[0].duration, shortest, longest)))
             return Solved(slowed.duration, work.energy(slowed), None)
         last[0] = found.timing
-        bound = found.bound if leg.least <= timing.duration else None  # it knows nothing of a least duration
+        bound = found.bound if leg.least <= timing.duration else None  # the bound ignores a least duration
         return Solved(found.timing.duration, found.energy, bound)
 
     return Front(shortest, longest, holding, at_price)
 
 
 def slope_of_slowing(legs: Sequence[Leg], timings: Sequence[Timing], scorers: Sequence[Scorer], factor: float) -> float:
-    """W that another second is worth to legs that are all slowed evenly, by `factor`."""
+    """Power [W] that another second saves when all legs are slowed evenly by `factor`."""
     energy, time = [0.0, 0.0], [0.0, 0.0]
     for leg, timing, scorer in zip(legs, timings, scorers, strict=True):
         for k, more in enumerate((factor, SLOWER * factor)):

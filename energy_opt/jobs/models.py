@@ -16,11 +16,11 @@ from energy_opt.power.assumptions import assumptions
 from energy_opt.power.known import friction_range
 from energy_opt.power.worth import break_even
 
-BESIDE = "evenly_slowed"  # the baseline that savings are stated against
+BESIDE = "evenly_slowed"  # the baseline of stated savings
 
 
 def compared(result: JobResult, judges: Sequence[Rival]) -> JobResult:
-    """The result with a row of `models` for every judge, the model that it was planned with first."""
+    """The result with a record in `models` for every judge, the model that it was planned with first."""
     job = result.job
     slowed = next((b.plan for b in result.baselines if b.name == BESIDE), None)
     records: list[dict[str, Any]] = []
@@ -39,7 +39,7 @@ def compared(result: JobResult, judges: Sequence[Rival]) -> JobResult:
 
 
 def grounded(result: JobResult, rivals: Sequence[Rival]) -> JobResult:
-    """The result with what it rests on, up to which dry friction it saves, and joints that take detours.
+    """The result with its assumptions, the dry friction that ends the saving, and joints that take detours.
 
     Args:
         rivals: the models that it was planned with, the one that it is stated under first.
@@ -64,12 +64,12 @@ def grounded(result: JobResult, rivals: Sequence[Rival]) -> JobResult:
 
 
 def mean_of(rivals: Sequence[Rival]) -> PowerModel:
-    """What a job is planned with: the mean of the models, or the one that there is."""
+    """The model to plan a job with: the mean of the models, or the only one."""
     return rivals[0].model if len(rivals) == 1 else Mixture.of([rival.model for rival in rivals])
 
 
 def held(result: JobResult, rivals: Sequence[Rival], again: Callable[[PowerModel], JobResult]) -> JobResult:
-    """The job, or one that is planned again under the corner of assumed friction where the evenly slowed cycle wins.
+    """The job, or a plan under the corner of assumed friction at which the evenly slowed cycle costs less.
 
     Args:
         rivals: the result was planned under the mean of these.
@@ -94,7 +94,7 @@ def _judges(result: JobResult, rivals: Sequence[Rival]) -> list[tuple[int, Rival
 
 
 def _costlier(result: JobResult, rivals: Sequence[Rival]) -> list[tuple[int, Rival]]:
-    """Those under which the cycle costs more than the evenly slowed one, the worst first."""
+    """The judges under which the cycle costs more than the evenly slowed one, the worst first."""
     judges = _judges(result, rivals)
     records = compared(result, [judge for _, judge in judges]).models
     found = [
@@ -108,8 +108,8 @@ def _costlier(result: JobResult, rivals: Sequence[Rival]) -> list[tuple[int, Riv
 def stated(result: JobResult, rivals: Sequence[Rival]) -> JobResult:
     """A job that was planned under the mean of `rivals`, stated under the first of them.
 
-    Where the cycle costs more than the evenly slowed one under any of them, or at a corner of assumed friction, it is
-    the evenly slowed one. The bound is of the mean, not of the energy that is stated: it is in `robust`.
+    If the cycle costs more than the evenly slowed one under any of them, or at a corner of assumed friction, it is
+    replaced by the evenly slowed one. The bound is of the mean, not of the stated energy: it is in `robust`.
     """
     job = result.job
     costly = _costlier(result, rivals)

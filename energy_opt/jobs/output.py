@@ -29,7 +29,7 @@ from energy_opt.reports.motion import drawn
 
 
 def parts_of(result: JobResult) -> list[Part]:
-    """The motions and waits of a solved job, in order, with what is carried in the last joint's frame."""
+    """The motions and waits of a solved job, in order, with the payload in the last joint's frame."""
     out, payload = [], result.job.steps[0].payload
     for piece in result.pieces:
         step = result.job.steps[piece.steps[0]] if piece.steps else None
@@ -41,12 +41,12 @@ def parts_of(result: JobResult) -> list[Part]:
 
 
 def whole_cycle(result: JobResult) -> Trajectory:
-    """The cycle as one motion; where a jerk limit forbids that the acceleration jumps between steps, it does not."""
+    """The cycle as one motion; without jumps of acceleration between steps if a jerk limit forbids them."""
     return joined([part.trajectory for part in without_jumps(parts_of(result), result.job.robot.limits)])
 
 
 def judging_of(result: JobResult) -> CycleJudging:
-    """What judges a job's cycle: every stretch under the payload and in the scene of its steps."""
+    """The judge of a job's cycle: every part under the payload and in the scene of its steps."""
     limits = joint_limits(result.job.robot.limits)
     step, stretches = result.job.steps[0], []
     for piece in result.pieces:
@@ -57,7 +57,7 @@ def judging_of(result: JobResult) -> CycleJudging:
 
 
 def with_room(result: JobResult, files: Files, again: Callable[[Shares], JobResult]) -> JobResult:
-    """The job, or one that is planned again so that its cycle as one motion, and what `files` get, hold all limits.
+    """The job, or one planned again so that its cycle as one motion, and the programs in `files`, hold all limits.
 
     Args:
         again: plans the job with these shares of the limits' bounds.
@@ -85,7 +85,7 @@ FORMAT = "energy-opt/job-result/1"
 
 
 def document(result: JobResult) -> dict[str, Any]:
-    """job.json: energies in J, times in s from the cycle's begin."""
+    """The content of job.json: energies in J, times in s from the cycle's begin."""
     least = result.robust or {"total": result.energy, "lower_bound": result.bound}
     gap = None
     if least["lower_bound"] is not None:
@@ -118,7 +118,7 @@ def document(result: JobResult) -> dict[str, Any]:
 
 
 def _chosen(result: JobResult) -> dict[str, Any]:
-    """Of steps that end at poses of the tool: the positions chosen, what they miss, and what the nearest would cost."""
+    """For steps that end at poses of the tool: the chosen positions, their errors, and the cost of the nearest ones."""
     choice = result.choice
     if choice is None:
         return {}
@@ -136,7 +136,7 @@ def _chosen(result: JobResult) -> dict[str, Any]:
 
 
 def steps_of(result: JobResult) -> list[dict[str, Any]]:
-    """An entry for every step and for time that is left over; their durations add up to the cycle."""
+    """An entry for every step and for remaining time; their durations add up to the cycle."""
     out, at, k, rest = [], 0.0, 0, result.plan.rest
     for piece in result.pieces:
         k = piece.steps[0] if piece.steps else k
@@ -168,7 +168,7 @@ def _kind(piece: Piece, result: JobResult) -> str:
 
 
 def split(piece: Piece, result: JobResult) -> list[Piece]:
-    """A motion that does several steps, cut where it passes between them; else the piece itself."""
+    """A motion of several steps, divided where it passes between them; else the piece itself."""
     if len(piece.steps) < 2:
         return [piece]
     steps, t = [result.job.steps[k] for k in piece.steps], piece.trajectory
@@ -180,7 +180,8 @@ def split(piece: Piece, result: JobResult) -> list[Piece]:
     scorer = result.scorer(steps[0])
     parts = [_samples(t, a, b) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
     energies = np.array([scorer.energy(part).total for part in parts])
-    energies += (piece.energy - energies.sum()) * energies / energies.sum()  # of kinks between samples
+    # distribute the error of kinks between samples
+    energies += (piece.energy - energies.sum()) * energies / energies.sum()
     return [
         Piece(step.name, (k,), part, float(energy), piece.payload, piece.source, piece.status, piece.begins)
         for k, step, part, energy in zip(piece.steps, steps, parts, energies, strict=True)
@@ -195,7 +196,7 @@ def _samples(t: Trajectory, first: int, last: int) -> Trajectory:
 
 
 def power_of(result: JobResult) -> tuple[np.ndarray, np.ndarray]:
-    """Electrical power over the cycle: time (N,) [s], power (N,) [W]; of a wait its mean, brakes included."""
+    """Electrical power over the cycle: time (N,) [s], power (N,) [W]; for a wait its mean, with brakes."""
     times, powers, at = [], [], 0.0
     for piece in result.pieces:
         t = piece.trajectory

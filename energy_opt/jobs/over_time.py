@@ -23,15 +23,15 @@ from energy_opt.reports.optimize import assumed
 from energy_opt.reports.page import Report
 from energy_opt.reports.words import yearly
 
-COUNT = 10  # cycle times where none are asked for
-ROOM = 1.0005  # of the shortest cycle: what is shortest leaves nothing to distribute
+COUNT = 10  # default number of cycle times
+ROOM = 1.0005  # times the shortest cycle: the shortest itself leaves nothing to share
 REACH = 2.0  # the default ends at this multiple of the shortest cycle, or of the job's own time beyond it
-TOO_SHORT = 1e-3  # [s] no job is that quick: asking for it says how quick it can be
+TOO_SHORT = 1e-3  # [s] infeasible cycle time: its error contains the shortest one
 
 
 @dataclass(frozen=True)
 class JobPoint:
-    """A cycle time [s] and the job solved for it; `reason` says why where it cannot be."""
+    """A cycle time [s] and the job solved for it; `reason` says why it cannot be solved."""
 
     cycle_time: float
     result: JobResult | None
@@ -46,7 +46,7 @@ class JobPoint:
 
     @property
     def energy(self) -> float:
-        """J of the cycle; nan where there is none."""
+        """Energy [J] of the cycle; nan without a result."""
         return np.nan if self.result is None else self.result.energy
 
 
@@ -74,11 +74,11 @@ def over_time(
     stopped: Callable[[], bool] = lambda: False,
     progress: Callable[[str, float], None] = lambda text, share: None,
 ) -> tuple[list[JobPoint], float]:
-    """The job at several cycle times, and the shortest it can be [s].
+    """The job at several cycle times, and its shortest cycle time [s].
 
     Args:
         times: cycle times [s]; by default `COUNT` of them from the shortest on.
-        restated: makes of an answer what is kept, as `job.models.stated` does for several models.
+        restated: converts each result, for example by `job.models.stated` for several models.
         known, answered, stopped, progress: as those of `run_job`.
 
     Raises:
@@ -112,9 +112,9 @@ def over_time(
 
 
 def knee(time: np.ndarray, energy: np.ndarray) -> int | None:
-    """The point (of at least three) farthest below the line between the ends; None where none is below.
+    """The point (of at least three) farthest below the line between the ends; None if none is below.
 
-    Overhead is a straight line over the time and moves no knee.
+    Overhead is proportional to time and does not move the knee.
 
     >>> knee(np.array([1.0, 2.0, 4.0, 8.0]), np.array([9.0, 5.0, 4.5, 4.0]))
     1
@@ -127,7 +127,7 @@ def knee(time: np.ndarray, energy: np.ndarray) -> int | None:
 
 
 def document(job: Job, points: Sequence[JobPoint], shortest: float, interrupted: bool) -> dict[str, Any]:
-    """tradeoff.json of a job: `duration` is the cycle time [s], energies are of the whole cycle [J]."""
+    """The content of a job's tradeoff.json: `duration` is the cycle time [s], energies are of the whole cycle [J]."""
     records = [_row(point) for point in points]
     found = [row for row in records if row["energy_total"] is not None]
     bend = knee(*(np.array([row[name] for row in found]) for name in ("duration", "energy_total")))
@@ -165,7 +165,7 @@ PLAIN = ("evenly_slowed", "fastest_then_wait")
 
 
 def write(out: Path, found: Mapping[str, Any]) -> None:
-    """Write tradeoff.csv, plot.png, report.html and tradeoff.json, this last."""
+    """Write tradeoff.csv, plot.png, report.html and, last, tradeoff.json."""
     from energy_opt.reports import plots
 
     shown = [row for row in found["points"] if row["energy_total"] is not None]

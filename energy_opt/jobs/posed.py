@@ -1,10 +1,10 @@
 """Jobs whose steps end at poses of the tool: the joint positions of all of them are chosen over the whole cycle.
 
 choose     the cheapest ring through the branches of every pose, by estimates of moves that share the cycle's time
-improve    where poses leave freedom, each end in turn is moved along it, by the same estimates
-settle     rough cycles, bent, say where ends cost less; settled there again
+improve    if poses leave freedom, each end in turn is moved along it, by the same estimates
+settle     rough cycles, bent, show where ends cost less; they are settled again there
 solve      the cycle in full
-compare    with what is done today: at every pose the branch that is nearest to where the arm comes from
+compare    with the usual choice: at every pose the branch nearest to the arm's previous position
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from energy_opt.poses.pose import Pose
 from energy_opt.poses.sets import Layer, Ring, Target, positions_near, positions_of, straight_is_free, thinned
 from energy_opt.power import PowerModel
 
-SWEEPS = 3  # over all ends, by estimates
-WORTH = 1e-3  # of the losses: what bending promises less is not settled again
-SETTLED = 5  # rough cycles at most
+SWEEPS = 3  # sweeps over all ends, by estimates
+WORTH = 1e-3  # share of the losses: ends are not settled again if bending promises to save less
+SETTLED = 5  # most rough cycles
 Ends = dict[int, np.ndarray]  # positions (n,) of steps
 
 
@@ -44,12 +44,12 @@ class Posed:
     """The choice of positions for one job.
 
     Args:
-        cell: as for `run_job`; poses may stand in the frames of its scene.
-        starts: positions (K, n) of steps near which positions are looked for, quickly and blind to contact; by default
-            all branches are looked for.
+        cell: as for `run_job`; poses may be in the frames of its scene.
+        starts: positions (K, n) of steps near which positions are searched, quickly and without contact checks; by
+            default all branches are searched.
 
     Raises:
-        Infeasible: a pose is out of reach, or reached only touching something.
+        Infeasible: a pose is out of reach, or reached only with contact.
     """
 
     def __init__(
@@ -103,14 +103,14 @@ class Posed:
         return self._improved(ends) if improve else ends, energy
 
     def _layer(self, k: int, nearest: np.ndarray) -> Layer:
-        """The positions that a moving step may end at, the nearest among them, and what the waits after it take."""
+        """The positions at which a moving step may end, the nearest first, and the power of the waits after it."""
         scorer, q = [self.scorers.of(self.job.steps[k])], self.sets[k]
         standing = holding(scorer, q)
         q = np.vstack([nearest, thinned(q, standing)])
         return Layer(q, self._held(k), holding(scorer, q))
 
     def _held(self, k: int) -> float:
-        """Seconds that the motors hold the arm at the end of a moving step, as the job asks for."""
+        """Seconds that the motors hold the arm at the end of a moving step, by the job's waits."""
         steps, after = self.job.steps, self.moving[(self.moving.index(k) + 1) % len(self.moving)]
         places = range(k + 1, after if after > k else after + len(steps))
         waits = [steps[m % len(steps)] for m in places]
@@ -139,7 +139,7 @@ class Posed:
         return [self.scorers.of(self.job.steps[k])]
 
     def _price(self, ends: Ends) -> float:
-        """W that a second is worth where straight moves between these ends share the cycle's time."""
+        """Value of a second [W] if straight moves between these ends share the cycle's time."""
         pairs = [(self._around(k)[0], k) for k in self.moving]
         known = [curves(self._models(k), ends[a][None], ends[k][None]) for a, k in pairs]
         time = self.job.cycle_time - self.job.waiting
@@ -152,7 +152,9 @@ class Posed:
         return low
 
     def _cost(self, k: int, ends: Ends, price: float) -> Callable[[np.ndarray], np.ndarray]:
-        """What positions (M, n) at the end of step k cost (M,) [J]: both moves and the wait there, less their time."""
+        """Cost (M,) [J] of positions (M, n) at the end of step k: both moves and the wait there, less the price of
+        time.
+        """
         before, after = self._around(k)
         wait = self._held(k)
         here, there = self.job.steps[k], self.job.steps[after]
@@ -166,7 +168,7 @@ class Posed:
         return cost
 
     def greedy(self) -> Ends:
-        """At every pose the positions that are quickest to reach from where the arm comes from."""
+        """At every pose the positions that are quickest to reach from the previous ones."""
         at = self.sets[self.moving[-1]]
         q = at[np.argmin(np.abs(at - self.job.robot.limits.near_zero).sum(axis=1))]
         out: Ends = {self.moving[-1]: q}
@@ -184,7 +186,7 @@ class Posed:
         return {leg.steps[-1]: Bent(self._models(leg.steps[-1]), a.trajectory, True) for leg, a in pairs}
 
     def bending(self, plan: Plan) -> Callable[[Ends], float]:
-        """What the solved motions cost [J], waits included, when they are bent to other ends."""
+        """A function for the cost [J] of the solved motions, with waits, when they are bent to other ends."""
         of = self._bent_legs(plan)
         places = sorted(of)
 
@@ -198,7 +200,7 @@ class Posed:
         return cost
 
     def bent(self, plan: Plan, ends: Ends) -> tuple[Ends, float]:
-        """Ends at which the solved motions, bent, cost less, and what that promises [J]."""
+        """Ends at which the solved motions, bent, cost less, and the promised saving [J]."""
         of = self._bent_legs(plan)
         places = sorted(of)
         ends, gain = dict(ends), 0.0
@@ -222,8 +224,8 @@ class Posed:
     def settled(self, rough: RoughCycles, ends: Ends, near: Plan | None = None) -> tuple[Ends, Plan | None, float]:
         """Ends moved along their freedom to where the rough cycle costs least, that cycle, and its energy [J].
 
-        The derivative by an end is that of both its motions, bent (envelope theorem). Without a rough cycle, the ends
-        as they are and infinite energy.
+        The derivative with respect to an end is that of both its motions, bent (envelope theorem). Without a rough
+        cycle, returns the given ends and infinite energy.
 
         Args:
             near: a cycle with other ends, from whose motions the first begins.
@@ -260,8 +262,8 @@ def run_posed(
     """As `run_job`, for jobs that may have poses: their positions are chosen over the whole cycle.
 
     Args:
-        ends: positions (n,) at the ends of all moving steps, by their index, in place of those that are chosen.
-        compare: also solve the cycle with the nearest branches; where that is cheaper, it is the answer.
+        ends: positions (n,) at the ends of all moving steps, by their index; by default they are chosen.
+        compare: also solve the cycle with the nearest branches; the cheaper one is the answer.
         refine: move the ends along their freedom to where rough cycles cost least, before the cycle is solved.
         more: further arguments of `run_job`.
 

@@ -1,7 +1,7 @@
-"""A job's cycle near its optimum in a fraction of a solve's time, from a cycle with other ends: nothing is proven.
+"""A job's cycle near its optimum in a fraction of a solve's time, from a cycle with other ends; nothing is proven.
 
-A cycle's first motions are sketched. Those of a neighbour are bent to the new ends and settle to the optimum beside:
-one sequential quadratic program for each leg. Legs keep clear of bodies only where their motions touch something.
+A cycle's first motions are sketched. Those of a neighbour are bent to the new ends and settle to the nearest optimum:
+one sequential quadratic program for each leg. Bodies are considered only for legs whose motions touch something.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from energy_opt.power import PowerModel
 
 
 class RoughCycles:
-    """Solves cycles of one job roughly, with one end positions after the other; all share what the first has built.
+    """Solves cycles of one job roughly for different end positions; all share what the first has built.
 
     Args:
-        model: of which payloads are those of the job's steps.
-        stopped: asked between solves.
+        model: its payload is replaced by those of the job's steps.
+        stopped: called between solves.
     """
 
     def __init__(self, model: PowerModel, settings: Settings, job: Job, stopped: Callable[[], bool]) -> None:
@@ -39,7 +39,7 @@ class RoughCycles:
         """A cycle of a job without open ends, and its energy [J].
 
         Args:
-            cells: what the arm keeps clear of.
+            cells: bodies that the arm keeps clear of.
             near: a cycle of the same steps with other ends, whose durations are kept.
 
         Raises:

@@ -1,4 +1,4 @@
-"""A job from its steps to a cycle: shares of time, solved legs, waits, and what the plain ways of running it take."""
+"""A job from its steps to a cycle: shares of time, solved legs, waits, and the plain baselines."""
 
 from __future__ import annotations
 
@@ -37,15 +37,15 @@ from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
 from energy_opt.power.assumptions import Assumption
 
-SHARING = 0.05  # of the work, about, and as much again for first paths
-AGAIN = 1e-2  # of a leg's duration: shares that change less are not worth solving again
+SHARING = 0.05  # approximate share of the work for sharing the time, and as much again for first paths
+AGAIN = 1e-2  # relative: durations that change by less are not solved again
 Known = Callable[[Leg, float], Trajectory | None]
 Answered = Callable[[Leg, float, Trajectory], None]
 
 
 @dataclass(frozen=True)
 class Plain:
-    """A plain way to run the job: its energy [J] and plan, None where a limit or a body is in its way."""
+    """A plain way to run the job: its energy [J] and plan; None if a limit or a body forbids it."""
 
     name: str
     energy: float | None
@@ -54,22 +54,22 @@ class Plain:
 
 @dataclass(frozen=True)
 class JobResult:
-    """A job as it is to be run.
+    """A solved job.
 
     Attributes:
-        plan: its motions and where it waits.
+        plan: its motions and waits.
         baselines: "fastest_then_wait" and "evenly_slowed".
-        bound: J that no timing of the legs' first paths and no share of the time goes below; None where not proven.
-        robust: under several models what is minimised: kind, total [J], and lower_bound [J] of that, or None.
-        cells: what was kept clear of, by step.
+        bound: J, a lower bound over all timings of the legs' first paths and shares of the time; None if not proven.
+        robust: under several models the minimised value: kind, total [J], and lower_bound [J] of that, or None.
+        cells: bodies that were kept clear of, by step.
         interrupted: stopped early: legs that had not been solved run evenly slowed.
-        models: what other models make of the cycle: name, total [J], and beside the evenly slowed one saving_joules and
-            saving_total_percent.
-        assumptions: what was not given, with its source.
+        models: energies of the cycle under other models: name, total [J], and against the evenly slowed one
+            saving_joules and saving_total_percent.
+        assumptions: assumed values that were not given, with their source.
         break_even_friction: share of the effort limits at which dry friction, added to the model, ends the saving
-            beside the evenly slowed cycle; None where no share below 0.2 does.
-        travel: joints that go more than 1.5 times as far as a step needs: step, joint, path and straight [rad, m].
-        choice: where steps end at poses of the tool, how their positions were chosen.
+            against the evenly slowed cycle; None if no share below 0.2 does.
+        travel: joints that travel more than 1.5 times the distance of a step: step, joint, path, straight [rad, m].
+        choice: the choice of positions, if steps end at poses of the tool.
     """
 
     job: Job
@@ -93,12 +93,12 @@ class JobResult:
         return assembled(self.job, self.scorers, self.plan)
 
     def scorer(self, step: Step) -> Scorer:
-        """Scores motions under a step's payload."""
+        """The scorer under a step's payload."""
         return self.scorers.of(step)
 
     @property
     def energy(self) -> float:
-        """J of the whole cycle."""
+        """Energy [J] of the whole cycle."""
         return energy_of(self.pieces)
 
     @property
@@ -108,13 +108,13 @@ class JobResult:
 
     @property
     def cell(self) -> Cell | None:
-        """That in which most of the moves are made."""
+        """The cell of most of the moves."""
         cells = [self.cells.of(leg.step) for leg in self.plan.legs]
         return max(cells, key=cells.count, default=None)
 
     @property
     def solved(self) -> bool:
-        """Did every leg end as solved?"""
+        """True if every leg was solved."""
         return not self.interrupted and all(piece.status == "solved" for piece in self.pieces)
 
 
@@ -133,11 +133,11 @@ def run_job(
     """Share the cycle's time over its legs for least energy, and solve them.
 
     Args:
-        cell: what the arm keeps clear of besides the scenes that steps name; by default its own body.
-        stopped: asked between solves; True ends the work with the best so far.
-        known: an earlier run's answer to a leg of that duration, which is judged again before it is taken.
-        answered: is given every answer.
-        progress: is given what is being done, and what share of the work is done.
+        cell: bodies to keep clear of in addition to the scenes of steps; by default the arm's own.
+        stopped: called between solves; True ends the work with the best so far.
+        known: an earlier run's answer to a leg of that duration, which is judged again before use.
+        answered: called with every answer.
+        progress: called with the present task and the finished share of the work.
         room: shares of the limits' bounds that the legs may use, by the limits' names.
 
     Raises:
@@ -159,7 +159,7 @@ def run_job(
     def plan_of(durations: np.ndarray, first: float, last: float) -> Plan:
         """Every leg solved; `first` and `last` are shares of the work.
 
-        Motions last whole nanoseconds: durations are rounded to these, and the longest takes the rest of their sum.
+        Motions last whole nanoseconds: durations are rounded, and the longest takes the rest of their sum.
         """
         even = np.round(durations, 9)
         if len(even):
@@ -197,7 +197,7 @@ def run_job(
 
 
 def _changed(asked: Sequence[Leg], legs: Sequence[Leg]) -> list[str]:
-    """What legs are done otherwise than was asked for."""
+    """Warnings for legs that are solved differently than asked for."""
     return [
         f"{leg.name}: the path that it would keep is not free; it is reshaped"
         for before, leg in zip(asked, legs, strict=True)
@@ -206,21 +206,21 @@ def _changed(asked: Sequence[Leg], legs: Sequence[Leg]) -> list[str]:
 
 
 def _declared_waits(job: Job, scorers: Scorers) -> float:
-    """J of the waits that the job asks for."""
+    """Energy [J] of the waits in the job."""
     return sum(standing_power(scorers, step, step.brakes) * step.wait for step in job.steps if step.wait is not None)
 
 
 def shares_of(
     job: Job, work: Worker, legs: Sequence[Leg], timings: Sequence[Timing], rest: Rest
 ) -> tuple[list[Front], Shares]:
-    """The fronts of the legs' first paths, and how the cycle's time is shared over these for least energy.
+    """The fronts of the legs' first paths, and the shares of the cycle's time over these for least energy.
 
     Raises:
         Infeasible: the cycle, or the time of a leg, is too short.
     """
     time, shortest = job.cycle_time - job.waiting, _shortest(job, legs, timings)
-    spare = time - float(shortest.sum())  # what one leg may take beyond its shortest duration
-    # a power of two, 8 at least, times the shortest duration: equal for near cycles
+    spare = time - float(shortest.sum())  # time that one leg may take beyond its shortest duration
+    # the shortest duration times a power of two, at least 8: equal for similar cycles
     most = (least * 2 ** max(3, np.ceil(np.log2(1 + spare / max(least, 1e-6)))) for least in shortest)
     fronts = [work.front(*each) for each in zip(legs, timings, most, strict=True)]
     scorers = [work.scorers.of(leg.step) for leg in legs]
@@ -265,10 +265,10 @@ def _shortest(job: Job, legs: Sequence[Leg], timings: Sequence[Timing]) -> np.nd
 def _plain(
     work: Worker, legs: tuple[Leg, ...], timings: Sequence[Timing], shortest: np.ndarray, time: float
 ) -> dict[str, Plan | None]:
-    """The cycle as it is run without thought: at full speed and then waiting, or all slowed evenly."""
+    """The plain cycles: at full speed and then waiting, or all slowed evenly."""
     out: dict[str, Plan | None] = {}
     rest = last_rest(work.job, work.scorers)
-    # what a least duration holds back takes no part in slowing down
+    # one factor for all legs, also for those at their least duration
     factor = time / shortest.sum() if shortest.sum() > 0 else 1.0
     most = np.array([leg.most for leg in legs])
     for name, durations in (("fastest_then_wait", shortest), ("evenly_slowed", np.minimum(factor * shortest, most))):
@@ -284,9 +284,10 @@ def _plain(
 def _anew(
     fronts: Sequence[Front], shares: Shares, answers: Sequence[Answer], time: float, waiting: float
 ) -> np.ndarray:
-    """Durations (L,) [s] under fronts that are scaled to what reshaping saved: losses go with time as before."""
+    """Durations (L,) [s] under fronts scaled to the saving of reshaping: losses depend on time as before."""
     standby = np.array([a.energy.standby / a.trajectory.duration for a in answers])
-    overhead = np.array([a.energy.total - a.energy.loss for a in answers])  # standby and what the ends decide
+    # standby and the part that depends only on the ends
+    overhead = np.array([a.energy.total - a.energy.loss for a in answers])
     ratio = np.array([a.energy.loss for a in answers]) / np.maximum(shares.energies - overhead, 1e-12)
     ratio = np.clip(ratio, 0.05, 1.0)
     holding = standby + ratio * (shares.holding - standby)

@@ -1,4 +1,4 @@
-"""The work on a job's legs: one planner for all payloads and scenes, and answers that outlive a run that was killed."""
+"""The solves of a job's legs: one planner for all payloads and scenes, and answers that survive a killed run."""
 
 from __future__ import annotations
 
@@ -29,23 +29,23 @@ from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
 
-LOOKS = 40  # samples of a rough motion that are looked at for contact
+LOOKS = 40  # samples of a rough motion that are checked for contact
 
 
 def unloaded(model: PowerModel) -> PowerModel:
-    """The model with a payload of nothing, so that all payloads share what is built."""
+    """The model with zero payload, so that all payloads share what is built."""
     return model.replaced(Payload(mass=0.0, com=[0.0, 0.0, 0.0]))
 
 
 class Cells:
-    """The cell of every step: what the job's files and the request say; each is read once."""
+    """The cell of every step, by the job's files and the request; each is read once."""
 
     def __init__(self, job: Job, request: CellRequest) -> None:
         self._job, self._request = job, request
         self._kept: dict[Path | None, Cell | None] = {}
 
     def of(self, step: Step) -> Cell | None:
-        """None where nothing is to be kept clear of."""
+        """The cell of a step; None if there is nothing to keep clear of."""
         scene = step.scene or self._request.scene
         if scene not in self._kept:
             try:
@@ -70,7 +70,7 @@ class Worker:
         self._planner = planner.within(shares) if shares else planner
 
     def check_poses(self) -> None:
-        """Raises Infeasible where the arm touches something at a step's end or, in a new scene, at its beginning."""
+        """Raise Infeasible if the arm touches something at a step's end or, in a new scene, at its beginning."""
         for step in self.job.steps:
             cell = self.cells.of(step)
             if cell is not None and cell.checks:
@@ -84,7 +84,7 @@ class Worker:
     def with_first_path(self, leg: Leg) -> Leg:
         """The leg with the first path that the planner starts from.
 
-        A path that a retimed leg is to keep and that is not free is left to reshaping.
+        If a retimed leg's path is not free, the leg is reshaped instead.
 
         Raises:
             Infeasible: no way around was found.
@@ -100,7 +100,7 @@ class Worker:
         return replace(leg, way=move.path, begins=first.source)
 
     def timing(self, leg: Leg) -> Timing:
-        """The fastest of the leg's first path."""
+        """The fastest timing of the leg's first path."""
         planner = self.planner(leg)
         return fastest_timing(self.job.robot, self.scorers.of(leg.step).model, leg, planner.limits())
 
@@ -109,17 +109,17 @@ class Worker:
         return front_of(leg, timing, self.scorers.of(leg.step), self.planner(leg).limits(), most)
 
     def slowed(self, leg: Leg, timing: Timing, duration: float, name: str = "scaled") -> Answer:
-        """The leg's fastest timing, slowed evenly; not solved where it is beyond a limit."""
+        """The leg's fastest timing, slowed evenly; infeasible if it exceeds a limit."""
         return self.judged(leg, timing.slowed(duration).trajectory(self.job.robot.joints), name)
 
     def judged(self, leg: Leg, trajectory: Trajectory, source: str) -> Answer:
-        """A trajectory as an answer to a leg; not solved where it is beyond a limit or touches something."""
+        """A trajectory as an answer to a leg; infeasible if it exceeds a limit or touches something."""
         valid = self.planner(leg).certify(trajectory).valid
         energy = self.scorers.of(leg.step).energy(trajectory)
         return Answer(trajectory, energy, source, "solved" if valid else "infeasible")
 
     def solved(self, leg: Leg, timing: Timing, duration: float, known: Trajectory | None) -> Answer:
-        """The leg in `duration` s with the least energy that is found."""
+        """The leg in `duration` s with the least energy found."""
         planner = self.planner(leg)
         if known is not None and planner.certify(known).valid:
             return Answer(known, planner.score(known), "resumed")
@@ -136,7 +136,7 @@ class Worker:
             near: an answer to start from, of any ends; None for the first path.
 
         Raises:
-            Infeasible: nothing within limits was found, or what was found touches something.
+            Infeasible: nothing within limits was found, or the motion found touches something.
         """
         move, planner, cell = leg.move(duration), self.planner(leg), self.cells.of(leg.step)
         blind = planner.around(None)
@@ -157,7 +157,7 @@ class Worker:
         return Answer(motion, blind.score(motion), "retime", "not_converged")
 
     def stepped(self, leg: Leg, timing: Timing, duration: float) -> Answer:
-        """As `solved`, from the leg's optimum at the nearest duration where one is known: in a fifth of the time."""
+        """As `solved`, from the leg's optimum at the nearest known duration, if any: in a fifth of the time."""
         try:
             steps = self._steps_of(leg)
             near = steps.nearest(duration)
@@ -177,7 +177,7 @@ class Worker:
         raise Infeasible(f"{leg.name}: {error}", joint=error.joint, limit=error.limit) from None
 
     def _steps_of(self, leg: Leg) -> Neighbours:
-        """What solves the leg at one duration after the other."""
+        """The solver of the leg at several durations."""
         for known, steps in self._steps:
             if known is leg:
                 return steps
@@ -200,15 +200,17 @@ FOLDER = ".answers"
 
 
 class Answers:
-    """Trajectories by what decides them: leg, duration, and whatever else `about` says (model, limits, settings)."""
+    """Trajectories by everything that they depend on: leg, duration, and the rest in `about` (model, limits,
+    settings).
+    """
 
     def __init__(self, out: Path, joints: Sequence[str], about: object, resume: bool) -> None:
-        """In `out`; without `resume` what an earlier run left is not looked at."""
+        """In `out`; without `resume` the answers of an earlier run are ignored."""
         self._folder, self._joints, self._resume = Path(out) / FOLDER, tuple(joints), resume
         self._about = to_json(about)
 
     def known(self, leg: Leg, duration: float) -> Trajectory | None:
-        """The earlier answer; None where there is none that can be read."""
+        """The earlier answer; None if there is none that can be read."""
         path = self._path(leg, duration)
         if not self._resume or not path.is_file():
             return None
@@ -218,11 +220,11 @@ class Answers:
             return None
 
     def keep(self, leg: Leg, duration: float, trajectory: Trajectory) -> None:
-        """Write an answer, whole or not at all."""
+        """Write an answer, completely or not at all."""
         formats.write(trajectory, self._path(leg, duration))
 
     def forget(self) -> None:
-        """Nothing is kept of a job that is done."""
+        """Remove the answers of a finished job."""
         for path in self._folder.glob("*.csv"):
             path.unlink(missing_ok=True)
         if self._folder.is_dir():

@@ -6,9 +6,8 @@ windows, which are moved to the joints' clock by
 
     t = s + offset + drift * (s - middle)
 
-The clock with the least residual is the answer. With M readings and squares R_1, R_2 under two clocks, the log
-likelihood ratio is M/2 log(R_1 / R_2). M counts at most one reading in every APART seconds, because the residual has a
-memory.
+The clock with the least residual is chosen. With M readings and squares R_1, R_2 under two clocks, the log likelihood
+ratio is M/2 log(R_1 / R_2). M counts at most one reading in every APART seconds, because the residual is correlated.
 """
 
 from __future__ import annotations
@@ -20,17 +19,17 @@ import numpy as np
 
 from energy_opt.robot import Robot
 
-GRID = 0.02  # [s] of the motion's features
-MOST = 40_000  # nodes of that grid
-READINGS = 1500  # readings that take part
-FEWEST = 12  # readings apart from which a clock or a window is estimated, two for every feature
-LEAST = 0.25  # [s] a smaller offset is left to the meter's own delay, which the fit knows
-SURE = 15.0  # log likelihood by which a moved clock must be better than the one given
-GOOD = 0.3  # share of the readings' variance that the motion must explain
-APART = 0.3  # [s] readings nearer than this tell the same
-SHAPE = 3.0  # log likelihood by which means must fit better than points, or the other way round
-DELAYS = np.round(np.arange(0.0, 0.601, 0.025), 3)  # [s] that a meter may be late; the first is none
-DRIFT = 2e-3  # [s/s] no clock drifts more
+GRID = 0.02  # [s] step of the grid of the motion's features
+MOST = 40_000  # most nodes of that grid
+READINGS = 1500  # readings used at most (about)
+FEWEST = 12  # least independent readings to estimate a clock or a window: two for every feature
+LEAST = 0.25  # [s] a smaller offset is attributed to the meter's own delay, which the fit determines
+SURE = 15.0  # gain of log likelihood from which a moved clock replaces the given one
+GOOD = 0.3  # least share of the readings' variance that the motion must explain
+APART = 0.3  # [s] readings closer together count as one
+SHAPE = 3.0  # difference of log likelihood that decides between means and values at the stamps
+DELAYS = np.round(np.arange(0.0, 0.601, 0.025), 3)  # [s] delays of a meter that are tried; the first is none
+DRIFT = 2e-3  # [s/s] largest drift of a clock
 
 
 @dataclass(frozen=True)

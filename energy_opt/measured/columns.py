@@ -1,7 +1,7 @@
-"""Which column of a file holds what: headers, units, products of columns.
+"""Meaning of a file's columns: headers, units, products of columns.
 
-A log says it, a preset of a known recorder (Universal Robots' RTDE, Franka's state, `sensor_msgs/JointState` out of
-bags), or the user by hand, where headers say too little.
+It comes from a log, from a preset of a known recorder (Universal Robots' RTDE, Franka's state, `sensor_msgs/JointState`
+out of bags), or from the user if the headers are unclear.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from energy_opt.measured.table import Table
 from energy_opt.robot import Robot
 
 WHOLE = ("time", "power", "energy", "power.time")  # quantities that belong to no joint
-LOGGED = "signal"  # signal.<name>: what else is recorded, 0 and 1 or a number
+LOGGED = "signal"  # signal.<name>: further recorded signals, digital (0 and 1) or numbers
 
 
 @dataclass(frozen=True)
 class Rule:
     """A quantity is the product of some columns, times a factor to SI units.
 
-    A factor of None is SI's own, unless the file has a row of units that says otherwise.
+    A factor of None means SI units, unless the file's row of units names another.
     """
 
     columns: tuple[str, ...]
@@ -44,7 +44,7 @@ def kind_of(quantity: str) -> str:
 
 
 def factor_of(quantity: str, rule: Rule, table: Table) -> float:
-    """The factor to SI: what the log says, else the file's row of units, else 1."""
+    """Factor to SI units: from the log, else from the file's row of units, else 1."""
     if rule.factor is not None:
         return rule.factor
     kind = kind_of(quantity)
@@ -98,14 +98,14 @@ def _signal(quantity: str, value: Any, where: str) -> Rule:
 
 
 def plain_rules(joints: Sequence[str]) -> dict[str, Rule]:
-    """CONTRACT's own headers: every quantity in the column of its name."""
+    """Rules for the package's own headers: every quantity in the column of its name."""
     names = ["time", "power", *(f"{joint}.{signal}" for joint in joints for signal in JOINT_SIGNALS)]
     return {name: Rule((name,)) for name in names}
 
 
-# Columns in which a recorder states the payload that the arm was given: mass [kg], centre of mass [m].
+# Columns in which a recorder states the payload set on the arm: mass [kg], centre of mass [m].
 PAYLOAD = {"ur_rtde": ("payload", "payload_cog_0", "payload_cog_1", "payload_cog_2")}
-AUTO = float("nan")  # a time's factor that the stamps themselves tell
+AUTO = float("nan")  # factor of a time whose unit is found from the stamps
 
 
 def ur_rtde(joints: Sequence[str], table: Table) -> dict[str, Rule]:
@@ -122,7 +122,7 @@ def ur_rtde(joints: Sequence[str], table: Table) -> dict[str, Rule]:
 def franka_state(joints: Sequence[str], table: Table) -> dict[str, Rule]:
     """Franka's state: libfranka's log (`state.q[0]`, time in ms) or a bag's `FrankaState` (`field.q0`, `.../q[0]`).
 
-    Position `q`, velocity `dq` and link-side torque `tau_J`, whatever is before them and however they are numbered.
+    Position `q`, velocity `dq` and link-side torque `tau_J`, with any prefix and any form of numbering.
     """
     rules = _stamps(table)
     for signal, stem in (("position", "q"), ("velocity", "dq"), ("effort", "tau_J")):
@@ -153,7 +153,7 @@ def joint_state(joints: Sequence[str], table: Table) -> dict[str, Rule]:
 
 
 def given_names(table: Table) -> dict[int, str]:
-    """Joint names by number where a message's array `name` is exported beside its positions."""
+    """Joint names by number, if a message's array `name` is exported with its positions."""
     if not table.layout.sample:
         return {}
     out = {}
@@ -165,7 +165,7 @@ def given_names(table: Table) -> dict[int, str]:
 
 
 def _stamps(table: Table) -> dict[str, Rule]:
-    """Time and, where there is one, power."""
+    """Rules for time and, if there is one, power."""
     names = ("__time", "%time", "time", "Time", "timestamp", "rosbagTimestamp", "_time", "t")
     bare = {re.sub(r"^[%#]\s*", "", name): name for name in table.header}
     name = next((bare[n] for n in (re.sub(r"^[%#]\s*", "", m) for m in names) if n in bare), "time")
@@ -183,7 +183,7 @@ PRESETS: Mapping[str, Callable[[Sequence[str], Table], dict[str, Rule]]] = {
 }
 
 
-QUOTED = 12  # headers that a message quotes
+QUOTED = 12  # most headers that a message quotes
 HINT = "name columns with --time COLUMN, --power COLUMN, --joint JOINT=COLUMN"
 
 
@@ -201,7 +201,7 @@ class ByHand:
     joints: Mapping[str, str] = field(default_factory=dict)
 
     def within(self, tables: Sequence[Table], robot: Robot | None) -> ByHand:
-        """The same without units, which go to the tables.
+        """Move the units to the tables, and return the columns without units.
 
         Raises:
             BadInput: no file has such a column, or the robot no such joint.
@@ -223,12 +223,12 @@ class ByHand:
         return replace(self, time=time, power=power, joints=joints)
 
     def positions(self, table: Table, found: Mapping[str, str]) -> dict[str, str]:
-        """Position columns by joint: those found, and in their place those named that this table has."""
+        """Position columns by joint: columns named by hand, if this table has them, replace those found."""
         return {**found, **{joint: column for joint, column in self.joints.items() if column in table.header}}
 
 
 def _column(tables: Sequence[Table], option: str, kind: str, word: str) -> str:
-    """The header that a word names; its unit goes to the tables that have it."""
+    """The header that a word of the user names; its unit is set in the tables that have it."""
     column, _, unit = word.rpartition(":")
     known = known_unit(kind, unit) if column else None
     for name, named in ((word, None), (column, known)):
@@ -244,14 +244,14 @@ def _column(tables: Sequence[Table], option: str, kind: str, word: str) -> str:
 
 
 def quoted(headers: Iterable[str]) -> str:
-    """Headers between quotes, the first of many."""
+    """Headers in quotation marks, at most `QUOTED` of them."""
     names = list(headers)
     more = f" and {len(names) - QUOTED} more" if len(names) > QUOTED else ""
     return ", ".join(repr(name) for name in names[:QUOTED]) + more
 
 
 def understood(table: Table, columns: Mapping[str, object]) -> str:
-    """What was understood of a table's headers, and what was not.
+    """Sentence on which headers of a table were understood, and which not.
 
     Args:
         columns: entries of [columns]: a header, {"column": header} or {"product": [header, header]}.

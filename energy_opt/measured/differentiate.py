@@ -1,4 +1,4 @@
-"""Velocities and accelerations from positions, without phase shift; the data of each run choose the cut-offs.
+"""Velocities and accelerations from positions, without phase shift; cut-offs are chosen from each run's data.
 
 The smoother minimises sum (y - x)^2 + lambda sum (third difference of x)^2 (Whittaker's smoother). Its response at
 frequency f is 1 / (1 + (sin(pi f dt) / sin(pi f_c dt))^6). It is one half at the cut-off f_c, has no phase, and has
@@ -16,14 +16,14 @@ import numpy as np
 from energy_opt.measured.run import Run
 
 CUTOFFS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.0, 20.0, 25.0)  # [Hz]
-MOVED = 0.01  # [rad] a joint that moves less in a run tells nothing of noise in motion
-COARSE = 0.15  # [s] between samples, from which positions hold no accelerations
-EXCESS = 1.15  # residual variance over that of noise alone, above which a cut-off takes away signal
+MOVED = 0.01  # [rad] a joint that moves less in a run is not used to estimate noise
+COARSE = 0.15  # [s] between samples above which positions give no accelerations
+EXCESS = 1.15  # residual variance over that of noise alone above which a cut-off removes signal
 
 
 @dataclass(frozen=True)
 class Smoothing:
-    """Noise of the readings, against which cut-offs are judged.
+    """Noise of the readings, used to choose cut-offs.
 
     Attributes:
         position_noise: [rad] of positions. velocity_noise: [rad/s] of logged velocities.
@@ -82,14 +82,14 @@ def smooth(values: np.ndarray, step: float, cutoff: float) -> np.ndarray:
 
 
 def _noise_gain(cutoff: float, step: float) -> float:
-    """Share of white noise's variance that the smoother takes away."""
+    """Share of white noise's variance that the smoother removes."""
     f = (np.arange(2048) + 0.5) / 2048 * 0.5 / step
     high = 1 - 1 / (1 + (np.sin(np.pi * f * step) / np.sin(np.pi * cutoff * step)) ** 6)
     return float(np.mean(high**2))
 
 
 def choose_smoothing(runs: Sequence[Run]) -> Smoothing:
-    """Noise of positions and velocities over the runs that move: what lies above the highest usable cut-off."""
+    """Noise of positions and velocities over the runs that move: the signal above the highest usable cut-off."""
     moving = [r for r in runs if np.ptp(r.position, axis=0).max() > MOVED]
     velocities = [(r.time, r.velocity) for r in moving if r.velocity is not None]
     return Smoothing(_noise([(r.time, r.position) for r in moving]), _noise(velocities))
@@ -113,7 +113,7 @@ def _usable(step: float) -> list[float]:
 
 
 def choose_cutoffs(values: np.ndarray, step: float, noise: float) -> np.ndarray:
-    """For each column the lowest cut-off (n,) [Hz] that takes away nothing but noise.
+    """For each column the lowest cut-off (n,) [Hz] that removes only noise.
 
     Args:
         values: (N, n), evenly sampled.
@@ -132,7 +132,7 @@ def choose_cutoffs(values: np.ndarray, step: float, noise: float) -> np.ndarray:
 def kinematics(run: Run, at: np.ndarray, noise: Smoothing) -> Kinematics:
     """Position, velocity and acceleration at times `at` (M,) [s on the run's clock].
 
-    Logged velocity and acceleration are used where there are any (smoothed alike); the rest is differentiated.
+    Logged velocity (smoothed alike) and acceleration are used if present; the others are differentiated.
     """
     from scipy.interpolate import make_interp_spline
 
@@ -163,12 +163,12 @@ def kinematics(run: Run, at: np.ndarray, noise: Smoothing) -> Kinematics:
 
 
 def coarse(run: Run) -> bool:
-    """Are samples so far apart that a motion between them is not known?"""
+    """True if samples are too far apart to know the motion between them."""
     return len(run.time) > 1 and float(np.median(np.diff(run.time))) > COARSE
 
 
 def _between(run: Run, at: np.ndarray) -> Kinematics:
-    """Straight between samples too far apart to differentiate twice; accelerations count where they are logged."""
+    """Interpolate linearly between samples too far apart to differentiate twice; accelerations only if logged."""
     n = run.position.shape[1]
     v = np.gradient(run.position, run.time, axis=0) if run.velocity is None else run.velocity
     a = np.zeros_like(v) if run.acceleration is None else run.acceleration

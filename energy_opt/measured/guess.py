@@ -1,4 +1,4 @@
-"""What a file without a log holds: which robot, which column is what, in which unit. Every guess has its words."""
+"""Guesses about a file without a log: robot, meaning and unit of each column. Each guess has an explanation."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ from energy_opt.measured.names import (
 from energy_opt.measured.table import Table
 from energy_opt.robot import Robot, known_robots, load_robot
 
-LOOKED_AT = 20_000  # lines that guesses are made from
-ALIKE = 0.25  # relative deviation within which a measured ratio means a unit
-ARM_POWER = (5.0, 20_000.0)  # [W] between which the mean power of an arm with its controller lies
+LOOKED_AT = 20_000  # lines used for guesses
+ALIKE = 0.25  # relative deviation up to which a measured ratio identifies a unit
+ARM_POWER = (5.0, 20_000.0)  # [W] range of the mean power of an arm with its controller
 TIME_UNITS = {1e-3: "ms", 1e-6: "us", 1e-9: "ns"}
 
 
 @dataclass
 class Guess:
-    """Entries for [columns] (or a preset), and the words that say why."""
+    """Entries for [columns] (or a preset), and sentences that explain them."""
 
     columns: dict[str, Any] = field(default_factory=dict)
     preset: str | None = None
@@ -47,7 +47,7 @@ class Guess:
 
 
 def is_motion(table: Table) -> bool:
-    """Whether a file has a vector of joint positions, for whatever robot."""
+    """True if a file has joint positions of any known robot."""
     return any("position" in joint_columns(table.header, _joints(name), given_names(table)) for name in known_robots())
 
 
@@ -61,10 +61,10 @@ _KNOWN: dict[str, Robot] = {}
 
 
 def guess_robot(table: Table) -> tuple[Robot, str]:
-    """The robot of a file of joints, and why.
+    """The robot of a file of joints, and the reason for the choice.
 
     Raises:
-        BadInput: more than one is as likely; the line names them.
+        BadInput: several are equally likely; the message names them.
     """
     fitting = []
     for name in known_robots():
@@ -72,7 +72,7 @@ def guess_robot(table: Table) -> tuple[Robot, str]:
         if "position" in found:
             whole = all(_flat(joint) in _flat(column) for joint, column in found["position"].items())
             fitting.append((len(_flat("".join(_joints(name)))) if whole else 0, name, found))
-    longest = max((named for named, _, _ in fitting), default=0)  # panda_joint1 holds xarm7's joint1 too
+    longest = max((named for named, _, _ in fitting), default=0)  # panda_joint1 also contains xarm7's joint1
     fitting = [row for row in fitting if row[0] == longest]
     most = max((len(_joints(name)) for _, name, _ in fitting), default=0)
     fitting = [row for row in fitting if len(_joints(row[1])) == most]
@@ -100,7 +100,7 @@ def _flat(word: str) -> str:
 
 
 def _torque_error(table: Table, name: str) -> float | None:
-    """How far a robot's static torques are from the file's (measured or commanded), in parts of their spread."""
+    """Rms difference of a robot's static torques from the file's (measured or commanded), over the rms of these."""
     robot = _KNOWN[name]
     plain = {word.replace("target_", "", 1): word for word in table.header if not word.startswith("actual_")}
     effort = joint_columns(list(plain), robot.joints).get("effort")
@@ -121,7 +121,7 @@ def _torque_error(table: Table, name: str) -> float | None:
 
 
 def guess_joints(table: Table, robot: Robot, hand: ByHand) -> Guess:
-    """Columns and units of a file of joints, its own meter included; those named by `hand` are taken as they are.
+    """Columns and units of a file of joints, its own meter included; those named by `hand` have priority.
 
     Raises:
         BadInput: it has no time, or no position for some joint.
@@ -183,7 +183,7 @@ def guess_meter(table: Table, span: float | None, hand: ByHand) -> Guess:
 
 
 def _guess_time(table: Table, out: Guess, key: str, hand: ByHand, span: float | None = None) -> np.ndarray:
-    """The column of stamps: the likeliest name whose values never decrease and do increase."""
+    """Find the column of stamps: the likeliest name whose values never decrease, and increase overall."""
     named = [hand.time] if hand.time in table.header else []
     for name in named or time_columns(table.header):
         values = table.column(name)
@@ -204,12 +204,12 @@ def _guess_time(table: Table, out: Guess, key: str, hand: ByHand, span: float | 
 
 
 def _named_unit(kind: str, column: str, table: Table) -> str | None:
-    """The unit that the row of units or the header itself names."""
+    """The unit named by the row of units or by the header itself."""
     return known_unit(kind, table.units.get(column, "")) or unit_in(kind, column)
 
 
 def _position_unit(values: np.ndarray, time: np.ndarray, robot: Robot, named: str | None, out: Guess) -> str:
-    """Degrees where positions, or the speed between samples, are far outside the limits as radians."""
+    """Unit of the positions: degrees if they, or speeds between samples, are far outside the limits as radians."""
     good = np.isfinite(values).all(axis=1) & np.isfinite(time[: len(values)])
     values, time = values[good], time[: len(values)][good]
     far = degrees_fault(values, robot) is not None
@@ -232,7 +232,7 @@ def _position_unit(values: np.ndarray, time: np.ndarray, robot: Robot, named: st
 def _rate_unit(
     signal: str, values: np.ndarray, position: np.ndarray | None, time: np.ndarray, of_position: str, out: Guess
 ) -> str | None:
-    """The unit under which logged velocities are the slope of the positions; None where they are not, with words."""
+    """Unit in which logged velocities are the slope of the positions; None, with an explanation, if no unit fits."""
     assumed = f"{of_position if of_position in ('rad', 'deg') else 'rad'}{BY_SIGNAL[signal]}"
     if position is None:
         return assumed
@@ -255,9 +255,10 @@ def _rate_unit(
 
 
 def _guess_meter(table: Table, out: Guess, hand: ByHand) -> None:
-    """The robot's voltage times its current, else power, else any pair, else a counter; with units, by size if need be.
+    """Find the meter's columns: the robot's voltage and current, else power, else any such pair, else a counter.
 
-    Of an alternating supply voltage times current is not what is drawn.
+    Units are guessed by size if none is named. With an alternating supply, voltage times current is not the power
+    drawn.
     """
     power, pair, energy = power_column(table.header), product_columns(table.header), energy_column(table.header)
     if pair is not None and (power is None or (robots_own(pair) and not alternating(table.header))):
@@ -290,7 +291,7 @@ def _guess_meter(table: Table, out: Guess, hand: ByHand) -> None:
 
 
 def _counter_unit(values: np.ndarray, seconds: float) -> str:
-    """The unit under which a counter's mean power is an arm's."""
+    """Unit in which a counter's mean power is plausible for an arm."""
     values = values[np.isfinite(values)]
     rise = float(values[-1] - values[0]) / max(seconds, 1e-9) if len(values) else 0.0
     fitting = (u for u in ("J", "Wh", "kWh") if ARM_POWER[0] < rise * UNITS["energy"][u] < ARM_POWER[1] / 4)
@@ -298,7 +299,7 @@ def _counter_unit(values: np.ndarray, seconds: float) -> str:
 
 
 def same_columns(guesses: Mapping[str, Guess]) -> None:
-    """Refuse files whose columns differ: one log says one thing of all.
+    """Refuse files whose columns differ: a log describes all its files alike.
 
     Raises:
         BadInput: names two files and a column.

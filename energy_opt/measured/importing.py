@@ -1,4 +1,4 @@
-"""Files as a lab has them to a measured set: copied beside a log.toml that says what was guessed of them."""
+"""Import of a lab's files as a measured set: they are copied, and a log.toml states what was guessed."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from energy_opt.measured.sets import collect
 from energy_opt.measured.table import Table
 from energy_opt.robot import Robot
 
-FEW = 6  # files; a lab that has more recorded its runs one by one
+FEW = 6  # from this number of files on, recordings are not cut: each file is assumed to be one run
 
 
 @dataclass(frozen=True)
 class Imported:
-    """A set made of files: its folder, robot, the log written, and what was guessed and found, one sentence each."""
+    """An imported set: its folder, robot, log as written, and what was guessed and found, one sentence each."""
 
     folder: Path
     robot: Robot
@@ -42,13 +42,13 @@ class Imported:
 def import_files(
     files: Sequence[Path], out: Path, robot: Robot | None = None, replace: bool = False, hand: ByHand | None = None
 ) -> Imported:
-    """Make a measured set of files; nothing is written where that fails.
+    """Make a measured set of files; nothing is written on failure.
 
     Args:
         files: tables of joints (with or without power) and of meters, in any order.
         out: the set's folder.
-        robot: whose joints they are; found by columns and torques where None.
-        replace: a set that is there already is replaced.
+        robot: the robot of the joints; None to find it by columns and torques.
+        replace: True to replace an existing set.
         hand: columns that are named by hand.
 
     Raises:
@@ -113,7 +113,7 @@ def _distinct(files: Sequence[Path]) -> list[Path]:
 
 
 def _sorted(tables: Sequence[Table], robot: Robot, hand: ByHand) -> tuple[dict[Table, Guess], dict[Table, Guess]]:
-    """Files with the joints of the robot, and meters' files."""
+    """Sort the files into those with the robot's joints and those of meters."""
     from energy_opt.measured.columns import given_names
     from energy_opt.measured.names import joint_columns
 
@@ -145,7 +145,7 @@ def _layout_words(table: Table) -> str:
 
 
 def _pairs(joints: dict[Table, Guess], meters: dict[Table, Guess], words: list[str]) -> dict[Table, Table]:
-    """The meter's file of every file of joints: by stamps where both count from 1970, else by their names."""
+    """The meter's file of each file of joints: by overlap if both clocks count from 1970, else by file names."""
     if not meters:
         return {}
     out: dict[Table, Table] = {}
@@ -176,7 +176,7 @@ def _pairs(joints: dict[Table, Guess], meters: dict[Table, Guess], words: list[s
 
 
 def _alike(a: str, b: str) -> float:
-    """How alike two file names are; equal numbers count most."""
+    """Similarity of two file names; equal numbers count most."""
     numbers = re.findall(r"\d+", a), re.findall(r"\d+", b)
     same = sum(int(x) == int(y) for x, y in zip(*(n[::-1] for n in numbers), strict=False))
     return 2.0 * same + difflib.SequenceMatcher(None, a.lower(), b.lower()).ratio()
@@ -185,7 +185,7 @@ def _alike(a: str, b: str) -> float:
 def _document(
     robot: str, guess: Guess, meter: Guess | None, joints: dict[Table, Guess], pairs: dict[Table, Table]
 ) -> dict[str, Any]:
-    """The log.toml."""
+    """Content of log.toml."""
     columns: dict[str, Any] = {"preset": guess.preset} if guess.preset else {}
     columns |= guess.columns
     if meter is not None:
@@ -204,7 +204,7 @@ def _document(
 
 
 def _kinds(document: dict[str, Any], runs: Sequence[Run], words: list[str]) -> None:
-    """Which runs are static, and whether long recordings are to be cut; written into the document."""
+    """Write into the document which runs are static, and whether long recordings are cut."""
     still = {run.file.partition("#")[0]: True for run in runs}
     for run in runs:
         still[run.file.partition("#")[0]] &= is_at_rest(run.time, run.position)
@@ -217,14 +217,14 @@ def _kinds(document: dict[str, Any], runs: Sequence[Run], words: list[str]) -> N
 
 
 def _at_home(fault: str, folder: Path, tables: Sequence[Table]) -> str:
-    """A fault of a copy, named by the file it was copied from."""
+    """A fault of a copied file, with the path of the original."""
     for table in tables:
         fault = fault.replace(str(folder / table.path.name), str(table.path))
     return fault.replace(str(folder / NAME), "import")
 
 
 def _place(folder: Path, out: Path, names: Sequence[str]) -> None:
-    """Move the finished set to its place; its log.toml last, so that no half set can be read."""
+    """Move the finished set to its place; its log.toml last, so that no incomplete set can be read."""
     try:
         out.mkdir(parents=True, exist_ok=True)
         for name in [*names, NAME]:

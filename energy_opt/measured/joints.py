@@ -1,6 +1,6 @@
-"""The joints' side of a recording: stamps and signals from a table, in SI units and in the robot's order.
+"""Joint data of a recording: stamps and signals from a table, in SI units and in the robot's order.
 
-Stamps of recorders become those of a motion: repeated stamps, missing samples and gaps are counted.
+The recorder's stamps are cleaned: repeated stamps, missing samples and gaps are found and counted.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from energy_opt.measured.table import Table
 from energy_opt.robot import Robot
 from energy_opt.robot.limits import look_like_degrees
 
-COARSE = 0.3  # share of samples with the stamp of the sample before, from which stamps are coarser than the samples
-GAP = 0.25  # [s] without a row, or `GAP_STEPS` steps: nothing is known of the motion in between
+COARSE = 0.3  # share of samples with a repeated stamp above which stamps are coarser than the samples
+GAP = 0.25  # [s] without a sample (or `GAP_STEPS` steps, if longer) from which the motion in between is unknown
 GAP_STEPS = 10
-BUNCHED = 5.0  # times the usual step is the mean one, where samples arrive in bunches
-SKIPPED = 1.6  # steps between samples from which one is missing
+BUNCHED = 5.0  # mean step over median step above which samples arrive in bunches
+SKIPPED = 1.6  # usual steps between two samples from which one is missing
 
 
 @dataclass(frozen=True)
 class Stamped:
-    """Which samples are kept (K,), their stamps (K,) [s], and after which of the kept ones there is a gap."""
+    """Indices of the kept samples (K,), their stamps (K,) [s], and the kept samples that a gap follows."""
 
     kept: np.ndarray
     time: np.ndarray
@@ -35,7 +35,7 @@ class Stamped:
 
 
 def backward(time: np.ndarray) -> int | None:
-    """The first row whose stamp lies before that of the row above it, None where there is none."""
+    """Index of the first stamp that lies before its predecessor, None if there is none."""
     back = np.flatnonzero(np.diff(time) < 0)
     return int(back[0]) + 1 if back.size else None
 
@@ -44,8 +44,8 @@ def clean(time: np.ndarray, values: np.ndarray) -> Stamped:
     """Samples with increasing stamps out of samples with stamps that do not decrease.
 
     A sample that repeats the one before it, stamp and values, is dropped. Samples that share a stamp but differ are
-    spread evenly where stamps are coarser than the samples, moved to the free place behind them where there is one,
-    and dropped otherwise.
+    spread evenly where stamps are coarser than the samples, moved into the place of a missing sample after them if
+    there is one, and dropped otherwise.
 
     Args:
         time: (N,) s, not decreasing. values: (N, m) of all that is logged.
@@ -57,7 +57,7 @@ def clean(time: np.ndarray, values: np.ndarray) -> Stamped:
     kept = np.flatnonzero(~copies)
     if copies.any() and not coarse:
         remarks.append(f"{int(copies.sum())} repeated rows dropped")
-    elif copies.any():  # under coarse stamps an arm at rest repeats itself truly
+    elif copies.any():  # with coarse stamps, equal samples of an arm at rest are real
         kept = np.arange(len(time))
     stamps = time[kept].astype(float)
     same = np.concatenate([[False], np.diff(stamps) == 0])
@@ -95,7 +95,7 @@ def clean(time: np.ndarray, values: np.ndarray) -> Stamped:
 
 
 def _unbunched(stamps: np.ndarray) -> np.ndarray | None:
-    """Samples that arrived in bunches, spread evenly up to the last of each bunch; None where they do not bunch."""
+    """Stamps of samples in bunches, spread evenly up to the last of each bunch; None if there are no bunches."""
     step = np.diff(stamps)
     near = step[step < GAP]
     if len(near) < 3 or BUNCHED * float(np.median(near)) >= float(near.mean()):
@@ -104,13 +104,13 @@ def _unbunched(stamps: np.ndarray) -> np.ndarray | None:
     size = np.diff(last, prepend=-1)
     apart = np.diff(stamps[last], prepend=np.nan) / size
     row = float(np.nanmedian(apart))
-    apart = np.where(apart < 2 * row, apart, row)  # also the first bunch, of which nobody knows when it began
+    apart = np.where(apart < 2 * row, apart, row)  # also for the first bunch, whose start is unknown
     bunch = np.repeat(np.arange(len(last)), size)
     return np.asarray(stamps[last][bunch] - apart[bunch] * (last[bunch] - np.arange(len(stamps))))
 
 
 def _spread(stamps: np.ndarray, same: np.ndarray) -> np.ndarray:
-    """Samples of one stamp spread evenly up to the next stamp; those of the last as far apart as those before."""
+    """Spread samples of one stamp evenly up to the next stamp; those of the last stamp with the usual distance."""
     group = np.cumsum(~same) - 1
     first = np.flatnonzero(~same)
     size = np.diff(np.append(first, len(stamps)))
@@ -118,7 +118,7 @@ def _spread(stamps: np.ndarray, same: np.ndarray) -> np.ndarray:
     usual = float(np.median(length)) if len(length) else 1.0
     length = np.append(np.minimum(length, 2 * usual), usual)
     apart = length / size
-    if len(apart) > 2:  # the first and the last stamp may be those of a part of the samples
+    if len(apart) > 2:  # the first and the last stamp may have only some of their samples
         row = float(np.median(apart[1:-1]))
         apart[0], apart[-1] = min(apart[0], row), min(apart[-1], row)
     begin = stamps[first]
@@ -128,7 +128,7 @@ def _spread(stamps: np.ndarray, same: np.ndarray) -> np.ndarray:
 
 
 def _moved(kept: np.ndarray, stamps: np.ndarray, same: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
-    """Samples with the stamp of the one before: half way to the next where one is missing, else dropped."""
+    """Move samples with a repeated stamp by the usual step if a sample is missing after them; drop the others."""
     step = np.diff(stamps)
     usual = float(np.median(step[step > 0])) if (step > 0).any() else 1.0
     room = np.append(step, 0.0) > SKIPPED * usual
@@ -139,10 +139,10 @@ def _moved(kept: np.ndarray, stamps: np.ndarray, same: np.ndarray) -> tuple[np.n
 
 
 def held(values: np.ndarray) -> np.ndarray | None:
-    """The samples (M,) at which a slower source's reading was new, where each is held over several; None where not.
+    """Indices (M,) of new readings of a slower source whose readings are held over several samples; None if not held.
 
-    Readings come at a beat: all distances between changes are multiples of one number of samples. A coarse instrument's
-    values stay for a while too, but keep no beat.
+    Held readings are periodic: all distances between changes are multiples of one number of samples. Values of a coarse
+    instrument also stay the same for a while, but not periodically.
     """
     change = np.flatnonzero(np.diff(values) != 0) + 1
     if len(change) < 5 or len(change) > len(values) / 3:
@@ -155,22 +155,22 @@ def held(values: np.ndarray) -> np.ndarray | None:
     return change if float(np.mean(off <= (1 if beat >= 10 else 0))) >= 0.95 else None
 
 
-FEWEST = 8  # samples of a run
-# Beyond these a value is no measurement of an arm's: SI units, absolute values.
+FEWEST = 8  # least samples of a run
+# Largest plausible values of an arm's measurements: SI units, absolute values.
 LARGEST = {
     "time": 1e11, "position": 1e4, "velocity": 1e4, "acceleration": 1e6, "effort": 1e6, "current": 1e5,
     "temperature": 1e3, "power": 1e7, "energy": 1e13,
 }  # fmt: skip
-FAR = 1.5  # [rad] outside a limit, from which positions are taken for degrees
-TOO_FAST = 20.0  # velocity limits, from which the stamps' unit is doubted
-COARSEST = 1.0  # [s] between samples of a motion; what is coarser is no motion, or its stamps are in another unit
-FINEST = 1e-5  # [s]
-EPOCH = 1e8  # [s] later stamps count from 1970 and hold for every file alike
+FAR = 1.5  # [rad] outside a limit from which positions are assumed to be degrees
+TOO_FAST = 20.0  # multiple of a velocity limit above which the stamps' unit must be wrong
+COARSEST = 1.0  # [s] largest step of a motion; with a larger one, the stamps' unit must be wrong
+FINEST = 1e-5  # [s] least plausible step
+EPOCH = 1e8  # [s] larger stamps count from 1970, on the same clock in every file
 
 
 @dataclass(frozen=True)
 class Joints:
-    """Samples of the joints: `index` in the table of those kept, `dropped` of repeats; `time` counts as stamps do."""
+    """Samples of the joints; `index`, `dropped`: table indices of kept and repeated samples; `time`: [s] as stamped."""
 
     time: np.ndarray
     signals: Mapping[str, np.ndarray]
@@ -181,7 +181,7 @@ class Joints:
 
 
 def quantity(table: Table, name: str, rule: Rule) -> np.ndarray:
-    """A quantity in SI units, (N,), nan where cells are empty; what no arm can have is added to the table's faults."""
+    """A quantity in SI units (N,), nan for empty cells; implausible values are added to the table's faults."""
     values = table.product(rule.columns)
     factor = factor_of(name, rule, table)
     if name.endswith("time"):
@@ -198,10 +198,10 @@ def quantity(table: Table, name: str, rule: Rule) -> np.ndarray:
 
 
 def stamp_factor(stamps: np.ndarray, name: str = "time", span: float | None = None) -> float:
-    """Seconds per unit of stamps whose unit nobody says: by their size where they count from 1970, else by their step.
+    """Seconds per unit of stamps without a named unit: by their size if they count from 1970, else by their step.
 
-    Recorders of arms write 5 to 2000 samples/s, so a step of 0.5 or more is no second's; meters write 0.1 to 100.
-    A `span` [s] that the file should have about decides before that.
+    Recorders of arms write 5 to 2000 samples/s, so a step of 0.5 or more is not in seconds; meters write 0.1 to 100.
+    A given `span` [s], the approximate duration, decides instead of the step.
     """
     stamps = stamps[np.isfinite(stamps)]
     if len(stamps) < 2:
@@ -229,7 +229,7 @@ def wanted(rules: Mapping[str, Rule], table: Table) -> list[str]:
 
 
 def read_joints(table: Table, rules: Mapping[str, Rule], robot: Robot, kind: str) -> Joints | None:
-    """The joints' samples of a table; None where it has faults, which then stand in `table.faults`."""
+    """The joints' samples of a table; None if it has faults, which are then in `table.faults`."""
     table.load(wanted(rules, table))
     time = quantity(table, "time", rules["time"])
     signals = {}
@@ -264,7 +264,7 @@ def read_joints(table: Table, rules: Mapping[str, Rule], robot: Robot, kind: str
 
 
 def _per_joint(table: Table, robot: Robot, rules: Mapping[str, Rule], signal: str) -> np.ndarray | None:
-    """(N, n) of a signal; None where the file has none of its columns and need not have them."""
+    """Values (N, n) of a signal; None if the signal is optional and the file has none of its columns."""
     names = [f"{joint}.{signal}" for joint in robot.joints]
     given = [name in rules and rules[name].there(table) for name in names]
     if signal != "position" and not any(given):
@@ -276,7 +276,7 @@ def _per_joint(table: Table, robot: Robot, rules: Mapping[str, Rule], signal: st
 
 
 def _step_fault(joints: Joints, kind: str, robot: Robot) -> tuple[int, str, str] | None:
-    """Row, joint and words where stamps are too far apart or too near for what the joints do."""
+    """Row, joint and message if stamps are too far apart or too close for the motion; None otherwise."""
     position = joints.signals["position"]
     step = float(np.median(np.diff(joints.time)))
     moves = float(np.ptp(position, axis=0).max()) > 0.01
@@ -294,7 +294,7 @@ def _step_fault(joints: Joints, kind: str, robot: Robot) -> tuple[int, str, str]
 
 
 def degrees_fault(position: np.ndarray, robot: Robot) -> tuple[int, str, str] | None:
-    """Row, joint and remedy where positions (N, n) lie so far outside the limits that they must be degrees."""
+    """Row, joint and message if positions (N, n) are so far outside the limits that they must be degrees; else None."""
     found = look_like_degrees(robot.limits, position, FAR, robot.slides)
     if found is None:
         return None

@@ -1,6 +1,6 @@
 """How a text table is laid out: encoding, delimiter, decimal sign, header, units below it, first row of data.
 
-Here is also what counts as a number, with decimal commas, and as a date or time of day.
+Also here: recognition of numbers, also with decimal commas, and of dates and times of day.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def is_number(cell: str) -> bool:
 
 
 def date_form(cell: str) -> re.Pattern[str] | None:
-    """The form of a date or time of day, None where the cell is none."""
+    """The form of a date or time of day, None for another cell."""
     return next((form for form in DATES if form.fullmatch(cell)), None)
 
 
@@ -62,7 +62,7 @@ def seconds(cells: Any, form: re.Pattern[str]) -> np.ndarray:
     import pyarrow as pa
     import pyarrow.compute as compute
 
-    pattern = "^" + form.pattern.replace("(?:", "(") + "$"  # RE2 names its groups alike
+    pattern = "^" + form.pattern.replace("(?:", "(") + "$"  # RE2 has the same syntax for named groups
     parts = compute.extract_regex(cells, pattern=re.sub(r"\((?!\?P<)", "(?:", pattern))
     fields = {f.name for f in parts.type}
 
@@ -106,7 +106,7 @@ def _zone(texts: Any) -> np.ndarray:
 
 
 HEAD = 1 << 18  # [bytes] read to find the layout
-SAMPLE = 40  # data lines looked at
+SAMPLE = 40  # data lines used to find the layout
 DELIMITERS = (",", ";", "\t", "|", " ")
 MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
@@ -125,7 +125,7 @@ UNIT_WORD = re.compile(
 
 @dataclass(frozen=True)
 class Csv:
-    """What a log says of its CSV files; None is found by the program."""
+    """Format of CSV files as stated by a log; None is detected."""
 
     delimiter: str | None = None
     decimal: str | None = None
@@ -186,7 +186,7 @@ def layout_of(path: Path, given: Csv | None = None) -> Layout:
 
 
 def _content(path: Path) -> tuple[Any, int]:
-    """The file's bytes, mapped where they are UTF-8 or the like, and how many of a byte order mark to skip."""
+    """The file's bytes, memory-mapped if possible, as UTF-8, and the length of a byte order mark to skip."""
     try:
         with Path(path).open("rb") as stream:
             empty = not stream.read(1)
@@ -215,7 +215,7 @@ def _content(path: Path) -> tuple[Any, int]:
 
 
 def _no_nul(path: Path, content: Any, delimiter: str, names: Sequence[str]) -> None:
-    """NUL bytes are a crash or a full disc while the file was written."""
+    """Refuse NUL bytes: they come from a crash or a full disc while the file was written."""
     at = content.find(b"\0")
     if at >= 0:
         before = bytes(content[:at])
@@ -225,7 +225,7 @@ def _no_nul(path: Path, content: Any, delimiter: str, names: Sequence[str]) -> N
 
 
 def text(raw: bytes) -> str:
-    """UTF-8, else Windows' Western code (its bytes are all defined in latin-1 where it leaves gaps)."""
+    """Decode UTF-8, else Windows' Western code with undefined bytes replaced."""
     try:
         return raw.decode()
     except UnicodeDecodeError:
@@ -254,7 +254,7 @@ def split(row: str, delimiter: str) -> list[str]:
         return row.split(delimiter)
     try:
         return next(csv.reader([row], delimiter=delimiter, skipinitialspace=True), [""])
-    except csv.Error:  # a cell beyond the csv module's size
+    except csv.Error:  # a cell larger than the csv module allows
         return row.split(delimiter)
 
 
@@ -263,7 +263,7 @@ def _is_value(cell: str) -> bool:
 
 
 def _delimiter(lines: Sequence[str]) -> str:
-    """The delimiter under which the lines have most numbers, counted by the share of cells that are numbers."""
+    """The delimiter that gives most numbers, weighted by the share of cells that are numbers."""
     body = [row for row in lines if row.strip()]
     body = body[1:][-SAMPLE:] or body
     best, score = ",", -1.0
@@ -313,7 +313,7 @@ def _is_unit_row(row: Sequence[str]) -> bool:
 
 
 def _decimal(sample: Sequence[Sequence[str]]) -> str:
-    """A comma where numbers have one; it may stand in quotes where the delimiter is a comma too."""
+    """Decimal sign: a comma if more numbers have one than a point (in quotes if the delimiter is a comma too)."""
     cells = [cell for row in sample for cell in row if "," in cell or "." in cell]
     commas = sum("," in cell and is_number(cell) for cell in cells)
     if not commas:

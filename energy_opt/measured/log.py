@@ -1,4 +1,4 @@
-"""`log.toml`: which runs a set has, where their columns are, what the meter does, and whether a recording is cut."""
+"""`log.toml`: the runs of a set, their columns, properties of the meter, and the cutting of recordings."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class RunEntry(Table):
         start: the set time of the run's time 0, s; None where the log does not say.
         power_file: the meter's own file. power_start: that file's time 0 (its first stamp, where stamps are dates or
             beyond an hour) on the run's clock, s; None is estimated.
-        energy: all that the run took, J, where only that is known.
+        energy: total energy of the run, J, if only that is known.
     """
 
     file: Text
@@ -54,7 +54,7 @@ class CsvTable(Table):
 
 
 class MeterTable(Table):
-    """The meter: the window [s] that a reading is the mean over."""
+    """The meter: window [s] of the mean in a reading."""
 
     window: Annotated[Number, Field(ge=0, le=3600)] | None = None
 
@@ -80,13 +80,13 @@ class LogTable(Table):
 
 @dataclass(frozen=True)
 class LogFile:
-    """What log.toml says.
+    """Content of log.toml.
 
     Attributes:
         path: the file itself; runs are found beside it.
         robot: a robot's name or a URDF's path, as written.
-        standstill: True where every recording is cut at standstill.
-        csv: how the tables are written, where the log says. window: of the meter's mean, s, None where not said.
+        standstill: True if every recording is cut at standstill.
+        csv: format of the tables, if stated. window: of the meter's mean, s, None if not stated.
         allow_outside: files may lie outside the set's folder.
     """
 
@@ -163,7 +163,7 @@ def _columns(found: LogTable, path: Path) -> tuple[str | None, dict[str, Rule]]:
 
 
 def _missing(folder: Path) -> str:
-    """What to write where a folder has no log.toml, judged by the CSV files that lie there."""
+    """Message on what to write if a folder has no log.toml, based on its CSV files."""
     if (folder / "result.json").is_file() and (folder / "trajectory.csv").is_file():
         return (
             f"{folder}: a planned motion, not a measured set (no {NAME}); "

@@ -1,4 +1,4 @@
-"""What a header's words and units mean, in the conventions of the field: `actual_q_0`, `dq[3]`, `J1 Angle (deg)`, ...
+"""Meaning of a header's words and units, in the field's conventions: `actual_q_0`, `dq[3]`, `J1 Angle (deg)`, ...
 
 A header is cut into words, numbers and a unit. Headers that differ by a number only are a vector over the joints; a
 joint's own name among the words makes the header that joint's.
@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
-# Factors to SI, by the kind of quantity; the first is SI's own.
+# Factors to SI units, by kind of quantity; the first unit of each is SI's.
 UNITS: dict[str, dict[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
     "position": {"rad": 1.0, "deg": math.pi / 180, "rev": 2 * math.pi, "m": 1.0, "mm": 1e-3},
@@ -32,7 +32,7 @@ UNITS: dict[str, dict[str, float]] = {
     "power": {"W": 1.0, "mW": 1e-3, "kW": 1e3},
     "energy": {"J": 1.0, "kJ": 1e3, "MJ": 1e6, "Ws": 1.0, "mWh": 3.6, "Wh": 3600.0, "kWh": 3.6e6},
 }
-BY_SIGNAL = {"position": "", "velocity": "/s", "acceleration": "/s^2"}  # what an angle's unit gets
+BY_SIGNAL = {"position": "", "velocity": "/s", "acceleration": "/s^2"}  # suffix of an angle's unit, by signal
 OTHER = {
     "°": "deg", "º": "deg", "degree": "deg", "degrees": "deg", "grad": "deg", "radian": "rad", "radians": "rad",
     "sec": "s", "second": "s", "seconds": "s", "msec": "ms", "µs": "us", "μs": "us", "usec": "us", "turn": "rev",
@@ -66,7 +66,7 @@ def _words(text: str) -> frozenset[str]:
     return frozenset(text.split())
 
 
-# Words that tell the signal of a joint, the most telling signals first ("joint" is in many a header).
+# Words that identify a joint's signal, the most specific signals first ("joint" is in many headers).
 SIGNALS: dict[str, frozenset[str]] = {
     "acceleration": _words("qdd ddq acc accel acceleration accelerations ddtheta beschleunigung"),
     "velocity": _words("qd dq vel velocity velocities speed speeds omega qdot dtheta rate geschwindigkeit"),
@@ -77,12 +77,12 @@ SIGNALS: dict[str, frozenset[str]] = {
         "q pos position positions angle angles theta encoder joint joints j axis axes a achse winkel jpos"
     ),
 }
-# What is measured is meant; these are commanded values.
+# Words for commanded or computed values: measured ones are wanted.
 COMMANDED = _words(
     "computed calculated calc model modelled modeled simulated sim estimated est theoretical feedforward predicted "
     "target desired des command commanded cmd ref reference setpoint goal d soll error err planned nominal"
 )
-STRANGE = _words(  # beside these words the others mean no joint's signal
+STRANGE = _words(  # a header with one of these words is no joint's signal
     "tcp cartesian tool pose wrench force ext external hat output register registers bit bits mode digital analog "
     "voltage volt voltages limit limits max min seq covariance contact collision name names accelerometer gripper "
     "finger momentum factor fraction scaling time stamp"
@@ -94,7 +94,7 @@ POWER = _words("power watt watts leistung puissance p pwr")
 ENERGY = _words("energy joule joules wh kwh energie counter arbeit")
 VOLT = _words("voltage volt volts u v spannung")
 AMPERE = _words("current ampere amperes amps amp i a strom")
-# One motor's, and not the robot's, unless the header says so.
+# Words for a single motor instead of the robot, unless the header also names the robot.
 SINGLE = _words(
     "joint motor axis axes achse actuator drive servo gripper tool finger elbow shoulder wrist antrieb j m link"
 )
@@ -105,7 +105,7 @@ NOT_POWER = _words("apparent reactive factor max min peak limit state mode on of
 
 @dataclass(frozen=True)
 class Header:
-    """A header cut up: words in lower case, numbers, and the unit it names (as written)."""
+    """A header split into words in lower case, numbers, and its unit (as written)."""
 
     text: str
     words: tuple[str, ...]
@@ -115,7 +115,7 @@ class Header:
 
 @lru_cache(maxsize=8192)
 def cut(text: str) -> Header:
-    """Cut a header up.
+    """Split a header into words, numbers and unit.
 
     >>> cut("J1 Angle (deg)")
     Header(text='J1 Angle (deg)', words=('j', 'angle'), numbers=(1,), unit='deg')
@@ -139,7 +139,7 @@ def cut(text: str) -> Header:
 
 
 def _unit_of_tail(word: str) -> bool:
-    """Whether the last word is a unit; single letters but s, W, A, V and J are no units but names."""
+    """True if the last word is a unit; the only single letters are s, W, A, V, J and °."""
     if len(word) == 1 and word not in "sWAVJ°":
         return False
     return word.lower() not in ("min", "h", "rev", "turn", "n") and any(known_unit(kind, word) for kind in UNITS)
@@ -151,7 +151,7 @@ def unit_in(kind: str, header: str) -> str | None:
 
 
 def signal_of(words: Iterable[str]) -> str | None:
-    """The joint signal that words tell, None for none."""
+    """The joint signal that words name, or None."""
     have = set(words)
     if have & STRANGE:
         return None
@@ -200,7 +200,7 @@ def _by_name(header: Sequence[str], joints: Sequence[str]) -> dict[str, dict[str
 
 
 def _short_names(joints: Sequence[str]) -> dict[str, list[str]]:
-    """Forms under which a joint may stand in a flattened header."""
+    """Forms of a joint's name in a flattened header."""
     flat = {joint: re.sub(r"[^a-z0-9]+", " ", joint.lower()).strip() for joint in joints}
     forms: dict[str, list[str]] = {}
     universal = {"shoulder pan joint": "base", "shoulder lift joint": "shoulder", "elbow joint": "elbow"}
@@ -242,7 +242,7 @@ def _by_number(header: Sequence[str], joints: Sequence[str], given: Mapping[int,
 
 
 def _rank(words: Sequence[str]) -> float:
-    """How likely words mean what was measured: commanded values below 0, said to be measured above."""
+    """Rank of a header as a measured value: below 0 for commanded values, above 0 if it is said to be measured."""
     have = set(words)
     return len(have & MEASURED) * 0.3 - (2.0 if have & COMMANDED else 0.0) - 0.01 * len(words)
 
@@ -261,7 +261,7 @@ def time_columns(header: Sequence[str]) -> list[str]:
 
 
 def power_column(header: Sequence[str]) -> str | None:
-    """The header of the whole robot's power, None where none says so."""
+    """The header of the whole robot's power, None if there is none."""
     good = {"total": 2.0, "robot": 1.0, "arm": 1.0, "active": 1.0, "whole": 1.0, "sum": 1.0, "main": 0.5, "input": 0.5}
     return _best(header, POWER, NOT_POWER, good, "power")
 
@@ -294,7 +294,7 @@ def _best(
 
 
 def _whole(h: Header, header: Sequence[str], good: Iterable[str]) -> bool:
-    """Whether a meter's column may be the whole robot's: no single motor's, nor one of several of its kind."""
+    """True if a meter's column may be the whole robot's: not a single motor's, nor one of several alike."""
     words = set(h.words)
     if words & WHOLE & set(good):
         return True
@@ -303,12 +303,12 @@ def _whole(h: Header, header: Sequence[str], good: Iterable[str]) -> bool:
 
 
 def robots_own(pair: Sequence[str]) -> bool:
-    """Whether both headers say that they are the robot's."""
+    """True if both headers name the robot."""
     return all(set(cut(name).words) & {"robot", "arm", "controller"} for name in pair)
 
 
 def alternating(header: Iterable[str]) -> bool:
-    """Whether a table has what is known of an alternating supply only."""
+    """True if a header names a quantity that only an alternating supply has."""
     return any(set(cut(text).words) & ALTERNATING for text in header)
 
 

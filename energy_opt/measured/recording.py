@@ -1,7 +1,7 @@
-"""One [[run]] of a log to runs: joints and meter read, put on one clock, and cut at gaps.
+"""Convert one [[run]] of a log to runs: read joints and meter, put them on one clock, and cut at gaps.
 
-The meter's side is power, a counter of energy or a run's total, as means over windows. A recording may hold more beside
-these: digital signals, and numbers that the log offers.
+The meter gives power, an energy counter or a run's total, as means over windows. A recording may have further signals:
+digital ones, and numbers that the log names.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from energy_opt.measured.run import Run, cut_at_standstill, pieces
 from energy_opt.measured.table import Table
 from energy_opt.robot import Robot
 
-TICKS = 0.3  # share of samples in which a counter stays the same, from which only its steps are readings
+TICKS = 0.3  # share of samples with an unchanged counter above which only its steps are readings
 
 
 @dataclass(frozen=True)
@@ -41,11 +41,11 @@ class Readings:
 
 
 def read_meter(table: Table, rules: Mapping[str, Rule], joints: Joints | None, window: float | None) -> Readings | None:
-    """Readings of a table; None where it has faults (they stand in `table.faults`) or no meter's column.
+    """Readings of a table; None if it has faults (then in `table.faults`) or no meter's column.
 
     Args:
-        joints: what was read of the same table; None where the table is the meter's own.
-        window: of the meter's mean, where the log states one, s.
+        joints: samples read from the same table; None if the table is the meter's own.
+        window: [s] of the meter's mean, None if not stated.
     """
     own = joints is None
     stamps = time_rule(table, rules) if own else rules["time"]
@@ -55,7 +55,7 @@ def read_meter(table: Table, rules: Mapping[str, Rule], joints: Joints | None, w
     time, values = quantity(table, "power.time" if own else "time", stamps), quantity(table, name, rules[name])
     if table.faults:
         return None
-    if joints is not None:  # samples go as those of the joints do
+    if joints is not None:  # use the cleaned stamps of the joints
         time[joints.index] = joints.time
         time[joints.dropped] = np.nan
     there = np.flatnonzero(np.isfinite(time) & np.isfinite(values))
@@ -94,14 +94,14 @@ def read_meter(table: Table, rules: Mapping[str, Rule], joints: Joints | None, w
 
 
 def time_rule(table: Table, rules: Mapping[str, Rule]) -> Rule:
-    """Where the meter's own file has its stamps."""
+    """The rule for the stamps in the meter's own file."""
     if "power.time" in rules:
         return rules["power.time"]
     return rules["time"] if rules["time"].there(table) else Rule(("time",))
 
 
 def _counter(time: np.ndarray, energy: np.ndarray, dated: bool) -> Readings:
-    """Mean power between readings of a counter [J]; a counter that ticks coarsely is read where it ticks."""
+    """Mean power between readings of a counter [J]; a coarse counter is read only where it steps."""
     remarks = []
     fresh = np.concatenate([[True], np.diff(time) > 0])
     time, energy = time[fresh], energy[fresh]
@@ -131,7 +131,7 @@ def further_signals(table: Table, rules: Mapping[str, Rule], samples: np.ndarray
     """By name the values (N,) of further signals at some samples of a table.
 
     These are columns that rules or headers call `signal.<name>`, and other columns that hold nothing but 0 and 1. An
-    empty cell has the value before it, as recorders write what changes.
+    empty cell takes the value before it, as recorders write only changes.
     """
     named = {_name(key): rule.columns[0] for key, rule in rules.items() if key.partition(".")[0] == LOGGED}
     named |= {_name(header): header for header in table.header if header.partition(".")[0] == LOGGED}
@@ -141,7 +141,7 @@ def further_signals(table: Table, rules: Mapping[str, Rule], samples: np.ndarray
     out = {name: _filled(table.column(column))[samples] for name, column in named.items()}
     faults = list(table.faults)
     table.load(digital, sparse=True)
-    table.faults[:] = faults  # a column that nobody asked for may be damaged
+    table.faults[:] = faults  # ignore faults in columns that the log does not name
     for header in digital:
         values = _filled(table.column(header))[samples]
         if header not in out and set(np.unique(values)) <= {0.0, 1.0}:
@@ -169,17 +169,17 @@ def _filled(values: np.ndarray) -> np.ndarray:
     return np.asarray(values[there[np.maximum(last, 0)]])
 
 
-UPTIME = 3600.0  # [s] clocks that begin later count from something else than the recording's begin
-MOVES_ENOUGH = 0.05  # [rad] of some joint, for power to follow
+UPTIME = 3600.0  # [s] clocks that begin at a larger stamp do not count from the start of the recording
+MOVES_ENOUGH = 0.05  # [rad] least motion of some joint to align the meter's clock
 SLOW = 0.09  # [s] a meter slower than this may show means over its own interval
 
 
 @dataclass
 class Recording:
-    """What came of a [[run]]: its runs, what is wrong with it, and what reading it took.
+    """Result of reading a [[run]]: its runs, faults, and remarks on the reading.
 
-    `interval` is that of a slow meter of which nobody says whether it shows means, s, and `scores` what this run's
-    motion says of it, see `clock.shows_means`.
+    `interval`: [s] between readings of a slow meter that may show means; `scores`: log likelihoods of both cases from
+    this run's motion, see `clock.shows_means`.
     """
 
     runs: list[Run] = field(default_factory=list)
@@ -229,7 +229,7 @@ SIGNALS = ("position", "velocity", "acceleration", "effort", "current", "tempera
 def _readings(
     log: LogFile, entry: RunEntry, table: Table, rules: Mapping[str, Rule], joints: Joints, out: Recording
 ) -> Readings | None:
-    """The meter's readings as its file counts time; None after faults."""
+    """The meter's readings with its file's stamps; None after faults."""
     if entry.energy is not None:
         return total(joints.time, entry.energy)
     own = entry.power_file is not None
@@ -253,7 +253,7 @@ def _readings(
 
 
 def rules_of_meter(log: LogFile, table: Table) -> dict[str, Rule]:
-    """Rules for a meter's own file beside a recorder's: its own headers."""
+    """Rules for a meter's own file besides that of a recorder with a preset: from its headers."""
     from energy_opt.measured.columns import AUTO
     from energy_opt.measured.names import energy_column, power_column, time_columns
 
@@ -271,11 +271,11 @@ def rules_of_meter(log: LogFile, table: Table) -> dict[str, Rule]:
 def _one_clock(
     log: LogFile, entry: RunEntry, robot: Robot, joints: Joints, readings: Readings, zero: float, out: Recording
 ) -> tuple[Readings | None, str]:
-    """The readings on the run's clock, and how that is known."""
+    """The readings on the run's clock, and the origin of that clock: "shared", "stated" or "estimated"."""
     time = joints.time - zero
     status = "shared"
     stamps = readings.time - zero
-    first = 0.0  # what the meter's file calls time 0
+    first = 0.0  # stamp of the meter's file that counts as its time 0
     if entry.power_file is not None and len(stamps):
         same = abs(readings.time[0]) > EPOCH and abs(joints.time[0]) > EPOCH
         first = float(readings.time[0]) if readings.dated or abs(readings.time[0]) >= UPTIME else 0.0

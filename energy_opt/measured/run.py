@@ -96,8 +96,8 @@ class Run:
 class MeasuredSet:
     """All runs of a set.
 
-    `clock` is True where the log states every run's set time; `payload` is what the recorder states, where it does;
-    `remarks` say what reading it took: samples dropped, recordings cut, clocks found.
+    `clock`: True if the log states every run's set time. `payload`: as stated by the recorder, if it is. `remarks`: on
+    the reading: samples dropped, recordings cut, clocks found.
     """
 
     path: Path
@@ -108,13 +108,13 @@ class MeasuredSet:
     remarks: tuple[str, ...] = ()
 
 
-STILL_SPEED = 0.01  # [rad/s] below this, over `SHORTEST`, the arm is at rest
-SHORTEST = 0.25  # [s] a shorter halt does not part two runs
-LONG = 1.5  # [s] a standstill this long is a static run of its own
-MARGIN = 0.15  # [s] of it left to the motions on either side
-FEW_READINGS = 4  # of the meter that a piece has at least
+STILL_SPEED = 0.01  # [rad/s] the arm is at rest if slower than this for `SHORTEST`
+SHORTEST = 0.25  # [s] a shorter halt does not separate two runs
+LONG = 1.5  # [s] a standstill of at least this duration becomes a static run
+MARGIN = 0.15  # [s] of it that go to the motion before and after
+FEW_READINGS = 4  # least meter readings of a piece
 MOVES = 0.005  # [rad] a piece in which no joint moves further is static
-FEWEST_SAMPLES = 8  # joint samples a piece has beyond its first
+FEWEST_SAMPLES = 8  # least joint samples of a piece beyond its first
 
 
 def is_at_rest(time: np.ndarray, position: np.ndarray) -> bool:
@@ -225,8 +225,8 @@ def _piece(run: Run, first: int, last: int, readings: np.ndarray, kind: str, num
     )
 
 
-STEP = 0.02  # [s] between nodes; drives' power has little above 10 Hz that a mean over a window would show
-FEWEST_NODES = 4  # nodes that a window has at least
+STEP = 0.02  # [s] between nodes; power of drives above 10 Hz hardly changes a mean over a window
+FEWEST_NODES = 4  # least nodes in a window
 
 
 def nodes(run: Run) -> np.ndarray:

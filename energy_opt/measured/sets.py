@@ -1,4 +1,4 @@
-"""From the files of a measured set to its runs, and every fault of a set, with file, row and column."""
+"""Read the files of a measured set into runs, and find all its faults, with file, row and column."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from energy_opt.measured.run import MeasuredSet, Run
 from energy_opt.measured.table import Table
 from energy_opt.robot import PointMass, Robot, load_robot, robot_named
 
-MANY = 3  # remarks of the same words, beyond which they are said once
+MANY = 3  # if more remarks have the same words, they are written once
 
 LOGGER = logging.getLogger(__name__)
 
@@ -32,8 +32,8 @@ def read_set(
     Args:
         folder: the set's folder, or its log.toml.
         robot: the robot to use instead of the one that the log names.
-        allow_outside: the log may name files outside the set's folder.
-        meter: a set without any meter's reading is refused.
+        allow_outside: True if the log may name files outside the set's folder.
+        meter: True to refuse a set without any meter reading.
 
     Raises:
         BadInput: the first fault, with file, row and column, and how many more there are.
@@ -71,7 +71,7 @@ def stated_payload(log: LogFile) -> PointMass | None:
 
 
 def robot_of(log: LogFile, limits: Path | None = None, lock: Mapping[str, float] | None = None) -> Robot:
-    """The robot that a log names, with a joint_limits.yaml and joints that stay; a URDF lies in the set's folder.
+    """The robot that a log names, with a joint_limits.yaml and locked joints; a URDF lies in the set's folder.
 
     Raises:
         BadInput: no such robot; or its URDF lies outside of the set's folder, and the log may not name such files.
@@ -84,7 +84,7 @@ def robot_of(log: LogFile, limits: Path | None = None, lock: Mapping[str, float]
 
 
 def collect(log: LogFile, robot: Robot) -> tuple[list[Run], list[str], list[str]]:
-    """All runs that can be read, every fault found on the way, and remarks on what reading took."""
+    """All readable runs, all faults, and remarks on the reading."""
     faults = [
         f"{log.path}: columns.{key}: no joint {key.rpartition('.')[0]!r}; the robot's are {', '.join(robot.joints)}"
         for key in log.rules
@@ -92,7 +92,7 @@ def collect(log: LogFile, robot: Robot) -> tuple[list[Run], list[str], list[str]
     ]
     found = _recordings(log, robot, faults)
     if log.window is None and any(one.interval for one in found):
-        # What a slow meter shows is the meter's, not a run's: all runs decide together.
+        # Whether a slow meter shows means is a property of the meter: all runs decide together.
         interval = float(np.median([one.interval for one in found if one.interval]))
         scored = [one.scores for one in found if one.scores is not None and np.isfinite(one.scores).all()]
         mean, sure = shows_means(np.sum(scored, axis=0), interval) if scored else (True, False)
@@ -110,7 +110,7 @@ def collect(log: LogFile, robot: Robot) -> tuple[list[Run], list[str], list[str]
 
 
 def _together(remarks: list[str]) -> list[str]:
-    """Remarks that many files share word for word, as one each."""
+    """Merge remarks that many files share word for word."""
     by_word: dict[str, list[str]] = {}
     for remark in remarks:
         file, _, word = remark.partition(": ")
@@ -123,7 +123,7 @@ def _together(remarks: list[str]) -> list[str]:
 
 
 def _recordings(log: LogFile, robot: Robot, faults: list[str]) -> list[Recording]:
-    """Every [[run]] read; what cannot be read at all goes to `faults`."""
+    """Read every [[run]]; the errors of those that cannot be read go to `faults`."""
     out = []
     clock = 0.0
     for k, entry in enumerate(log.runs):
@@ -138,20 +138,20 @@ def _recordings(log: LogFile, robot: Robot, faults: list[str]) -> list[Recording
     return out
 
 
-MISMATCH = 0.2  # logged velocity may differ from that of the positions by this share of its own spread (rms)
+MISMATCH = 0.2  # largest rms difference of logged velocity from the slope of the positions, over the latter's spread
 
 
 def check_set(folder: str | Path, allow_outside: bool = False) -> list[str]:
-    """All faults of a measured set, empty where it can be used as it is; never raises for a faulty file."""
+    """All faults of a measured set, empty if it is usable; never raises for a faulty file."""
     return inspect_set(Path(folder), allow_outside)[0]
 
 
 def inspect_set(
     folder: Path, allow_outside: bool = False, lock: Mapping[str, float] | None = None
 ) -> tuple[list[str], list[str]]:
-    """All faults of a measured set, and remarks on what reading took: samples dropped, recordings cut, clocks found.
+    """All faults of a measured set, and remarks on the reading: samples dropped, recordings cut, clocks found.
 
-    `lock`: joints of the log's robot that stay, and where.
+    `lock`: locked joints of the log's robot, with their positions.
     """
     try:
         log = read_log(folder, allow_outside)
@@ -203,7 +203,7 @@ def _plausible(run: Run, robot: Robot, where: str) -> list[str]:
 
 
 def _constant(runs: Sequence[Run], log: LogFile) -> list[str]:
-    """Meters that show one value throughout a recording."""
+    """Faults of meters that show one value throughout a recording."""
     by_file: dict[str, list[np.ndarray]] = {}
     for run in runs:
         by_file.setdefault(run.file.partition("#")[0], []).append(run.power)

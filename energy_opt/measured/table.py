@@ -1,4 +1,4 @@
-"""Columns of a measured text table: only those asked for are converted, all in one pass, in memory linear in them."""
+"""Columns of a measured text table: only requested ones are converted, in one pass, with memory linear in them."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ import numpy as np
 from energy_opt.errors import BadInput
 from energy_opt.measured.layout import NUMBER, Csv, Layout, date_form, layout_of, seconds, split, text
 
-MAX_FAULTS = 5  # named per column; the rest is counted
+MAX_FAULTS = 5  # most faults named per column; the rest is counted
 BLOCK = 1 << 24  # [bytes] parsed at a time; a row must be shorter
-NAMED = 12  # columns that a message names
-SHOWN = 40  # characters of a faulty cell
-SPARSE = 0.2  # share of empty cells from which a column is taken for a slower source's
+NAMED = 12  # most columns that a message names
+SHOWN = 40  # most characters shown of a faulty cell
+SPARSE = 0.2  # share of empty cells from which a column is assumed to come from a slower source
 MISSING = ("", "nan", "NaN", "NAN", "-nan", "null", "NULL", "None", "NA", "N/A", "n/a", "#N/A")
 
 
@@ -49,8 +49,8 @@ class Table:
     def load(self, names: Iterable[str], sparse: bool = False) -> None:
         """Read columns that are not read yet, in one pass; cells that are no numbers are added to `faults`.
 
-        A column of which `SPARSE` or more is empty is one of a slower source in a common table, and no fault; so it is
-        with any empty cell of a `sparse` one.
+        Empty cells are no fault if their share is `SPARSE` or more (a slower source in a common table), or if `sparse`
+        is True.
         """
         wanted = [name for name in dict.fromkeys(names) if name in self.header and name not in self._columns]
         if not wanted:
@@ -88,7 +88,7 @@ class Table:
                 self.faults.append(f"{self.path}: column {name}: every cell is empty")
 
     def column(self, name: str) -> np.ndarray:
-        """One column (N,) as numbers, nan where a cell is empty or none; date-times as seconds."""
+        """One column (N,) as numbers, nan for empty cells and other text; date-times as seconds."""
         if name not in self.header:
             more = f", ... ({len(self.header)} in all)" if len(self.header) > NAMED else ""
             self.faults.append(
@@ -106,7 +106,7 @@ class Table:
         return out
 
     def row_number(self, index: int) -> int:
-        """The row in the file of a data row; empty lines and lines of another width count in the file only."""
+        """Row number in the file of a data row; empty lines and lines of another width do not count."""
         if self._numbers is None:
             filled = [k for k, row in enumerate(self._lines()) if row]
             kept = np.delete(np.array(filled, dtype=int), self._skipped)
@@ -127,7 +127,7 @@ class Table:
         return re.split(rb"\r\n|\r|\n", bytes(self.layout.content[self.layout.first :]))
 
     def _parse(self, kinds: dict[str, Any]) -> Any:
-        """The columns of `kinds`, and a fault for every row of another width."""
+        """Parse the columns of `kinds`; add a fault for every row of another width."""
         import pyarrow as pa
         import pyarrow.csv as arrow
 
@@ -173,7 +173,7 @@ class Table:
             self.faults.append(f"{self.path}: {len(ragged) - MAX_FAULTS} more rows of another width than the header")
 
     def _lost_lines(self, read: int) -> None:
-        """A quote that never closes swallows lines: their number tells."""
+        """Add a fault if a quotation mark that does not close has swallowed lines."""
         content = self.layout.content
         if content.find(b'"', self.layout.first) < 0:
             return
@@ -197,7 +197,7 @@ class Table:
         return BadInput(f"{self.path}: not a table of text: {' '.join(reason.split())[:200]}")
 
     def _converted(self, cells: Any) -> np.ndarray:
-        """Text cells as numbers, nan where they are none."""
+        """Text cells as numbers, nan for other text."""
         import pyarrow as pa
         import pyarrow.compute as compute
 
@@ -210,7 +210,7 @@ class Table:
         return np.asarray(compute.cast(cells, pa.float64()).to_numpy(), dtype=float)
 
     def _name(self, name: str, bad: np.ndarray) -> None:
-        """A fault for the first cells of a column that are no numbers."""
+        """Add faults for the first cells of a column that are no numbers."""
         lines, k = self._lines(), self.header.index(name)
         for row in bad[:MAX_FAULTS]:
             number = self.row_number(int(row))

@@ -1,4 +1,4 @@
-"""Conditions on a motion, in the words in which they are asked for."""
+"""Conditions on a motion, parsed from the options --keep and --tube."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from energy_opt.errors import BadInput
 KEEP = {"upright": (5.0, "deg", 180.0), "orientation": (2.0, "deg", 180.0), "line": (1.0, "mm", np.inf)}
 """What can be kept: how nearly where nothing is said, its unit, and what the bound must be below."""
 
-TUBE_BELOW = 100.0  # [rad, m] a wider tube is a slip of the unit
+TUBE_BELOW = 100.0  # [rad, m] a wider tube is probably in the wrong unit
 
 
 def kept(words: tuple[str, ...]) -> dict[str, float]:
-    """What `--keep` words ask for, with the bounds [deg or mm].
+    """The conditions of `--keep` words, with their bounds [deg or mm].
 
     Raises:
-        BadInput: words that are none, bounds that cannot be, one thing twice.
+        BadInput: an unknown word, an impossible bound, or one condition twice.
     """
     out: dict[str, float] = {}
     for word in words:
@@ -38,7 +38,7 @@ def kept(words: tuple[str, ...]) -> dict[str, float]:
 
 
 def tube_of(word: str) -> tuple[float, str]:
-    """What `--tube` asks for: a bound above 0, and its unit, rad (of every joint) or m (of the tool).
+    """The value of `--tube`: a bound above 0, and its unit, rad (of every joint) or m (of the tool).
 
     Raises:
         BadInput: anything else.

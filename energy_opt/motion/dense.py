@@ -1,4 +1,4 @@
-"""A trajectory on a dense grid, with all that is read from it: limits and energy."""
+"""A trajectory on a dense grid, from which limits and energy are computed."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Dense:
 
     time (M,) [s] from 0; q, v, a, jerk (M, n); rigid (M, n) [N m] the rigid body's torque, effort (M, n) the motors';
     power (M,) [W] and its parts by effect (M, parts); powers (M, K) [W] under each member of a mixture. Every
-    `factor`-th of them is a sample.
+    `factor`-th place is a sample.
     """
 
     trajectory: Trajectory
@@ -50,8 +50,8 @@ class Dense:
     def weight(self) -> np.ndarray:
         """Simpson's weights (M,) [s] of an integral over time; `factor` is even.
 
-        At 4 ms between samples and ten places between them the rule errs by about 1e-10 of a smooth integral, and
-        by a tenth of a row where a law has a kink.
+        At 4 ms between samples and ten places between them, the relative error of a smooth integral is about 1e-10; at
+        a kink of a law the error is a tenth of a sample's share.
         """
         step = np.diff(self.trajectory.time) / self.factor
         pattern = np.tile([2.0, 4.0], self.factor // 2) / 3

@@ -1,4 +1,4 @@
-"""What is asked of the optimizer: a move, and how to go about it."""
+"""The input of the optimizer: a move, and settings for solving it."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from energy_opt.motion.trajectory import Trajectory, whole
 from energy_opt.numerics.compile import POLICIES
 
 Mode = Literal["retime", "reshape"]
-SHORTEST, LONGEST = 1e-6, 1e5  # [s] of a duration asked for: less than a sample of any controller; more than a day
-LARGEST = 1e6  # [rad, m] of a position: joints that turn without end count fewer turns
-COUNTS = (  # of settings: name, least, most without `allow_large` (what the most comes to)
+SHORTEST, LONGEST = 1e-6, 1e5  # [s] bounds of a given duration: a sample of any controller is longer, a day is shorter
+LARGEST = 1e6  # [rad, m] largest position: joints that turn without end count fewer turns
+COUNTS = (  # settings: name, least, most without `allow_large` (the effort at the most)
     ("starts", 1, 10_000),  # hours
     ("seed", 0, 2**63 - 1),
-    ("verify_samples", 100, 2_000_000),  # some seconds a look, block by block
+    ("verify_samples", 100, 2_000_000),  # some seconds for each evaluation, block by block
     ("initial_paths", 0, 100),  # minutes of planning each
-    ("controls", 10, 400),  # 2,800 unknowns for seven joints: minutes a start
+    ("controls", 10, 400),  # 2,800 unknowns for seven joints: minutes per start
 )
 SOLVERS = ("ipopt", "sqp")
 OBJECTIVES = ("energy", "torque", "power_squared", "path_length", "time")
@@ -36,8 +36,8 @@ class Move:
         mode: "retime" keeps the path, "reshape" is free to change it.
         duration: exactly this long [s], to the nanosecond; max_duration: at most; neither: free.
         path: the path to follow (retime) or to start from (reshape); a straight line in joint space by default.
-        via: points (n,) [rad] that a reshaped move passes, in order, at times of its own choice.
-        input: a trajectory that was given, the baseline "input"; its end velocities are kept.
+        via: points (n,) [rad] that a reshaped move passes in order, at times it chooses.
+        input: a given trajectory, the baseline "input"; its end velocities are kept.
     """
 
     start: np.ndarray
@@ -50,7 +50,7 @@ class Move:
     input: Trajectory | None = None
 
     def __post_init__(self) -> None:
-        for name in ("start", "goal"):  # any sequence is taken
+        for name in ("start", "goal"):  # any sequence is accepted
             object.__setattr__(self, name, _vector(getattr(self, name), name))
         object.__setattr__(self, "via", tuple(_vector(q, "via") for q in self.via))
         if self.mode not in ("retime", "reshape"):
@@ -108,34 +108,34 @@ def _same(a: object, b: object) -> bool:
 
 @dataclass(frozen=True)
 class Settings:
-    """How to solve.
+    """Settings for solving.
 
     Attributes:
-        starts: at most so many starting points a reshaping tries, the straight one included; they are seeded, and fewer
-            are tried where no better answer is to be expected.
+        starts: most starting points that a reshaping tries, the straight one included; they are seeded, and fewer
+            are tried if no better answer is to be expected.
         seed: of the starting points.
         compile: "auto", "always" or "never" (see `numerics.compile`).
-        objective: what is minimised; all but "energy" are what others minimise, scored under the full model.
-        solver: "ipopt", which goes on where the search without regard to bodies has not converged, or "sqp" alone.
+        objective: what is minimised; all but "energy" are common proxies, scored under the full model.
+        solver: "ipopt", which continues if the search without bodies has not converged, or "sqp" alone.
         dynamics: source of the symbolic dynamics (see `dynamics`).
         verify_samples: samples of the certificate; None for ten between every two samples.
-        end_acceleration: of a reshaped move, "zero" or "free". Where the best timing of the first path, whose end
+        end_acceleration: of a reshaped move, "zero" or "free". If the best timing of the first path, whose end
             accelerations are free, takes less energy than a move with "zero", "free" is solved too.
         controls: control points per joint of a reshaped move.
         max_power: bound of the arm's electrical power [W]; None for none.
         tool_speed: bound of the speed of the tool's origin [m/s]; None for none.
         tool_acceleration: bound of the acceleration of the tool's origin [m/s^2]; None for none.
-        keep: "upright[:DEG]", "orientation[:DEG]", "line[:MM]": what of the tool's pose is kept; one word, words with
+        keep: "upright[:DEG]", "orientation[:DEG]", "line[:MM]": conditions on the tool's pose; one word, words with
             commas between them, or a sequence of words.
-        tube: "0.1rad" or "0.02m": how far any joint, or the tool, may be from the nearest point of the given path (of
-            the straight line where none is given); None for as far as it likes.
-        allow_large: more starts, samples and control points than a careful user would ask for.
+        tube: "0.1rad" or "0.02m": largest distance of any joint, or of the tool, from the nearest point of the given
+            path (of the straight line if none is given); None for no bound.
+        allow_large: allow more starts, samples and control points than usual.
         tool: FRAME[,X,Y,Z], the frame of a joint or link and the tool's origin there [m]; None for the last joint's.
         deadline: seconds after which the search for a motion ends with the best proven answer so far; None for none.
-        initial_paths: how many free paths are looked for, and started from, where the straight line is not free, and
-            besides a path that is given; None for one (two where it leads to little), and none besides a free path that
-            is given.
-        own_limits: limits of one's own (`motion.limits.own.OwnLimit`), besides all others.
+        initial_paths: number of free paths to look for and start from if the straight line is not free, and
+            in addition to a given path; None for one (two if it saves little), and none in addition to a free given
+            path.
+        own_limits: user-defined limits (`motion.limits.own.OwnLimit`), in addition to all others.
     """
 
     starts: int = 24

@@ -1,10 +1,10 @@
-"""The nearest point of a path, and how it moves with what it is nearest to.
+"""The nearest point of a path, and its derivatives with respect to the position.
 
-s*(q) minimises |q - p(s)|. With e = q - p(s*) and h = |p'|^2 - e p'', where (q - p) p' = 0 is differentiated,
+s*(q) minimises |q - p(s)|. With e = q - p(s*) and h = |p'|^2 - e p'', differentiating (q - p) p' = 0 gives
 
     ds*/dq = p' / h        d2s*/dq2 = (p'' ds*^T + ds* p''^T - (3 p' p'' - e p''') ds* ds*^T) / h
 
-and both are zero where s* is an end of the path. h is the curvature of the distance: above zero at a minimum.
+Both are zero if s* is an end of the path. h is the curvature of the distance: positive at a minimum.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ import numpy as np
 
 from energy_opt.motion.path import JointPath
 
-PLACES = 400  # along a path, at least, among which the nearest is looked up; then Newton
-PER_PIECE = 6  # and on each of its pieces
-STEPS = 60  # of Newton's method, or else halvings: enough for the last digit
-SETTLED = 1e-14  # of s
-FLAT = 1e-3  # of |p'|^2: h is not taken for less, as it vanishes where the nearest point jumps
+PLACES = 400  # least number of places along a path among which the nearest is looked up, before Newton's method
+PER_PIECE = 6  # least number of places on each piece
+STEPS = 60  # most steps of Newton's method or halvings: enough for the last digit
+SETTLED = 1e-14  # step of s at which Newton's method ends
+FLAT = 1e-3  # share of |p'|^2: lower bound of h, which vanishes where the nearest point jumps
 
 
 @dataclass(frozen=True)
 class Foot:
-    """Nearest points of positions (M, n): s (M,), and what the path is there.
+    """Nearest points of positions (M, n): s (M,), and the path there.
 
     Attributes:
         off: e (M, n), from the path to the position.
@@ -40,7 +40,7 @@ class Foot:
 
     @cached_property
     def h(self) -> np.ndarray:
-        """(M,)."""
+        """h (M,), bounded from below."""
         square = _dot(self.p1, self.p1)
         return np.maximum(square - _dot(self.off, self.p2), np.maximum(FLAT * square, 1e-300))
 
@@ -81,13 +81,13 @@ class NearestOf:
         self._tree = cKDTree(path(self._s))
 
     def __call__(self, q: np.ndarray) -> Foot:
-        """Of positions q (M, n)."""
+        """Nearest points of positions q (M, n)."""
         nearest = np.asarray(self._tree.query(q)[1])
         s = self._settled(q, nearest)
         return Foot(s, q - self.path(s), *(self.path(s, order) for order in (1, 2, 3)))
 
     def _settled(self, q: np.ndarray, nearest: np.ndarray) -> np.ndarray:
-        """From the nearest of the places looked up (M,) to the nearest point, between its two neighbours."""
+        """The nearest point, from the nearest of the places looked up (M,), between its two neighbours."""
         s = self._s[nearest]
         low, high = self._s[np.maximum(nearest - 1, 0)], self._s[np.minimum(nearest + 1, len(self._s) - 1)]
         begins, ends = (low == 0) & (self._way(q, low)[0] >= 0), (high == 1) & (self._way(q, high)[0] <= 0)

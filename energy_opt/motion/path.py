@@ -1,7 +1,6 @@
 """Paths in joint space: piecewise cubic C^2 curves q(s) for s in [0, 1] whose first derivative does not vanish.
 
-A path knows nothing of time. Where it was read from a trajectory, it keeps that trajectory and its path speed at both
-ends.
+A path contains no times. If it was read from a trajectory, it keeps that trajectory and its path speed at both ends.
 """
 
 from __future__ import annotations
@@ -14,12 +13,12 @@ import numpy as np
 
 from energy_opt.motion.trajectory import Trajectory
 
-NO_LENGTH = 1e-12  # [rad] shorter than this is no move at all
+NO_LENGTH = 1e-12  # [rad] a shorter path counts as no move
 TRAJECTORY_PIECES = 200  # cubic pieces of the curve through a trajectory
 
 
 class Curve(Protocol):
-    """What paths and trajectories have in common: values and derivatives (M, n) at places (or times) s (M,)."""
+    """The common interface of paths and trajectories: values and derivatives (M, n) at places (or times) s (M,)."""
 
     def __call__(self, s: np.ndarray, order: int = 0, /) -> np.ndarray: ...
 
@@ -69,12 +68,12 @@ class JointPath:
 
     @property
     def moves(self) -> bool:
-        """False where the path has no length: start and goal coincide and nothing lies between."""
+        """False if the path has no length: start and goal coincide and nothing lies between."""
         return bool(np.abs(self.coefficients[1:]).max() > NO_LENGTH)
 
 
 def straight(start: Sequence[float] | np.ndarray, goal: Sequence[float] | np.ndarray) -> JointPath:
-    """The straight line from `start` to `goal` (n,) [rad]; of no length where they coincide."""
+    """The straight line from `start` to `goal` (n,) [rad]; of no length if they coincide."""
     a, b = np.asarray(start, dtype=float), np.asarray(goal, dtype=float)
     flat = np.zeros_like(a)
     return JointPath(np.array([0.0, 1.0]), np.stack([a, b - a, flat, flat])[:, None, :])
@@ -83,7 +82,7 @@ def straight(start: Sequence[float] | np.ndarray, goal: Sequence[float] | np.nda
 def through(waypoints: np.ndarray) -> JointPath:
     """The natural cubic spline through `waypoints` (K, n) [rad], s in proportion to chord length.
 
-    Waypoints that repeat the one before are passed over.
+    Waypoints that repeat the one before are skipped.
     """
     points = np.atleast_2d(np.asarray(waypoints, dtype=float))
     chord = np.linalg.norm(np.diff(points, axis=0), axis=1)
@@ -97,8 +96,9 @@ def through(waypoints: np.ndarray) -> JointPath:
 def of_trajectory(trajectory: Trajectory, pieces: int = TRAJECTORY_PIECES) -> JointPath:
     """The path of a trajectory, s in proportion to arc length, with its path speed at both ends.
 
-    The curve is met exactly at `pieces` + 1 points that are evenly spaced along it, and by a cubic spline between them;
-    standing still on the way leaves no trace. Where the trajectory begins (ends) in motion, so does the path's tangent.
+    The path meets the trajectory's curve exactly at `pieces` + 1 points that are evenly spaced along it, and is a cubic
+    spline between them; standstills inside the trajectory are dropped. If the trajectory begins (ends) in motion, the
+    path has the same tangent there.
     """
     time = trajectory.denser(max(4, -(-4 * pieces // (len(trajectory.time) - 1))))
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(trajectory.sample(time)[0], axis=0), axis=1))])

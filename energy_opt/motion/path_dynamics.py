@@ -1,4 +1,4 @@
-"""The dynamics of an arm that is bound to a path: everything as a function of path acceleration a and squared speed b.
+"""The dynamics of an arm on a fixed path, as functions of path acceleration a and squared path speed b.
 
     velocity      q' sqrt(b)
     acceleration  q' a + q'' b
@@ -6,7 +6,7 @@
     torque        M a + C b + G                              rigid body, affine
     motor torque  the rigid body's plus every torque effect
 
-The path is passed forwards, so the sign of a joint's velocity is that of q' and Coulomb friction depends on s alone.
+The path is passed forwards, so the sign of a joint's velocity is that of q' and Coulomb friction depends only on s.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from energy_opt.power import PowerModel, drive_terms
 from energy_opt.power.law import rigid_torque
 from energy_opt.robot import Robot, Tool
 
-AFFINE = 1e-9  # relative: torque that deviates less from its tangent is affine
-CRAWL = 1e-9  # [1/s^2] squared path speed that represents "about to move": friction has its sign, dynamics vanish
+AFFINE = 1e-9  # relative: torque that deviates less from its tangent counts as affine
+CRAWL = 1e-9  # [1/s^2] squared path speed for "about to move": friction has its sign, other dynamic terms vanish
 
 
 @dataclass(frozen=True, eq=False)
 class SharedByStructure:
-    """A model that equals any other of the same structure: the key under which built functions are kept."""
+    """A model that equals any other of the same structure: the cache key of built functions."""
 
     model: PowerModel
 
@@ -89,7 +89,7 @@ class PathDynamics:
 
     @property
     def G(self) -> np.ndarray:
-        """Torque of holding, (M, n) [N m]."""
+        """Holding torque, (M, n) [N m]."""
         return self._torque[2]
 
     @cached_property
@@ -107,7 +107,7 @@ class PathDynamics:
         return inertial - holding, centrifugal - holding, holding
 
     def under(self, model: PowerModel) -> PathDynamics:
-        """The same for a model whose payload and tilt are the same."""
+        """The same for a model with the same payload and tilt."""
         other = copy.copy(self)
         other.model, other._affine = model, None
         return other
@@ -134,10 +134,10 @@ class PathDynamics:
         return law(*columns, self.model.values(self.robot.n))
 
     def tool_motion(self, tool: Tool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """A tool's poses (M, 4, 4) in the base frame, and how its origin moves there.
+        """A tool's poses (M, 4, 4) in the base frame, and the motion of its origin.
 
-        Velocity per path speed [m] and acceleration per squared path speed [m], (M, 3) each; what path acceleration
-        adds to acceleration is its multiple of the former.
+        Velocity per path speed [m] and acceleration per squared path speed [m], (M, 3) each; path acceleration adds its
+        multiple of the former to the acceleration.
         """
         if tool not in self._tools:
             pose = np.array(tool.pose)
@@ -147,7 +147,7 @@ class PathDynamics:
     def affine_torque(self, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(ma, mb, m0), (M, n) each: the tangent m0 + ma a + mb b of the motors' torque at (a, b).
 
-        Equal to it everywhere where the effects are affine (Coulomb friction, armature, spring); for viscous friction,
+        It is exact everywhere if the effects are affine (Coulomb friction, armature, spring); for viscous friction,
         which grows with sqrt(b), the tangent lies above it on the driving side.
         """
         if not has_torque_effects(self.model):
@@ -156,7 +156,7 @@ class PathDynamics:
         return ma, mb, here - ma * a[:, None] - mb * np.maximum(b, CRAWL)[:, None]
 
     def affine(self, b: float) -> bool:
-        """Is the motors' torque affine in (a, b)? Tried about the squared path speed b."""
+        """Is the motors' torque affine in (a, b)? Tested near the squared path speed b."""
         if self._affine is None:
             self._affine = not has_torque_effects(self.model) or self._deviation(b) <= AFFINE
         return self._affine

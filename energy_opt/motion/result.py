@@ -1,4 +1,4 @@
-"""What the optimizer answers: a trajectory, its energy beside that of baselines, and the judge's certificate."""
+"""The optimizer's answer: a trajectory, its energy and that of baselines, and the judge's certificate."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from energy_opt.reports.words import limits_words
 
 @dataclass(frozen=True)
 class Baseline:
-    """Another trajectory of the same move, judged in the same way; `valid` where it is inside all limits.
+    """Another trajectory of the same move, judged in the same way; `valid` if it is inside all limits.
 
     `peak_power` is the whole arm's [W].
     """
@@ -29,7 +29,7 @@ class Baseline:
 
     @property
     def duration(self) -> float:
-        """Seconds."""
+        """Duration [s]."""
         return self.trajectory.duration
 
     def document(self) -> dict[str, object]:
@@ -46,12 +46,12 @@ class Baseline:
 
 @dataclass(frozen=True)
 class Optimality:
-    """How good the answer is known to be; "global" where a proven lower bound [J] is near (gap in % of the total).
+    """The proven quality of the answer; "global" if a proven lower bound [J] is near (gap in % of the total).
 
     What is proven: no timing of this path whose squared speed is a quadratic spline on the program's grid, and which
     holds the limits (less a margin of 5e-7) at the grid's points, takes less than `lower_bound` by the grid's
-    quadrature, with dry friction against the motion wherever the path moves a joint, however slowly. Of timings off
-    the grid, and of other paths, it says nothing.
+    quadrature, with dry friction against the motion wherever the path moves a joint, however slowly. Timings off the
+    grid and other paths are not covered.
     """
 
     kind: str
@@ -65,9 +65,9 @@ class Optimality:
 
 @dataclass(frozen=True)
 class FirstPath:
-    """Where the path comes from that a move starts from: "straight", "given", "own" or "ompl"; and what it took [s].
+    """The source of a move's first path: "straight", "given", "own" or "ompl"; and the time to find it [s].
 
-    `blocked` says why it is not free, where it is not.
+    `blocked`: the reason why it is not free, if it is not.
     """
 
     source: str
@@ -81,7 +81,7 @@ class FirstPath:
 
 @dataclass(frozen=True)
 class SolverReport:
-    """Which solver, how much work; `starts` are those of a reshaping."""
+    """The solver and its effort; `starts` are those of a reshaping."""
 
     name: str
     iterations: int
@@ -91,7 +91,7 @@ class SolverReport:
     starts: int = 0
 
 
-ROUNDING = 1e-9  # share of an energy that its parts may miss by rounding alone
+ROUNDING = 1e-9  # share of an energy by which its parts may differ by rounding alone
 
 
 @dataclass(frozen=True, repr=False)
@@ -99,22 +99,22 @@ class Result:
     """A solved move.
 
     Attributes:
-        status: "solved", or "not_converged" where a solver gave up or was interrupted: then the trajectory is the best
-            feasible one that is known, and `message` says why.
-        chosen: where the trajectory comes from: "reshape", "retime", or the name of a baseline that nothing surpassed.
+        status: "solved", or "not_converged" if a solver gave up or was interrupted: then the trajectory is the best
+            known feasible one, and `message` says why.
+        chosen: the source of the trajectory: "reshape", "retime", or the name of a baseline if nothing is better.
         trajectory: with effort and power.
-        first_path: where the path that it starts from comes from.
-        moves: what is known of the standard moves that it consists of; None for a free trajectory.
-        models: what each of several models makes of it: name, total and loss [J], share of the loss saved [%].
-        robust: what was minimised where that is not `energy.total` but the "mean" or "worst" (`kind`) of the models'
+        first_path: the source of the path that it starts from.
+        moves: data of the standard moves that it consists of; None for a free trajectory.
+        models: its energies under each of several models: name, total and loss [J], share of the loss saved [%].
+        robust: what was minimised if it is not `energy.total` but the "mean" or "worst" (`kind`) of the models'
             totals, its value (`total`) [J], and a bound below it (`lower_bound`) or None; the gap in `optimality` is
             between these.
-        assumptions: what was not given, with its source.
+        assumptions: assumed values that were not given, with their source.
         break_even_friction: share of the effort limits at which dry friction, added to the model, ends the saving
-            beside "scaled"; None where no share below 0.2 does.
-        travel: joints that go more than 1.5 times as far as they need: joint, path and straight [rad, m].
+            against "scaled"; None if no share below 0.2 does.
+        travel: joints that travel more than 1.5 times the distance from start to goal: joint, path, straight [rad, m].
         written: files for controllers, read back and judged: file, format, rate, valid, worst.
-        progress: seconds since the search began, and the least loss [J] of a proven answer known by then.
+        progress: seconds since the search began, and the least loss [J] of a proven answer until then.
     """
 
     status: str
@@ -141,15 +141,15 @@ class Result:
     progress: tuple[tuple[float, float], ...] = ()
 
     def baseline(self, name: str) -> Baseline | None:
-        """The baseline of that name; "toppra" and "scaled" are None where the first path has no timing."""
+        """The baseline of that name; "toppra" and "scaled" are None if the first path has no timing."""
         return next((b for b in self.baselines if b.name == name), None)
 
     @property
     def saving(self) -> dict[str, float | None] | None:
         """Against "scaled", which has the same duration: percent of its total, percent of its loss, and joules.
 
-        None where there is no such baseline within limits. A percentage of nothing is None, too: a model without losses
-        leaves only rounding there.
+        None if there is no such baseline within limits. A percentage is None if it would be of nothing but rounding, as
+        in a model without losses.
         """
         baseline = self.baseline("scaled")
         if baseline is None or not baseline.valid:
@@ -169,7 +169,7 @@ class Result:
 
     @property
     def saved(self) -> str:
-        """What is saved at equal duration, in words."""
+        """The saving at equal duration, in words."""
         saving = self.saving
         if saving is None:
             return "no saving is stated: the move slowed evenly is not within the limits"
@@ -180,7 +180,7 @@ class Result:
 
     @property
     def bound(self) -> str:
-        """The lower bound in J, and in words what it is of where that is not the energy itself; empty without one."""
+        """The lower bound in J, with its meaning if it is not of the energy itself; empty without one."""
         known = self.optimality.lower_bound if self.robust is None else self.robust["lower_bound"]
         of = "" if self.robust is None else f" ({self.robust['kind']} of the models)"
         return "" if known is None else f"{known:.6f} J{of}"
@@ -220,7 +220,7 @@ class Result:
         return f"<p>{lines}</p><table><caption>energy [J]</caption><tr>{title}</tr>{cells}</table>"
 
     def document(self) -> dict[str, object]:
-        """result.json."""
+        """The content of result.json."""
         return {
             "status": self.status,
             "robot": self.robot,

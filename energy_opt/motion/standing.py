@@ -1,4 +1,4 @@
-"""Where a motion rests on its way."""
+"""Standstills within a motion."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ import numpy as np
 from energy_opt.errors import BadInput
 from energy_opt.motion.trajectory import Trajectory
 
-STILL = 1e-3  # of the top speed: slower is no motion
-BRIEF = 0.03  # [s] a shorter standstill is a turning point
-DENSER = 4  # places between two samples that are looked at
+STILL = 1e-3  # share of the top speed below which a joint counts as still
+BRIEF = 0.03  # [s] a shorter standstill counts as a turning point
+DENSER = 4  # checked places for each sample
 
 
 def standstills(trajectory: Trajectory) -> np.ndarray:
-    """Start and end (W, 2) [s] of the stretches in which no joint moves, of those at both ends too."""
+    """Start and end (W, 2) [s] of the intervals in which no joint moves, including those at both ends."""
     time = trajectory.denser(DENSER)
     speed = np.abs(trajectory.sample(time)[1]).max(axis=1)
     still = np.concatenate([[False], speed <= STILL * max(float(speed.max()), 1e-12), [False]])
     edges = np.flatnonzero(np.diff(still.astype(int)))
     spans = np.stack([time[edges[::2]], time[edges[1::2] - 1]], axis=1)
     rest = trajectory.time[np.abs(trajectory.velocity).max(axis=1) <= 1e-9]
-    for span in spans:  # from rest to rest, where samples at rest are there
+    for span in spans:  # from rest to rest, if the interval contains samples at rest
         inside = rest[(rest >= span[0]) & (rest <= span[1])]
         if len(inside) > 1:
             span[:] = inside[[0, -1]]
@@ -29,7 +29,7 @@ def standstills(trajectory: Trajectory) -> np.ndarray:
 
 
 def check_moves_on(trajectory: Trajectory, where: str) -> None:
-    """Raise BadInput where a trajectory rests on its way, which one move cannot keep."""
+    """Raise BadInput if a trajectory rests on its way, which one move cannot keep."""
     for begin, end in standstills(trajectory).tolist():
         if begin > BRIEF and end < trajectory.duration - BRIEF:
             raise BadInput(

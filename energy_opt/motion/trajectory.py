@@ -1,7 +1,7 @@
 """A sampled trajectory: the samples of trajectory.csv, and the curve that they describe.
 
 Between two samples the curve is the quintic polynomial with the samples' positions, velocities and accelerations, so
-these three are continuous and everything that is judged can be recomputed from the file alone.
+these three are continuous and every judged value can be recomputed from the file alone.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
-# Quintic on x in [0, 1] from (q0, q1, h v0, h v1, h^2 a0, h^2 a1); a line holds the coefficients of x^0 ... x^5.
+# Quintic on x in [0, 1] from (q0, q1, h v0, h v1, h^2 a0, h^2 a1); each line has the coefficients of one of x^0 ... x^5
 _HERMITE = np.array(
     [
         [1, 0, 0, 0, 0, 0],
@@ -24,19 +24,21 @@ _HERMITE = np.array(
 )
 
 
-CLOSEST = 1e-5  # [s] between two samples of a mean
+CLOSEST = 1e-5  # [s] least time between two samples of a mean
 ROW_STEP = 0.004  # [s] largest time between two samples of a trajectory
 LEAST_SAMPLES = 200
-MOST_SAMPLES = 20_000  # that the clock asks for: a motion that takes longer is slower and has no more to say
+MOST_SAMPLES = 20_000  # most samples that ROW_STEP gives: longer motions are slower and need no more
 
 
 def whole(time: np.ndarray | float) -> np.ndarray:
-    """Times [s] on whole nanoseconds, in which messages count them: what is judged can then be written to the digit."""
+    """Times [s] rounded to whole nanoseconds, the unit of messages: judged times can then be written exactly."""
     return np.asarray(np.round(np.asarray(time, dtype=float) * 1e9) / 1e9)
 
 
 def row_step(duration: float) -> float:
-    """Largest time between two samples of a trajectory that takes `duration`, s: beyond 80 s they follow the motion."""
+    """Largest time [s] between two samples of a trajectory that takes `duration`: beyond 80 s it grows with the
+    duration.
+    """
     return max(min(ROW_STEP, duration / (LEAST_SAMPLES - 1)), duration / MOST_SAMPLES)
 
 
@@ -49,7 +51,9 @@ def _powers(x: np.ndarray, order: int) -> np.ndarray:
 
 @lru_cache(maxsize=8)
 def _places(factor: int) -> np.ndarray:
-    """From a quintic's data to its derivatives 0 ... 3 at `factor` even places between two samples, (4, factor, 6)."""
+    """Matrix from a quintic's data to its derivatives 0 ... 3 at `factor` even places between two samples, (4,
+    factor, 6).
+    """
     x = np.arange(factor) / factor
     return np.stack([_powers(x, order) @ _HERMITE for order in range(4)])
 
@@ -58,7 +62,7 @@ def _places(factor: int) -> np.ndarray:
 class Trajectory:
     """Samples of a motion: time (N,) [s]; position, velocity, acceleration (N, n) [rad, rad/s, rad/s^2].
 
-    effort (N, n) [N m] (the motors' torque) and power (N,) [W] are there once a model has been applied.
+    effort (N, n) [N m] (the motors' torque) and power (N,) [W] are set once a model has been applied.
     """
 
     joints: tuple[str, ...]
@@ -71,7 +75,7 @@ class Trajectory:
 
     @property
     def duration(self) -> float:
-        """From the first to the last row, s."""
+        """Time from the first to the last sample, s."""
         return float(self.time[-1] - self.time[0])
 
     def sample(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -89,7 +93,7 @@ class Trajectory:
                 h**2 * self.acceleration[k + 1],
             ]
         )
-        # Relative to the first position, so that the differences of nearly equal positions keep their digits.
+        # relative to the first position, so that differences of nearly equal positions keep their digits
         data[1] -= data[0]
         start = data[0].copy()
         data[0] = 0.0
@@ -105,7 +109,7 @@ class Trajectory:
         return out[0], out[1], out[2], out[3]
 
     def sample_denser(self, factor: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """What `sample` gives at the times of `denser(factor)`, many times faster: places between samples recur."""
+        """As `sample` at the times of `denser(factor)`, but many times faster: the places between samples repeat."""
         step = np.diff(self.time)[:, None]
         state = self.position, self.velocity, self.acceleration
         data = np.stack([x for row in state for x in (row[:-1], row[1:])])  # (6, N - 1, n)
@@ -127,7 +131,9 @@ class Trajectory:
         return out[0], out[1], out[2], out[3]
 
     def jerk_before_samples(self) -> np.ndarray:
-        """Jerk (N - 1, n) just before each sample but the first; it jumps at samples, where `sample` has that after."""
+        """Jerk (N - 1, n) just before each sample but the first; it jumps at samples, and `sample` gives the value
+        after.
+        """
         step = np.diff(self.time)[:, None]
         state = self.position, self.velocity, self.acceleration
         data = np.stack([x * step**k for k, row in enumerate(state) for x in (row[:-1], row[1:])])
@@ -149,12 +155,12 @@ class Trajectory:
         return np.append(inner, self.time[-1])
 
     def part(self, samples: slice) -> Trajectory:
-        """Some of its samples, one after the other."""
+        """The trajectory of some consecutive samples."""
         first = (self.time, self.position, self.velocity, self.acceleration, self.effort, self.power)
         return Trajectory(self.joints, *(None if x is None else x[samples] for x in first))  # type: ignore[arg-type]
 
     def on_nanoseconds(self) -> Trajectory:
-        """The curve with its samples on whole nanoseconds; itself where they are."""
+        """The curve with its samples on whole nanoseconds; itself if they already are."""
         time = whole(self.time)
         if np.array_equal(time, self.time):
             return self
@@ -167,18 +173,18 @@ class Trajectory:
     def averaged(self, width: float) -> Trajectory:
         """The mean of the curve over the last `width` s, at rest before and after: `width` s longer.
 
-        No velocity, acceleration or jerk grows by it, and a jump d of the acceleration becomes a jerk of d / width.
-        With the integral Q of the position: (Q(t) - Q(t - width)) / width, and so on for its derivatives.
+        This increases no velocity, acceleration or jerk, and turns a jump d of the acceleration into a jerk of d /
+        width. With the integral Q of the position: (Q(t) - Q(t - width)) / width, and so on for its derivatives.
         """
         last = whole(self.time[-1] - self.time[0] + width)
         marks = np.concatenate([self.time, self.time + width]) - self.time[0]
         marks = np.unique(whole(marks))
         keep = np.concatenate([[True], np.diff(marks) > CLOSEST]) & (marks < last - CLOSEST)
         time = np.append(marks[keep], last)
-        end = time.astype(np.longdouble) + self.time[0]  # an error of time is one of q times error / width
+        end = time.astype(np.longdouble) + self.time[0]  # an error of time causes an error of q times error / width
         now, then = (self._summed(t) for t in (end, end - width))
         q, v, a = (np.asarray((x - y) / width, dtype=float) for x, y in zip(now, then, strict=True))
-        still = self._still(time - width, time)  # exactly, not but for rounding
+        still = self._still(time - width, time)  # set rest exactly, without rounding
         q[still], v[still], a[still] = (
             self.sample(np.clip(self.time[0] + time[still], *self.time[[0, -1]]))[0],
             0.0,
@@ -188,7 +194,7 @@ class Trajectory:
         return Trajectory(self.joints, time, q, v, a)
 
     def _still(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
-        """Whether the arm is at rest from `begin` to `end`, times [s] (M,) after the first sample: (M,) of bool."""
+        """(M,) True if the arm is at rest from `begin` to `end`, times [s] (M,) after the first sample."""
         at_rest = ((self.velocity == 0) & (self.acceleration == 0)).all(axis=1)
         moves = (self.position[:-1] != self.position[1:]).any(axis=1) | ~at_rest[:-1] | ~at_rest[1:]
         moved = np.concatenate([[0], np.cumsum(moves)])
@@ -199,8 +205,10 @@ class Trajectory:
         return moved[after] <= moved[first]
 
     def _summed(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Integral of the position from the first row on, position and velocity (M, n) at `time` (M,), in long double;
-        at rest beyond both ends."""
+        """Integral of the position from the first sample, position and velocity (M, n) at `time` (M,), in long double.
+
+        The arm is at rest beyond both ends.
+        """
         inside = np.clip(time, self.time[0], self.time[-1])
         step = np.diff(self.time.astype(np.longdouble))[:, None]
         q, v, a = (x.astype(np.longdouble) for x in (self.position, self.velocity, self.acceleration))

@@ -1,4 +1,4 @@
-"""How far joints go, beside how far they need to."""
+"""Distances that joints travel, compared with those they need."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import numpy as np
 
 from energy_opt.motion.trajectory import Trajectory
 
-DETOUR = 1.5  # times what start to goal needs, from which a joint's travel is named
-SMALLEST = 1e-3  # [rad, m] less than this further is no detour
+DETOUR = 1.5  # factor of the distance from start to goal above which a joint's travel is reported
+SMALLEST = 1e-3  # [rad, m] a smaller excess is no detour
 
 
 def detours(trajectory: Trajectory) -> list[dict[str, object]]:
-    """The joints that go more than 1.5 times as far as from their start to their goal: joint, path, straight [rad, m].
+    """The joints that travel more than 1.5 times their distance from start to goal: joint, path, straight [rad, m].
 
-    A joint's path is that of its quintic between samples, read at ten places of each.
+    A joint's path is that of its quintics, read at ten places between samples.
     """
     q = trajectory.sample_denser(10)[0]
     path, straight = np.abs(np.diff(q, axis=0)).sum(axis=0), np.abs(q[-1] - q[0])

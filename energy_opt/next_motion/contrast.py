@@ -1,4 +1,4 @@
-"""Node functions whose cost is how alike rival models are: what the reshaper minimises to tell them apart.
+"""Node functions for distinguishing rival models: their cost, which the reshaper minimises, is their similarity.
 
 With y_i the reading that model i expects, the cost is - sum_{i<k} w_ik mean (y_i - y_k)^2, the mean over the move and
 the pause after it, so that the duration may be free. Weights and all models' values are parameters: one build serves
@@ -19,7 +19,7 @@ from energy_opt.next_motion.legs import PAUSE
 from energy_opt.power import PowerModel, drive_terms
 from energy_opt.robot import RigidBody
 
-HARDLY = 0.005  # [s] lags that differ by less hardly show
+HARDLY = 0.005  # [s] smaller differences of lag are ignored
 
 
 def contrast_functions(models: Sequence[PowerModel], body: RigidBody, strongest: np.ndarray) -> NodeFunctions:
@@ -39,7 +39,7 @@ def contrast_functions(models: Sequence[PowerModel], body: RigidBody, strongest:
             torques[rigid] = symbolic_torque(model, body, x.q, v, a, own, "auto")
         terms = drive_terms(model, Signals(x.q, v, a, torques[rigid], x.t), own, Smooth())
         reading = terms.power
-        if lag:  # dP/dt, less what jerk adds, which a node does not know
+        if lag:  # dP/dt without the term in jerk, which a node does not know
             reading -= lag * ca.jtimes(terms.power, ca.vertcat(x.q, x.q1), ca.vertcat(x.q1, x.q2)) / x.duration
         gain = model.get(MeterGain.name)
         shown.append(reading if gain is None else gain.values["gain"][0] * reading)
@@ -58,10 +58,10 @@ def contrast_parameters(models: Sequence[PowerModel], joints: int, weights: np.n
 
 
 def _lags(models: Sequence[PowerModel]) -> np.ndarray:
-    """By how much each model's meter lags behind the others' on average, s; none where it can hardly show.
+    """Lag [s] of each model's meter relative to their mean; zeros if all lags nearly agree.
 
-    A first-order lag counts half: it follows a slow power as late as a delay of the same time, and a fast one less so.
-    The search alone goes by that; motions are judged by the meter's full law.
+    A first-order lag counts half: it delays a slow power like a delay of the same time, and a fast one less. Only the
+    search uses this approximation; motions are judged by the meter's full law.
     """
     lags = np.zeros(len(models))
     for kind, share in ((MeterDelay, 1.0), (MeterFilter, 0.5)):

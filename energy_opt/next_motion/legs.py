@@ -17,18 +17,18 @@ from energy_opt.motion.trajectory import Trajectory
 from energy_opt.robot import Limits, Robot
 
 PAUSE, PAUSE_SAMPLES = 0.4, 20  # [s]
-SPARE = 0.98  # of every limit is used in reshaping: nodes do not see all of a curve
-BENT = 24  # random bends of which the most telling is reshaped
-BEND = 0.5  # standard deviation of a bend's amplitude, as a share of half of a joint's range
-WAVES = 4  # half periods of a bend at most
-ITERATIONS, TRUST, TOLERANCE = 40, 0.4, 1e-3  # of a reshaping; its first step [rad, m], and relative
+SPARE = 0.98  # share of every limit used in reshaping: nodes do not see all of a curve
+BENT = 24  # random bends that are tried; the best one is reshaped
+BEND = 0.5  # standard deviation of a bend's amplitude, over half of a joint's range
+WAVES = 4  # most half periods of a bend
+ITERATIONS, TRUST, TOLERANCE = 40, 0.4, 1e-3  # of a reshaping: most iterations, first step [rad, m], relative tolerance
 SHORTEST = 0.5  # [s]
-PEAKS = {1: 1.875, 2: 5.774, 3: 60.0}  # largest value of a quintic's derivatives, per unit of way and of 1 / T^k
+PEAKS = {1: 1.875, 2: 5.774, 3: 60.0}  # largest value of a quintic's derivatives, per unit of distance and of 1 / T^k
 
 
 @dataclass(frozen=True)
 class Way:
-    """How to get from pose to pose: at first in `duration` [s], which is free within `durations`, within limits."""
+    """A move from pose to pose within limits, at first in `duration` [s], which may change within `durations`."""
 
     start: np.ndarray
     goal: np.ndarray
@@ -43,7 +43,7 @@ class Way:
         return Ends(self.start, self.goal, rest, rest, np.zeros((0, len(rest))))
 
     def quintic(self, shape: Shape) -> Curve:
-        """The straight way, as a curve of `shape`."""
+        """The straight path, as a curve of `shape`."""
         u = np.linspace(0, 1, 8 * shape.basis.controls)
         share = u**3 * (10 - 15 * u + 6 * u**2)
         return fitted(shape, u, self.start + np.outer(share, self.goal - self.start), self.ends, self.duration)
@@ -52,9 +52,9 @@ class Way:
 def reshaped(
     level: Level, way: Way, leg: Curve, parameters: np.ndarray, rng: np.random.Generator | None = None
 ) -> Curve:
-    """The way with the level's cost lowered, from `leg` or, given `rng`, from the best of some random bends of it.
+    """Reshape `leg` to lower the level's cost, starting from it or, given `rng`, from the best of some random bends.
 
-    It is `leg` itself where the solver ends outside the limits.
+    Return `leg` itself if the solver ends outside the limits.
     """
     limits = scaled(joint_limits(way.limits), SPARE)
     start = leg if rng is None else _bent(level, way, leg, limits, parameters, rng)
@@ -66,7 +66,7 @@ def reshaped(
 def _bent(
     level: Level, way: Way, leg: Curve, limits: Sequence[Limit], parameters: np.ndarray, rng: np.random.Generator
 ) -> Curve:
-    """The most telling of many randomly bent copies of `leg`, each as fast as limits on motion let it be."""
+    """The best of some randomly bent copies of `leg`, each as fast as the limits on motion allow."""
     shape = level.shape
     lower, upper = box_of(limits, shape.joints)
     u, half = np.linspace(0, 1, shape.basis.controls), (upper - lower) / 2
@@ -114,7 +114,7 @@ def shortest(robot: Robot, limits: Sequence[Limit], start: np.ndarray, goal: np.
 
 
 def joined(legs: Sequence[Curve], joints: tuple[str, ...]) -> Trajectory:
-    """One trajectory of legs that begin where the one before ended, with a pause after each."""
+    """One trajectory of legs that follow one another, with a pause after each."""
     n = len(joints)
     time, q, v, a = [np.zeros(1)], [legs[0].points[:1]], [np.zeros((1, n))], [np.zeros((1, n))]
     still = np.zeros((PAUSE_SAMPLES, n))

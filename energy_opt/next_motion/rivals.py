@@ -1,4 +1,4 @@
-"""Which models a motion is to tell apart, what each may still become, and how far apart it holds them at the meter."""
+"""Rival models that a motion should distinguish, the uncertainty of each, and the differences of their readings."""
 
 from __future__ import annotations
 
@@ -17,12 +17,13 @@ from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
 from energy_opt.robot import RigidBody
 
-IDLE = ((CoulombFriction, 0.5), (ViscousFriction, 0.5), (Armature, 0.2))  # what a joint that never moved may hide
+# effects that a joint that never moved may have, with usual sizes
+IDLE = ((CoulombFriction, 0.5), (ViscousFriction, 0.5), (Armature, 0.2))
 
 
 @dataclass(frozen=True)
 class Slack:
-    """What the data so far leave open of a rival: unknowns u ~ N(0, 1), and the meter's noise.
+    """Uncertainty of a rival after the data so far: unknowns u ~ N(0, 1), and the meter's noise.
 
     Attributes:
         values: (P, g) change of the model's values by u.
@@ -39,7 +40,7 @@ class Slack:
 
 @dataclass(frozen=True)
 class Rival:
-    """A model that may be the right one; `slack` is None where it is known exactly and the meter shows all."""
+    """A model that may be true; `slack` is None if it is known exactly and the meter has no noise."""
 
     model: PowerModel
     slack: Slack | None = None
@@ -48,13 +49,13 @@ class Rival:
 def rivals_of(found: Inference, n: int) -> list[Rival]:
     """The models to tell apart: those that fit equally well, or the accepted one with more in each idle joint.
 
-    Every idle joint makes rivals of its own, so that the smallest difference stays nought until all of them move. What
-    the data leave open of an idle joint is what is asked there: of those rivals only links and level give way.
+    Every idle joint has rivals of its own, so that the smallest difference is zero until all of them move. Only links
+    and level of these rivals are uncertain, as the numbers of the idle joints are in question.
     """
     if len(found.rivals) > 1:
         return [Rival(f.model, _slack(f, f.model, n)) for f in found.rivals]
     model = found.accepted.model
-    for kind, _ in IDLE:  # all rivals of one structure
+    for kind, _ in IDLE:  # all rivals get the same structure
         if model.get(kind.name) is None:
             model = model.replaced(kind.neutral(n))
     held = {e.name: e.full(n) for e in model.effects}
@@ -64,7 +65,7 @@ def rivals_of(found: Inference, n: int) -> list[Rival]:
 
 
 def _slack(f: Fit, model: PowerModel, n: int, numbers: bool = True) -> Slack:
-    """What a fit leaves open of a model that has its effects; with `numbers` also of the effects' own."""
+    """Uncertainty of a model from a fit with the same effects: of links and level, with `numbers` also of effects."""
     charted, amounts = f.count, len(f.amounts)
     first = charted + len(f.weights)
     records = np.r_[np.arange(charted if numbers else 0), first : first + amounts]
@@ -85,13 +86,13 @@ def _slack(f: Fit, model: PowerModel, n: int, numbers: bool = True) -> Slack:
 def separations(rivals: Sequence[Rival], body: RigidBody, trajectory: Trajectory, step: float) -> np.ndarray:
     """Rms difference [W] of the readings that every two rivals expect, (pairs,) in the order of `combinations`.
 
-    Less what the one could take up of it by what the data so far leave open of its own numbers, the links and the
-    run's level: with d the difference, u ~ N(0, 1) these unknowns, G the readings by them and s the noise of a reading,
-    its square is the least of |d - G u|^2 + s^2 |u|^2 over the number of readings. Either rival may be the true one;
-    the smaller difference counts.
+    The part that uncertain numbers of a rival, the links and the run's level can explain is left out: with d the
+    difference, u ~ N(0, 1) these unknowns, G the readings' derivatives by them and s the noise of a reading, its square
+    is the minimum of |d - G u|^2 + s^2 |u|^2 over the number of readings. Either rival may be the true one: the smaller
+    difference counts.
 
     Args:
-        step: between the readings that are compared, s.
+        step: [s] between the readings that are compared.
     """
     samples = samples_of(body, trajectory, step)
     shown = [_shown(rival, samples) for rival in rivals]
@@ -103,7 +104,7 @@ def separations(rivals: Sequence[Rival], body: RigidBody, trajectory: Trajectory
 
 
 def _shown(rival: Rival, samples: Samples) -> tuple[np.ndarray, np.ndarray]:
-    """The readings (M,) that a rival expects, and their change (M, g + 1) by its unknowns and the run's level."""
+    """The readings (M,) that a rival expects, and their derivatives (M, g + 1) by its unknowns and the run's level."""
     slack = rival.slack
     if slack is None:
         return predict(rival.model, samples).reading, np.zeros((len(samples.power), 0))
@@ -113,7 +114,7 @@ def _shown(rival: Rival, samples: Samples) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _unexplained(d: np.ndarray, slack: Slack | None, by: np.ndarray, step: float) -> float:
-    """The sum of squares [W^2] of a difference that unknowns cannot take up."""
+    """Sum of squares [W^2] of a difference that the unknowns cannot explain."""
     if slack is None:
         return float(d @ d)
     noise = slack.density / step

@@ -1,10 +1,10 @@
 """The search for the motion to record next.
 
-There and back between two poses, fast and then slowly, so that speed, direction and load all change. Pairs of poses are
-drawn and tried with straight paths; from the most telling pairs, every way is reshaped by the optimizer so that the
-rivals' readings differ most. All candidates, the straight ones too, are judged alike: by the smallest of the rivals'
-mutual rms differences at the meter, within all limits by the certificate, and within those on torque under every rival;
-and by the proof that they touch nothing, where there is a cell.
+A motion goes there and back between two poses, fast and then slowly, so that speed, direction and load all change.
+Random pairs of poses are tried with straight paths; for the best pairs, the optimizer reshapes every leg so that the
+rivals' readings differ most. All candidates, also the straight ones, are compared by the smallest rms difference of two
+rivals' readings. They must keep all limits by the certificate, torque limits under every rival, and, if there is a
+cell, be proven to touch nothing.
 """
 
 from __future__ import annotations
@@ -30,27 +30,25 @@ from energy_opt.next_motion.rivals import Rival, separations
 from energy_opt.numerics.bspline import Basis
 from energy_opt.robot import Limits, Robot
 
-DRAWN, TRIED = 40, 3  # pairs of poses; at most so many, the most telling, are reshaped
-WORK = 60_000  # instructions: fewer pairs where a Hessian at a node takes more than a third of this
-ROUNDS = 2  # of reshaping, for pairs of rivals that share a motion and for limits broken in the first
-SPAN = 2.0  # [rad] motions stay within this of the middle of a joint's range
-ACCELERATION, JERK = 12.0, 1500.0  # [rad/s^2], [rad/s^3] where an arm's own limits are higher or unknown
-SLOWER = 2.5  # the slow pass takes this many times as long, within velocity limits as many times smaller
-DURATIONS = (0.7, 2.5)  # [s] of a fast way, longer only where the straight one is
-COARSE, FINE = 0.08, 0.008  # [s] between readings that are compared: among drawn motions, among the last
-SAME = 1e-3  # [W] rivals nearer than this are the same at the meter
-CONTROLS, PACKING = 12, 0.5  # of a way's spline
+DRAWN, TRIED = 40, 3  # pairs of poses that are drawn; most that are reshaped, the best ones
+WORK = 60_000  # [instructions] fewer pairs are reshaped if a Hessian at a node takes more than a third of this
+ROUNDS = 2  # rounds of reshaping: the second for pairs of rivals that share a motion and for limits broken in the first
+SPAN = 2.0  # [rad] motions stay within this distance of the middle of a joint's range
+ACCELERATION, JERK = 12.0, 1500.0  # [rad/s^2], [rad/s^3] limits if an arm's own are higher or unknown
+SLOWER = 2.5  # factor on the duration of the slow pass, whose velocity limits are divided by it
+DURATIONS = (0.7, 2.5)  # [s] range of a fast leg's duration, longer only if the straight path needs it
+COARSE, FINE = 0.08, 0.008  # [s] between readings that are compared: for drawn motions, for the last ones
+SAME = 1e-3  # [W] rivals with smaller differences count as equal at the meter
+CONTROLS, PACKING = 12, 0.5  # control points of a leg's spline, and packing of its knots
 
 
 @dataclass(frozen=True)
 class NextMotion:
     """A motion to record.
 
-    Attributes:
-        trajectory: with the torque and power that the first rival expects.
-        difference: by how much the two rivals that are nearest differ over it, rms W. straight: the same of the most
-            telling motion that was drawn.
-        certificate: of the trajectory, under the first rival.
+    Attributes: trajectory: with the torque and power that the first rival expects. difference: rms difference [W] of
+    the two most similar rivals over it. straight: the same for the best motion that was drawn. certificate: of the
+    trajectory, under the first rival.
     """
 
     trajectory: Trajectory
@@ -60,12 +58,12 @@ class NextMotion:
 
 
 def propose(rivals: Sequence[Rival], robot: Robot, seed: int = 0, cell: Cell | None = None) -> NextMotion | None:
-    """The most telling motion found, or None where no motion tells any two of the models apart.
+    """The best motion found, or None if no motion distinguishes any two of the models.
 
-    Where some pairs are the same at the meter whatever the motion, the others count.
+    Pairs that are equal at the meter in every motion are ignored.
 
     Args:
-        cell: the arm's body and what is around it, which the motion is proven to keep clear of.
+        cell: the arm's body and its surroundings; the motion is proven to keep clear of them.
 
     Raises:
         Infeasible: no drawn motion holds the robot's limits and keeps clear.
@@ -101,7 +99,7 @@ def propose(rivals: Sequence[Rival], robot: Robot, seed: int = 0, cell: Cell | N
 
 
 class _Judge:
-    """Judges motions; `live` (pairs,) marks the pairs of rivals that some motion tells apart."""
+    """Judges motions; `live` (pairs,) marks the pairs of rivals that some motion distinguishes."""
 
     def __init__(self, rivals: Sequence[Rival], robot: Robot, cell: Cell | None) -> None:
         self.rivals, self.models = rivals, [rival.model for rival in rivals]
@@ -114,11 +112,11 @@ class _Judge:
         return separations(self.rivals, self.robot.body, joined(legs, self.robot.joints), step)
 
     def score(self, apart: np.ndarray) -> float:
-        """The smallest difference that counts, W."""
+        """The smallest difference [W] of the `live` pairs."""
         return float(apart[self.live].min())
 
     def clear(self, legs: Sequence[Curve]) -> bool:
-        """Is a motion proven to touch nothing?"""
+        """True if a motion is proven to touch nothing."""
         t = joined(legs, self.robot.joints)
         return self.cell is None or self.cell.prove(t.time, t.position, t.velocity, t.acceleration).proven
 
@@ -134,12 +132,12 @@ class _Judge:
 def _improved(
     level: Level, judge: _Judge, paths: Sequence[Way], apart: np.ndarray, rng: np.random.Generator
 ) -> list[tuple[float, list[Curve]]]:
-    """Motions within torque limits, and their scores, that come of reshaping all paths; `apart` weighs the pairs."""
+    """Reshape all legs; return the motions within torque limits and their scores. `apart` weighs the pairs."""
     found: list[tuple[float, list[Curve]]] = []
     legs = [way.quintic(level.shape) for way in paths]
     for bend in (rng, *(None,) * (ROUNDS - 1)):
         least = judge.score(apart)
-        weights = judge.live * least**2 / np.maximum(apart, SAME) ** 4  # most to the pairs that differ least
+        weights = judge.live * least**2 / np.maximum(apart, SAME) ** 4  # largest weight for the pairs that differ least
         parameters = contrast_parameters(judge.models, judge.robot.n, weights)
         legs = [reshaped(level, way, leg, parameters, bend) for way, leg in zip(paths, legs, strict=True)]
         apart, torque = judge.apart(legs, FINE), judge.torque(legs).max(axis=0)
@@ -153,7 +151,7 @@ def _improved(
 
 
 def _calm(limits: Limits) -> Limits:
-    """The limits that motions are made within: finite ones, and the middle of every joint's range."""
+    """Limits of the search: finite ones, in the middle of every joint's range."""
     bounded = np.isfinite(limits.lower) & np.isfinite(limits.upper)
     lower, upper = np.where(bounded, limits.lower, -np.pi), np.where(bounded, limits.upper, np.pi)
     middle, half = (lower + upper) / 2, np.minimum(0.45 * (upper - lower), SPAN)
@@ -166,7 +164,7 @@ def _calm(limits: Limits) -> Limits:
 
 
 def _paths(poses: np.ndarray, fast: float, limits: Limits) -> list[Way]:
-    """There and back in `fast` s, then slowly."""
+    """Legs there and back in `fast` [s], then slowly."""
     crawling = limits.replace(velocity=limits.velocity / SLOWER)
     there, back = (poses[0], poses[1]), (poses[1], poses[0])
     return [

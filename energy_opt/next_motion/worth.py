@@ -1,4 +1,4 @@
-"""What a diagnosis is worth: the set's own longest move, planned under the declared and under the diagnosed model."""
+"""Value of a diagnosis: the set's longest move, planned under the declared and under the diagnosed model."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.power import PowerModel
 
-ROOM = 1.2  # of the shortest duration, where the recorded move is faster: what is shortest leaves nothing to choose
-STARTS = 4  # starting points of each plan: two plans end a diagnosis in seconds
+ROOM = 1.2  # least duration over the shortest one, which leaves the planner no choice
+STARTS = 4  # initial paths of each plan, so that two plans take only seconds
 
 
 @dataclass(frozen=True)
@@ -37,8 +37,8 @@ class OwnMove:
 def longest_move(measured: MeasuredSet) -> OwnMove | None:
     """The move between the two postures that lie farthest apart; None where nothing moves.
 
-    A move begins where a run begins or where the arm stood still, and ends at the posture before the next standstill
-    that is farthest from its begin: a recording that comes back has a move nevertheless.
+    A move starts where a run starts or where the arm stood still. It ends at the posture before the next standstill
+    that is farthest from its start, so that a recording that returns to its start has a move, too.
     """
     best, most = None, 0.0
     for run in measured.runs:
@@ -83,7 +83,7 @@ def worth_of(
     move = replace(move, duration=max(own.duration, ROOM * planner.minimum_time(move)))
     try:
         plan = planner.solve(move)
-    except Infeasible as error:  # a path around something takes longer than the straight line
+    except Infeasible as error:  # a path around an obstacle takes longer than the straight line
         if error.shortest_duration is None:
             raise
         move = replace(move, duration=ROOM * error.shortest_duration)
@@ -109,7 +109,7 @@ def worth_of(
 def add_worth(
     result: Diagnosis, surroundings: CellRequest, *, seed: int = 0, stopped: Callable[[], bool] = lambda: False
 ) -> None:
-    """Put `worth` into a diagnosis' document: None where there is nothing to say, with a remark that says why."""
+    """Add `worth` to a diagnosis' document; None, with a remark on the reason, if it cannot be stated."""
     document = result.document
     document["worth"] = None
     if document["interrupted"] or stopped():
@@ -118,7 +118,7 @@ def add_worth(
         cell = load_cell(result.measured.robot, surroundings)
         models = (result.declared, result.model)
         document["worth"] = worth_of(result.measured, *models, cell=cell, seed=seed, stopped=stopped)
-    except (Infeasible, BadInput) as error:  # a diagnosis does not fail for a mesh that is missing
+    except (Infeasible, BadInput) as error:  # a missing mesh must not make a diagnosis fail
         document["remarks"].append(f"What the diagnosis is worth is not stated: {error}.")
 
 

@@ -1,1 +1,1 @@
-"""Numerics that know nothing of robots: IPOPT, compilation, B-splines, functions over many points."""
+"""Numerics independent of robots: IPOPT, compilation, B-splines, functions over many points."""

@@ -16,8 +16,8 @@ import numpy as np
 
 from energy_opt.numerics.lanes import LANES, Compiled, sizes
 
-# Points a block: building the function over a block takes time and memory in proportion to it (0.3 ms at 256 for a
-# law of power, several ms for a Hessian), more calls cost next to nothing.
+# Points per block: the time and memory to build the function over a block are proportional to it (0.3 ms at 256 for
+# a law of power, several ms for a Hessian); more calls cost almost nothing.
 BLOCK = 256
 
 
@@ -65,5 +65,5 @@ class Batch:
 
 
 def _evaluated(buffer: object, evaluate: Callable[[], object]) -> None:
-    """Evaluate; `buffer` is held as long as it may be wanted."""
+    """Evaluate; `buffer` is kept as long as it may be used."""
     evaluate()

@@ -1,20 +1,20 @@
-"""Least of a positive definite quadratic function in a box."""
+"""The minimum of a positive definite quadratic function in a box."""
 
 from __future__ import annotations
 
 import numpy as np
 from scipy.linalg.lapack import dposv
 
-ROUNDS = 4  # by the count of numbers, of the search for the bounds that the answer touches
-PATIENCE = 3  # rounds without progress before one number at a time is exchanged
+ROUNDS = 4  # most rounds of the search for the active bounds, per unknown
+PATIENCE = 3  # rounds without progress before exchanging one unknown at a time
 
 
 def bounded_step(hessian: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """min 1/2 x^T H x - g^T x with low <= x <= high (low <= 0 <= high), by block pivoting.
 
-    All numbers that break a bound are held there and all held ones that pull inwards are freed at once, as long as
-    there are fewer of them from time to time; else one at a time, which always ends (Murty's rule; Portugal, Judice and
-    Vicente, Math. Comp. 63, 1994). Numbers without bounds are eliminated first.
+    All unknowns that break a bound are fixed there, and all fixed ones whose multiplier has the wrong sign are freed,
+    at once, as long as their number falls from time to time; else one at a time, which always ends (Murty's rule;
+    Portugal, Judice and Vicente, Math. Comp. 63, 1994). Unknowns without bounds are eliminated first.
     """
     x = np.zeros(len(gradient))
     bound = np.flatnonzero(np.isfinite(low) | np.isfinite(high))

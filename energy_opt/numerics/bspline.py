@@ -1,8 +1,8 @@
 """Clamped B-splines: quintic ones on [0, 1] for curves in time, and quadratic ones on any knots for squared path speed.
 
-Quintic splines come with basis matrices, quadrature on the knot spans and a least-squares fit. Their knots are packed
-towards the ends, where a move from rest builds up its acceleration from zero. The breakpoints are u_i = (1 - p) x_i + p
-(1 - cos(pi x_i)) / 2 for evenly spaced x_i, with the packing p between 0 and 1.
+Quintic splines have basis matrices, quadrature on the knot spans and a least-squares fit. Their knots are packed
+towards the ends, where a move from rest builds up its acceleration from zero. The breakpoints are
+u_i = (1 - p) x_i + p (1 - cos(pi x_i)) / 2 for evenly spaced x_i, with the packing p between 0 and 1.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 DEGREE = 5  # C^4: acceleration and jerk are smooth
-PACKING = 0.95  # 0: evenly spaced knots, 1: Chebyshev-like clustering at the ends; 0.8 leaves up to 2 % more loss
+PACKING = 0.95  # 0: evenly spaced knots, 1: Chebyshev-like clustering at the ends; 0.8 gives up to 2 % more loss
 
 
 @dataclass(frozen=True)
@@ -83,12 +83,12 @@ class Basis:
 
         Args:
             u: (M,) in [0, 1]. values: (M, n). head, tail: (2 or 3, n) the first and the last control points, which
-                stay.
+                stay fixed.
         """
         b = self.matrix(u)
         inner = slice(len(head), self.controls - len(tail))
         rest = values - b[:, : len(head)] @ head - b[:, self.controls - len(tail) :] @ tail
-        # A touch of regularisation towards a straight control polygon: samples may leave a control point undetermined.
+        # Weak regularisation towards a straight control polygon: samples may leave a control point undetermined.
         second = np.diff(np.eye(self.controls), 2, axis=0)
         fixed = second[:, : len(head)] @ head + second[:, self.controls - len(tail) :] @ tail
         weight = 1e-4
@@ -118,7 +118,7 @@ def quadratic_basis(knots: np.ndarray, s: np.ndarray, piece: np.ndarray | None =
     """The quadratic B-splines at points.
 
     Args:
-        knots: (N + 1,) increasing. s: (M,) points. piece: (M,) which interval counts if a point is a knot (None: the
+        knots: (N + 1,) increasing. s: (M,) points. piece: (M,) the interval to use if a point is a knot (None: the
             one to its right).
     """
     k = np.clip(np.searchsorted(knots, s, side="right") - 1, 0, len(knots) - 2) if piece is None else piece

@@ -1,10 +1,10 @@
-"""Compiled node functions: generated C, built once per content, kept in a cache that is the user's alone.
+"""Compiled node functions: generated C, built once per content, in a cache that belongs to the user alone.
 
 The cache's key is a hash of the C source, the compiler, the flags and the processor, so a changed robot or model
-structure, or another machine with the same home, can never meet an old binary. Two processes at once do double work at
-worst. `auto` never waits for the compiler: it uses what the cache holds, and asks for a build in the background once
-the same functions have been wanted before, or builds at once where a batch says that it pays. Where there is no home,
-or the cache cannot be used, `auto` goes on without compiling, and `always` compiles for this process alone.
+structure, or another machine with the same home, never gets an old binary. Two processes at once may build the same
+twice. `auto` never waits for the compiler: it uses what is in the cache, and starts a build in the background when the
+same functions are needed a second time, or builds at once for a batch. If there is no home, or the cache cannot be
+used, `auto` continues without compiling, and `always` compiles for this process alone.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from energy_opt.numerics import lanes, library
 from energy_opt.numerics.lanes import Compiled
 
 log = logging.getLogger(__name__)
-RATE = 2e4  # [characters of C a second], about: for the time that is said to be left
+RATE = 2e4  # [characters of C per second] approximate speed of compiling, for the estimate of the remaining time
 POLICIES = ("auto", "always", "never")
 
-Source = Callable[[], str]  # gives the C, which is only written where it is built
+Source = Callable[[], str]  # returns the C source, which is written only for a build
 
 
 def compiler() -> str | None:
-    """The C compiler: $CC, else cc, gcc or clang; None where there is none."""
+    """The C compiler: $CC, else cc, gcc or clang; None if there is none."""
     names = [name for name in (os.environ.get("CC"), "cc", "gcc", "clang") if name]
     return next((path for name in names if (path := shutil.which(name))), None)
 
@@ -46,7 +46,7 @@ def _source(functions: Sequence[ca.Function]) -> str:
 
 @lru_cache(maxsize=1)
 def _own_folder() -> Path:
-    """A folder for libraries that serve this process alone."""
+    """A temporary folder for this process's libraries."""
     out = tempfile.mkdtemp(prefix="energy-opt-")
     atexit.register(shutil.rmtree, out, ignore_errors=True)
     return Path(out)
@@ -60,7 +60,7 @@ def _built(cache: Path, key: str, source: Source, cc: str, flags: tuple[str, ...
 
 
 def library_of(source: str, flags: tuple[str, ...]) -> Path | None:
-    """The library of a C source, built now where the cache has none; None where there is no compiler.
+    """The library of a C source, built now if it is not in the cache; None without a compiler.
 
     Raises:
         BadInput: the compiler fails, or nothing can be written anywhere.
@@ -70,7 +70,7 @@ def library_of(source: str, flags: tuple[str, ...]) -> Path | None:
 
 
 def _always(source: Source, cc: str, key: str, flags: tuple[str, ...] = ()) -> Path:
-    """The library, built now where the cache has none.
+    """The library, built now if it is not in the cache.
 
     Raises:
         BadInput: the compiler fails, or nothing can be written anywhere.
@@ -87,7 +87,7 @@ def _always(source: Source, cc: str, key: str, flags: tuple[str, ...] = ()) -> P
 
 
 def _auto(source: Source, cc: str, key: str, batch: bool) -> Path | None:
-    """The library if it is there, or pays at once; else None, and from the second time on a build is started."""
+    """The library if it is in the cache or a batch builds it; else None, and the second request starts a build."""
     try:
         cache = library.folder()
         found = library.find(cache, key)

@@ -1,6 +1,6 @@
-"""The interior-point loop of `quadratic`, in NumPy and LAPACK: for machines without a C compiler.
+"""The interior-point loop of `quadratic`, in NumPy and LAPACK, for machines without a C compiler.
 
-`banded.c` does the same on arrays of the sizes that moves have in a twentieth of the time.
+`banded.c` does the same, in a twentieth of the time for arrays of usual size.
 """
 
 from __future__ import annotations
@@ -9,11 +9,11 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, cho_solve_banded, cholesky_banded
 from scipy.sparse import csr_matrix, diags_array, eye_array, vstack
 
-BARRIER = 1e-3  # the first barrier parameter, where the cost is of order one
-BEGIN_BOX, BEGIN_ROW = 1e-3, 1e-1  # least first distances from bounds
-CLOSE = 0.995  # of the distance to the nearest bound is used up
+BARRIER = 1e-3  # first barrier parameter, for a cost of order one
+BEGIN_BOX, BEGIN_ROW = 1e-3, 1e-1  # least initial distances from bounds of the box and of constraints
+CLOSE = 0.995  # share of the distance to the nearest bound that a step may use
 STEPS = 40
-PRIMAL, DUAL = 1e-5, 1e-4  # residuals at which it ends
+PRIMAL, DUAL = 1e-5, 1e-4  # residuals at which the loop ends
 LEAST_DAMPING = 0.0005
 MOST_DAMPING = 1e9
 
@@ -24,7 +24,7 @@ class _Factor:
     """A Cholesky factor of a bordered band.
 
     Raises:
-        LinAlgError: it is not positive definite.
+        LinAlgError: the matrix is not positive definite.
     """
 
     def __init__(self, band: np.ndarray, border: np.ndarray, corner: np.ndarray) -> None:
@@ -44,7 +44,7 @@ class _Factor:
 
 
 def _add_square(parts: Parts, a: csr_matrix, weight: np.ndarray) -> Parts:
-    """The matrix with A' diag(weight) A added."""
+    """The matrix plus A' diag(weight) A."""
     band, border, corner = (part.copy() for part in parts)
     square = (a.T @ (diags_array(weight) @ a)).tocoo()
     row, column, n = square.row, square.col, len(band)
@@ -99,8 +99,8 @@ def interior(
     """The step d (N + k,), multipliers (R,), sum of e, damping and steps.
 
     Args:
-        parts: the Hessian; mass: what it is damped with.
-        box: bounds of d; a: the matrix of constraints (R, N + k); floor, ceiling: (R,), infinite where there is none.
+        parts: the Hessian; mass: the matrix for its damping.
+        box: bounds of d; a: the matrix of constraints (R, N + k); floor, ceiling: (R,), infinite for none.
 
     Raises:
         LinAlgError: no damping makes the program convex.

@@ -13,7 +13,7 @@ OPTIONS: dict[str, object] = {
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
     "print_time": False,
-    "ipopt.nlp_scaling_method": "none",  # programs come scaled, for the linear solver too
+    "ipopt.nlp_scaling_method": "none",  # programs are already scaled, also for the linear solver
     "ipopt.mumps_scaling": 0,
     "ipopt.mumps_permuting_scaling": 0,
     "ipopt.min_refinement_steps": 0,
@@ -21,7 +21,7 @@ OPTIONS: dict[str, object] = {
     "calc_lam_p": False,
     "error_on_fail": False,
 }
-# Where steps cannot be computed, the linear solver's own scaling may still help.
+# If steps cannot be computed, the linear solver's own scaling may help.
 STUCK = ("Restoration_Failed", "Error_In_Step_Computation")
 CAREFUL: dict[str, object] = {"mumps_scaling": 77, "mumps_permuting_scaling": 7, "min_refinement_steps": 1}
 
@@ -45,11 +45,11 @@ class Problem(Protocol):
 
 @dataclass(frozen=True)
 class Answer:
-    """Where IPOPT stopped.
+    """The point where IPOPT stopped.
 
     Attributes:
         x: (N,) the point, within its bounds. row_multipliers: (R,) of g. bound_multipliers: (N,) of the bounds on x.
-            success: whether IPOPT converged. status: its own word. iterations: their number.
+            success: whether IPOPT converged. status: IPOPT's status. iterations: their number.
     """
 
     x: np.ndarray
@@ -102,7 +102,7 @@ class _Callback(ca.Callback):
         return True
 
     def eval_buffer(self, arguments: Sequence[memoryview | None], results: Sequence[memoryview | None]) -> int:
-        """Straight from and into IPOPT's memory, without CasADi's matrices between."""
+        """Evaluate directly from and into IPOPT's memory, without CasADi matrices."""
         values = self._evaluate(*(np.zeros(0) if x is None else np.frombuffer(x).copy() for x in arguments))
         for result, value in zip(results, values, strict=True):
             if result is not None:

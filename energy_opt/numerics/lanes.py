@@ -18,7 +18,7 @@ from typing import Any
 
 import casadi as ca
 
-LANES = 8  # points at once: as many doubles as the widest registers hold
+LANES = 8  # points at once: doubles in the widest registers
 HEAD = f"""
 typedef double V __attribute__((vector_size({8 * LANES})));
 #define EACH for (int l = 0; l < {LANES}; l++)
@@ -84,7 +84,7 @@ def _over_blocks(function: ca.Function) -> list[str]:
 
 
 def sizes(function: ca.Function) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """How many entries each argument and each result of a function has."""
+    """Numbers of entries of each argument and each result of a function."""
     inputs = tuple(function.nnz_in(i) for i in range(function.n_in()))
     return inputs, tuple(function.nnz_out(i) for i in range(function.n_out()))
 
@@ -105,7 +105,7 @@ class Compiled:
 
     @classmethod
     def of(cls, function: ca.Function, path: Path) -> Compiled:
-        """What a library of `source_of` has for a function."""
+        """Names of a function's parts in a library of `source_of`."""
         return cls(function.name(), path, *sizes(function))
 
     @property

@@ -1,11 +1,11 @@
-"""Compiled libraries on disk: a folder that is the user's alone, built aside, verified before anything is loaded.
+"""Compiled libraries on disk: a private folder of the user, built aside, verified before anything is loaded.
 
-A library lies in the cache as <key>-<bytes>-<sha256>.so, put there by one rename. What does not have the size and the
-hash that its name says (cut off by a full disk, changed by anybody) is thrown away and built again. Nothing is written
-through links, and a folder or file that others own or may write to is not used at all.
+A library is in the cache as <key>-<bytes>-<sha256>.so, put there by one rename. A file whose size or hash differs from
+its name (truncated by a full disk, or changed) is removed and built again. Nothing is written through links, and
+folders or files that others own or may write to are not used.
 
-This file needs the standard library alone: a build in the background runs it as a script in an isolated interpreter,
-where neither the current folder nor $PYTHONPATH has a say in what is imported.
+This file imports only the standard library: a build in the background runs it as a script in an isolated interpreter,
+in which neither the current folder nor $PYTHONPATH affects imports.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from functools import lru_cache
 from pathlib import Path
 
 FLAGS = ("-O1", "-march=native", "-fPIC", "-shared")
-OWN, TAG = "compiled", ".energy_opt_cache"  # the cache's folder below the one named, and the file that marks it
-PATIENCE = 600.0  # [s] after so long a build that has left nothing is taken for dead, and started again
+OWN, TAG = "compiled", ".energy_opt_cache"  # the cache's folder in the named one, and the file that marks it
+PATIENCE = 600.0  # [s] after this time a build without a result counts as failed, and is started again
 CPU_LINES = ("vendor_id", "cpu family", "model", "flags", "CPU implementer", "CPU part", "Features", "isa")
 
 
@@ -35,7 +35,7 @@ class Unusable(Exception):
 
 @lru_cache(maxsize=1)
 def cpu() -> str:
-    """What the processor is, as far as -march=native goes: a library of another one may be illegal instructions."""
+    """The processor as far as -march=native depends on it: a library for another may contain illegal instructions."""
     said = [platform.machine(), platform.processor()]
     try:
         first = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").split("\n\n")[0]
@@ -45,13 +45,13 @@ def cpu() -> str:
 
 
 def folder() -> Path:
-    """Where compiled functions are kept: a folder of its own in $ENERGY_OPT_CACHE, else in the user's cache folder.
+    """The folder of compiled functions: one inside $ENERGY_OPT_CACHE, or inside the user's cache folder.
 
-    It carries a tag. What lies beside it in the folder named, and a folder of that name without the tag, is not ours:
-    it is never changed.
+    It is marked by a tag. Other files in the named folder, and a folder of that name without the tag, are never
+    changed.
 
     Raises:
-        Unusable: it cannot be made or written to, is a link, belongs to somebody else, or others may write to it.
+        Unusable: it cannot be created or written to, is a link, belongs to another user, or others may write to it.
     """
     try:
         named = os.environ.get("ENERGY_OPT_CACHE")
@@ -71,7 +71,7 @@ def folder() -> Path:
 
 
 def _private(out: Path) -> None:
-    """Raises Unusable where a folder is not one that the user alone may write to."""
+    """Raise Unusable if a folder is not one that only the user may write to."""
     found = os.lstat(out)
     if not stat.S_ISDIR(found.st_mode):
         raise Unusable(f"{out}: a link or file where the cache folder should be")
@@ -84,7 +84,7 @@ def _private(out: Path) -> None:
 
 
 def key_of(*parts: str) -> str:
-    """The name under which a source, built by this compiler on this processor, is kept."""
+    """The cache key of a source for this compiler and this processor."""
     return hashlib.sha256("\0".join([*parts, *FLAGS, cpu()]).encode()).hexdigest()[:32]
 
 
@@ -106,7 +106,7 @@ def _digest(path: Path) -> str:
 
 
 def find(cache: Path, key: str) -> Path | None:
-    """The library of that key, verified; what does not bear verification is removed."""
+    """The verified library of that key; files that fail the check are removed."""
     for path in sorted(cache.glob(f"{key}-*.so")):
         try:
             if path.name == f"{key}-{_digest(path)}.so":
@@ -143,7 +143,7 @@ def build(cache: Path, key: str, source: str, cc: str, flags: tuple[str, ...] = 
 
 
 def mark(cache: Path, name: str, lifetime: float = float("inf")) -> bool:
-    """Leave an empty file of that name; False where it is there already, and younger than `lifetime` [s]."""
+    """Create an empty file of that name; False if it already exists and is younger than `lifetime` [s]."""
     path = cache / name
     try:
         if time.time() - os.lstat(path).st_mtime > lifetime:
@@ -158,9 +158,9 @@ def mark(cache: Path, name: str, lifetime: float = float("inf")) -> bool:
 
 
 def build_in_background(cache: Path, key: str, source: str, cc: str) -> None:
-    """Start a build that outlives this process; whoever wants the functions next finds them.
+    """Start a build that outlives this process; the next one that needs the functions finds them.
 
-    Nothing is started where somebody else builds the same.
+    Nothing is started if another process builds the same.
     """
     if not mark(cache, f"{key}.building", PATIENCE):
         return
@@ -173,17 +173,17 @@ def build_in_background(cache: Path, key: str, source: str, cc: str) -> None:
 
 
 def sweep(cache: Path) -> None:
-    """Remove what builds that were killed have left behind."""
+    """Remove what killed builds have left behind."""
     for path in [*cache.glob("build-*"), *cache.glob("source-*.c")]:
         try:
             if time.time() - os.lstat(path).st_mtime > PATIENCE:
                 shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
-        except OSError:  # somebody else was quicker
+        except OSError:  # another process was faster
             pass
 
 
 def main(cache: Path, key: str, code: Path, cc: str) -> None:
-    """Build a source that `build_in_background` left, and clear up."""
+    """Build a source from `build_in_background`, then remove its files."""
     try:
         build(cache, key, code.read_text(encoding="utf-8"), cc)
     finally:

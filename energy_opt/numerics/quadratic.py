@@ -3,12 +3,12 @@
     min  d'Hd / 2 + g'd + price * sum(e)     so that  low <= d <= high,  floor - e <= A d <= ceiling + e,  e >= 0
 
 H is a band with a border of a few full lines and columns. The constraints A d are elastic: the program always has a
-solution, and constraints that are out of reach are broken by as little as pays. With t the distance of a constraint
+solution, and constraints that cannot be met are violated at that price. With t the distance of a constraint
 from its bound and l its multiplier, e is eliminated like t, so that a step needs one factorization of
 
     H + A' D A,    D = 1 / (t / l + e / (price - l)),
 
-which is banded where each row of A touches one window of neighbours. Predictor and corrector follow S. Mehrotra (On the
+which is banded if each constraint touches one window of neighbours. Predictor and corrector follow S. Mehrotra (On the
 implementation of a primal-dual interior point method, SIAM Journal on Optimization 2, 1992).
 """
 
@@ -82,7 +82,7 @@ class Banded:
 
 @dataclass(frozen=True)
 class Constraints:
-    """Linear constraints floor <= A d <= ceiling (infinite where there is none) on n joints' control points.
+    """Linear constraints floor <= A d <= ceiling (infinite for none) on n joints' control points.
 
     Windows are of six control points, of which the first may be pinned. The order is that of the fields:
 
@@ -92,7 +92,7 @@ class Constraints:
         place, gradient: (P,), (P, n) on the position at a place.
         place_first, basis: (K,), (K, 6) windows and basis values of places.
         border: (R, k) coefficients of the unknowns behind the band, R = L + W + P.
-        keys: (R,) names that are the same for the same constraint at another curve.
+        keys: (R,) identifiers, the same for the same constraint at another curve.
     """
 
     first: np.ndarray
@@ -111,7 +111,7 @@ class Constraints:
 
     @classmethod
     def of(cls, joints: int, borders: int, **given: np.ndarray) -> Constraints:
-        """Those given; what is not given is empty."""
+        """The given arrays; all others are empty."""
         none, index = np.zeros(0), np.zeros(0, dtype=np.int64)
         usual = {
             "first": index, "joint": index, "coefficient": np.zeros((0, LOCAL)), "wide_first": index,
@@ -127,7 +127,7 @@ class Constraints:
         return len(self.floor)
 
     def matrix(self) -> native.Matrix:
-        """A as the compiled functions take it; it refers to the memory of these arrays."""
+        """A in the layout of the compiled functions; it refers to the memory of these arrays."""
         counts = len(self.first), len(self.wide), len(self.place), len(self.basis), self.border.shape[1]
         n = self.gradient.shape[1]
         out = native.Matrix(n, *counts)
@@ -138,7 +138,7 @@ class Constraints:
         return out
 
     def entries(self, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Rows, columns and values of A's entries, for `size` unknowns in the band; columns -1 where one is pinned."""
+        """Rows, columns and values of A's entries, for `size` unknowns in the band; column -1 if pinned."""
         n, k = self.gradient.shape[1], self.border.shape[1]
         at = (self.basis[self.place][:, :, None] * self.gradient[:, None]).reshape(-1, LOCAL * n)
         window = np.concatenate([self.wide_first, self.place_first[self.place]])[:, None] * n + np.arange(LOCAL * n)
@@ -168,7 +168,7 @@ class Constraints:
         return out
 
     def joined(self, other: Constraints) -> Constraints:
-        """These constraints and others."""
+        """These constraints and the others."""
         if not other.count:
             return self
         one, two = self.__dict__, other.__dict__
@@ -179,12 +179,12 @@ class Constraints:
         return Constraints(**out, **{name: np.concatenate([one[name], two[name]])[order] for name in BY_KIND})
 
     def moved(self, d: np.ndarray) -> Constraints:
-        """The constraints as seen from a point from which these are d away."""
+        """The same constraints in coordinates whose origin is moved by -d."""
         moved = self.times(d)
         return Constraints(**{**self.__dict__, "floor": self.floor + moved, "ceiling": self.ceiling + moved})
 
 
-BY_KIND = ("border", "floor", "ceiling", "keys")  # one for each constraint, of all kinds
+BY_KIND = ("border", "floor", "ceiling", "keys")  # arrays with one entry for each constraint of any kind
 
 
 @dataclass(frozen=True)
@@ -202,17 +202,7 @@ def minimise(
     h: Banded, g: np.ndarray, box: tuple[np.ndarray, np.ndarray], held: Constraints, price: float, mass: Banded,
     damping: float = 0.0, tolerance: float = 1e-6,
 ) -> Minimum:  # fmt: skip
-    """Solve the program; where H is not convex enough, as much `mass` as is needed is added to it.
-
-    Args:
-        box: low, high with low <= 0 <= high.
-        mass: positive definite, without a border.
-        damping: the share of mass to begin with.
-        tolerance: the last barrier parameter.
-
-    Raises:
-        np.linalg.LinAlgError: no damping makes the program convex.
-    """
+    """Solve the program; if H is not convex enough, multiples of `mass` are added to it."""
     c, size, inner = native.library(), len(g), len(h.band)
     if c is None:
         parts, heavy = (h.band, h.border, h.corner), (mass.band, mass.border, mass.corner)

@@ -12,7 +12,7 @@ from energy_opt.passports.sources import SHARES, Arm
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 
-LEVEL = 0.95  # of all intervals of a comparison together
+LEVEL = 0.95  # joint confidence of all intervals of a comparison
 
 
 @dataclass(frozen=True)
@@ -22,9 +22,9 @@ class Change:
     Attributes:
         quantity: "standby", "r_over_kt2" or "friction". joint: its name, None for the whole arm. speed: rad/s, of
             friction.
-        difference: after - before, in `unit`. ci95: of it, wide enough that all those of the comparison hold at once.
-        percent: of the earlier value; None where that is 0.
-        real: is 0 outside of `ci95`? None where a model does not say how sure it is.
+        difference: after - before, in `unit`. ci95: its interval; all intervals of the comparison hold together.
+        percent: of the earlier value; None if that is 0.
+        real: True if 0 is outside of `ci95`; None if a model has no covariance.
     """
 
     before_label: str
@@ -84,7 +84,7 @@ def changes(before: Arm, after: Arm) -> list[Change]:
     for a, b in pairs:
         count = min((len(x.draws) for x in (a, b) if len(x.draws)), default=0)
         moved = [x.draws[:count] - x.value if len(x.draws) else np.zeros(count) for x in (a, b)]
-        spreads.append(moved[1][::-1] - moved[0])  # reversed: equal seeds drew equal numbers
+        spreads.append(moved[1][::-1] - moved[0])  # reversed, as equal seeds draw equal numbers
     width = [float(x.std()) if len(x) else 0.0 for x in spreads]
     scaled = [np.abs(x) / w for x, w in zip(spreads, width, strict=True) if w > 0]
     most = float(np.quantile(np.max(scaled, axis=0), LEVEL)) if scaled else 0.0
@@ -101,13 +101,13 @@ def changes(before: Arm, after: Arm) -> list[Change]:
 
 
 def changes_since(last: PowerModel, now: PowerModel, robot: Robot) -> list[Change]:
-    """What a new calibration says has changed since the last one, real changes first."""
+    """Changes of a new calibration against the last one, real changes first."""
     found = changes(Arm("last", robot, last, "", {}), Arm("now", robot, now, "", {}))
     return sorted((x for x in found if x.difference), key=lambda x: (not x.real, -abs(x.percent or 0.0)))
 
 
 def _quantities(arm: Arm) -> Iterator[_Quantity]:
-    """What is compared: standby, R/Kt^2 and friction of each joint."""
+    """The compared quantities: standby, R/Kt^2 and friction of each joint."""
     for effect, parameter in (("standby", "power"), ("copper_loss", "r_over_kt2")):
         held = arm.model.get(effect)
         if held is None:

@@ -13,8 +13,8 @@ from energy_opt.reports.charts import Chart, Line
 from energy_opt.reports.page import Report, shown
 from energy_opt.reports.plots import heat_maps, png
 
-POINTS = 41  # of a curve
-GRID = 25  # of a map
+POINTS = 41  # points of a curve
+GRID = 25  # points of a map along each axis
 
 
 def page(arms: Sequence[Arm], changes: Sequence[Change], headline: str, request: Mapping[str, Any]) -> Report:
@@ -85,7 +85,7 @@ def _cells(number: Number) -> list[object]:
 
 
 def _curves(arms: Sequence[Arm]) -> list[Chart]:
-    """A chart a joint, a line an arm."""
+    """One chart per joint, one line per arm."""
     lines: dict[str, list[Line]] = {}
     for arm in arms:
         if not arm.rubbing:

@@ -18,12 +18,12 @@ from energy_opt.results import Found
 from energy_opt.robot import Robot, load_robot
 
 FORMAT = "energy-opt/passport/1"
-MOST = 12  # arms beside each other
+MOST = 12  # most arms in a comparison
 
 
 @dataclass(frozen=True, repr=False)
 class Passport(Found):
-    """Arms side by side, and what differs between the first and each other one."""
+    """One or several arms, and the differences between the first and each other one."""
 
     arms: tuple[Arm, ...]
     changes: tuple[Change, ...]
@@ -31,7 +31,7 @@ class Passport(Found):
 
     @property
     def headline(self) -> str:
-        """One sentence for a person."""
+        """One sentence that summarises the passport."""
         if len(self.arms) == 1:
             return _summary(self.arms[0])
         compared = [arm for arm in self.arms[1:] if arm.robot.joints == self.arms[0].robot.joints]
@@ -113,7 +113,7 @@ def passport(
 
 
 def _labels(models: Sequence[str | PowerModel]) -> list[str]:
-    """What each is called: as little of its path as tells it from the others."""
+    """Label of each model: the shortest end of its path that is unique."""
     paths = [Path(m).parts if isinstance(m, str) else (f"model {k}",) for k, m in enumerate(models, start=1)]
     out = []
     for parts in paths:
@@ -141,13 +141,13 @@ def _summary(arm: Arm) -> str:
 
 
 def _span(values: Sequence[float]) -> str:
-    """The least and the largest value in words."""
+    """The least and the largest value as text."""
     low, high = min(values), max(values)
     return f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
 
 
 def _document(arm: Arm) -> dict[str, Any]:
-    """An arm as passport.json has it."""
+    """An arm as an entry of passport.json."""
     limits = arm.robot.limits
     joints = []
     for j, joint in enumerate(arm.robot.joints):

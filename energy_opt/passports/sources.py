@@ -1,6 +1,6 @@
 """Arms as their models describe them: each number with its interval, whether it was measured, and its source.
 
-Here is also what a model's drives do at a torque and a speed: friction, and power that is lost.
+Also here: friction and power loss of a model's drives at a torque and a speed.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def friction(models: Sequence[PowerModel], speed: np.ndarray) -> np.ndarray:
 
 
 def loss(model: PowerModel, joints: int, joint: int, torque: np.ndarray, speed: np.ndarray) -> np.ndarray:
-    """Power that is lost where one joint moves against a torque: at the meter, less mechanical power and standby.
+    """Power lost if one joint moves against a torque: at the meter, less mechanical power and standby.
 
     Args:
         joint: its index among the robot's `joints`. torque: (T,) N m at the joint. speed: (S,) rad/s.
@@ -56,7 +56,7 @@ def loss(model: PowerModel, joints: int, joint: int, torque: np.ndarray, speed: 
     """
     function, _ = drive_function(model, joints)
     loads, speeds = (x.ravel() for x in np.meshgrid(torque, speed, indexing="ij"))
-    count = len(loads) + 1  # the last is rest without load
+    count = len(loads) + 1  # the last one is rest without load
     tau, v = np.zeros((joints, count)), np.zeros((joints, count))
     tau[joint, :-1], v[joint, :-1] = loads, speeds
     none = ca.DM.zeros(joints, count)
@@ -65,18 +65,18 @@ def loss(model: PowerModel, joints: int, joint: int, torque: np.ndarray, speed: 
 
 
 DRAWS = 600
-UNLIMITED = 2.0  # [rad/s] shown of a joint without a velocity limit
-SHARES = (0.01, 0.1, 0.5, 1.0)  # of the velocity limit: speeds at which friction is stated
+UNLIMITED = 2.0  # [rad/s] largest speed shown for a joint without a velocity limit
+SHARES = (0.01, 0.1, 0.5, 1.0)  # shares of the velocity limit at which friction is stated
 
 Status = Literal["measured", "published", "declared", "assumed", "unknown"]
 
 
 @dataclass(frozen=True)
 class Number:
-    """A value with its 95 % interval (None where no data stand behind it), unit, status and source.
+    """A value with its 95 % interval (None without data), unit, status and source.
 
-    `status`: "measured" where the model's covariance has it, "published" where its source is named, "declared" where a
-    model file just states it, "assumed" where it is taken over from another robot, "unknown" where there is none.
+    `status`: "measured" if the model's covariance has it, "published" if its source is named, "declared" if a model
+    file only states it, "assumed" if it is taken from another robot, "unknown" if there is none.
     """
 
     value: float | None
@@ -97,7 +97,7 @@ class Arm:
     """One model of a robot.
 
     Attributes:
-        label: what it is called beside others. file: the model file, "" where there is none.
+        label: its name in a comparison. file: the model file, "" if there is none.
         sources: where effects' values come from, by the effect's name.
         modes: levels of power at rest [{power (W), seconds, standstills}] that the diagnosis found, highest first.
     """
@@ -117,7 +117,7 @@ class Arm:
 
     @cached_property
     def draws(self) -> list[PowerModel]:
-        """Models that the data leave possible; none where the model has no covariance."""
+        """Models drawn from the covariance; none if the model has none."""
         return draws_of(self.model, DRAWS)
 
     @property
@@ -132,11 +132,11 @@ class Arm:
 
     @cached_property
     def friction_draws(self) -> np.ndarray:
-        """The same of every draw, (D, n, 4)."""
+        """`friction` of every draw, (D, n, 4)."""
         return friction(self.draws, self.speeds) if self.draws else np.empty((0, *self.speeds.shape))
 
     def measured(self, effect: str) -> bool:
-        """Does the model say how sure the effect's values are?"""
+        """True if the model has a variance for the effect's values."""
         known = self.model.uncertainty
         if known is None:
             return False
@@ -144,7 +144,7 @@ class Arm:
         return any(name.split(".")[0] == effect and v > 0 for name, v in spread)
 
     def status(self, effect: str) -> Status:
-        """Where the values of one of the model's effects come from."""
+        """Origin of the values of one of the model's effects."""
         if self.model.get(effect) is None:
             return "unknown"
         if self.measured(effect):
@@ -192,14 +192,14 @@ class Arm:
         return Number(float(self.friction[joint, k]), unit, interval, status, source)
 
     def numbers(self) -> list[dict[str, Any]]:
-        """Every value of the model, one row each."""
+        """Every value of the model, one record each."""
         records = []
         for effect in self.model.effects:
             for p in effect.parameters:
                 per_joint = p.dimensions == ("joint",)
                 for k in range(self.robot.n if per_joint else effect.values[p.name].size):
                     if not per_joint and effect.values[p.name].size > 1:
-                        continue  # tables of values, as a curve's: they are shown as curves
+                        continue  # tables of values, e.g. of a curve, are shown as curves
                     joint = self.robot.joints[k] if per_joint else None
                     own = self.number(effect.name, p.name, k).document()
                     records.append({"effect": effect.name, "parameter": p.name, "joint": joint, **own})

@@ -1,4 +1,4 @@
-"""Where a robot's base is cheapest for a job whose goals are poses of the tool."""
+"""The cheapest pose of a robot's base for a job whose goals are poses of the tool."""
 
 from energy_opt.placement.placement import Placement
 from energy_opt.placement.request import PlaceRequest

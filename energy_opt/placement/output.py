@@ -1,4 +1,4 @@
-"""What `place` writes: place.json, map.png, report.html, and the job solved at the answer in job/."""
+"""The output of `place`: place.json, map.png, report.html, and the job solved at the answer in job/."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def write(placement: Placement, request: Mapping[str, Any], out: Path) -> dict[s
 
 
 def headline(found: Mapping[str, Any]) -> str:
-    """One sentence for a person."""
+    """A summary in one sentence."""
     what = found.get("fixture")
     x, y, z, _, _, yaw = found["base" if what is None else "pose"]
     at = f"{what or 'Base'} at x {x:.4g} m, y {y:.4g} m, z {z:.4g} m, yaw {yaw:.4g} rad"

@@ -1,4 +1,4 @@
-"""The answer of a search for a placement, and what it looked at."""
+"""The answer of a search for a placement, and the placements considered."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from energy_opt.jobs.run import JobResult
 
 @dataclass(frozen=True)
 class Looked:
-    """A placement that was looked at: pose (6,), estimate or energy [J] (nan: a pose is out of reach), and how."""
+    """A placement considered: pose (6,), estimate or energy [J] (nan: a pose is out of reach), and its kind."""
 
     place: tuple[float, ...]
     energy: float
     kind: str
 
     def document(self, what: str) -> dict[str, Any]:
-        """As place.json has it."""
+        """Its record in place.json."""
         return {what: list(self.place), "energy_total": self.energy if np.isfinite(self.energy) else None,
                 "kind": self.kind}  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Placement:
-    """Where the base, or a fixture, is cheapest.
+    """The cheapest placement of the base, or of a fixture.
 
     Attributes:
         place: its x, y, z [m], roll, pitch, yaw [rad] in the scene's frame; result: the job solved there.
-        given, given_result: the pose that was given, and the job there; None where it cannot be done there.
+        given, given_result: the pose that was given, and the job there; None if it cannot be done there.
         looked_at: estimates all over the box; path: the placements at which the job was solved, in order.
-        warnings: what a reader should know.
+        warnings: notes for the reader.
     """
 
     place: tuple[float, ...]
@@ -46,7 +46,7 @@ class Placement:
 
     @property
     def what(self) -> str:
-        """What is placed, as place.json calls its pose."""
+        """Key of the placed pose in place.json."""
         return "base" if self.fixture is None else "pose"
 
     @property
@@ -55,7 +55,7 @@ class Placement:
         return self.result.solved
 
     def document(self) -> dict[str, Any]:
-        """place.json but for the request; energies in J."""
+        """The content of place.json without the request; energies in J."""
         here, there = self.result.energy, None if self.given_result is None else self.given_result.energy
         saving = None if there is None else {"joules": there - here, "percent": 100 * (1 - here / there)}
         choice = self.result.choice

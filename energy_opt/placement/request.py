@@ -1,4 +1,4 @@
-"""What is asked of a placement: the box in which the base may stand, and how much is looked at."""
+"""The request of a placement: the box for the base, and the effort of the search."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ class PlaceRequest:
 
     Attributes:
         box: lowest and highest x, y and z of the base in the scene's frame [m].
-        yaw: lowest and highest yaw [rad]; None for the yaw that is given.
-        fixture: the object of the scene that is placed in the box, in place of the base; None for the base.
-        looked_at: placements at which the job is estimated.
-        seeds: the best estimates at which the job is solved.
-        steps: solves on the way from the best of these.
+        yaw: lowest and highest yaw [rad]; None for the given yaw.
+        fixture: the object of the scene to place in the box instead of the base; None for the base.
+        looked_at: number of placements at which the job is estimated.
+        seeds: number of best estimates at which the job is solved.
+        steps: most steps from the best of these.
     """
 
     box: tuple[float, float, float, float, float, float]
@@ -63,6 +63,8 @@ class PlaceRequest:
         return cls((x0, x1, y0, y1, z0, z1), yaw, **more)
 
     def bounds(self, given: tuple[float, ...]) -> np.ndarray:
-        """Lowest and highest x, y, z [m] and yaw [rad], (4, 2), beside the given x, y, z, roll, pitch, yaw."""
+        """Lowest and highest x, y, z [m] and yaw [rad], (4, 2); by default the given yaw (x, y, z, roll, pitch,
+        yaw).
+        """
         yaw = self.yaw or (given[5], given[5])
         return np.array([self.box[0:2], self.box[2:4], self.box[4:6], yaw])

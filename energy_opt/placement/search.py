@@ -2,9 +2,9 @@
 
 estimate   the job at placements all over the box: the cheapest ring through the branches of its poses
 seed       rough cycles at the best estimates, far from each other
-descend    a cycle's motions, bent to the ends that another base asks for, cost no less than that base's optimum and at
-           this base as much (envelope theorem), so a base at which they cost less is better; there they settle again
-solve      the job in full, with its scene, at the placement that was given and at the answer alone
+descend    a cycle's motions, bent to the ends for another base, cost at least as much as that base's optimum, and the
+           same at this base (envelope theorem), so a base at which they cost less is better; there they settle again
+solve      the job in full, with its scene, only at the given placement and at the answer
 """
 
 from __future__ import annotations
@@ -31,22 +31,23 @@ from energy_opt.placement.request import PlaceRequest
 from energy_opt.poses.given import WORLD
 from energy_opt.power import PowerModel
 
-TRIES = 2  # times as many seeds are tried where rough cycles fail
-APART = 0.15  # of the box: distance of seeds
-FARTHEST = 0.2  # of the box: the farthest a step goes
-WORTH = 1e-3  # of the losses: a step that promises less ends the search
+TRIES = 2  # times as many seeds are tried if rough cycles fail
+APART = 0.15  # share of the box: least distance of seeds
+FARTHEST = 0.2  # share of the box: longest step
+WORTH = 1e-3  # share of the losses: a step that promises to save less ends the search
 POOL = 48  # positions from which inverse kinematics starts at a placement
-RELAXED, MOST_RELAXED = 1.6, 3.0  # steps go on by so much: bent motions bound the optimum from above, and bend more
-EVALUATIONS = 60  # of bent motions in a step
-ANSWERS = 3  # placements at most that are solved in full until one is proven
-UNREACHED = 1e9  # J that a placement is taken to cost from which a pose is out of reach
+# initial and largest factor of steps: bent motions bound the optimum from above, and overestimate long steps
+RELAXED, MOST_RELAXED = 1.6, 3.0
+EVALUATIONS = 60  # most evaluations of bent motions in a step, per coordinate
+ANSWERS = 3  # most placements to solve in full until one is proven
+UNREACHED = 1e9  # [J] assumed cost of a placement from which a pose is out of reach
 
 
 @dataclass(frozen=True)
 class Rough:
     """A rough cycle at a placement x, y, z, yaw (4,): positions at its ends, motions, and energy [J].
 
-    Without motions, and of infinite energy, where none was found.
+    Without motions, and of infinite energy, if none was found.
     """
 
     point: np.ndarray
@@ -90,7 +91,7 @@ class Search:
         return x, y, z, self.given[3], self.given[4], yaw
 
     def posed(self, point: np.ndarray, pool: dict[int, np.ndarray] | None = None) -> Posed:
-        """The choice of positions at a placement; with a pool of starts quickly, and blind to what is around."""
+        """The choice of positions at a placement; with a pool of starts it is quick and ignores bodies."""
         cell = self.at(point)
         return Posed(self.job, self.model, self.settings, cell, starts=pool)
 
@@ -107,7 +108,7 @@ class Search:
         return out
 
     def estimates(self) -> list[tuple[np.ndarray, float]]:
-        """Placements and estimates [J], those within reach; the cheapest first."""
+        """Placements with their estimates [J], the cheapest first; infinite if a pose is out of reach."""
         out: list[tuple[np.ndarray, float]] = []
         points = self.points()
         for k, point in enumerate(points):
@@ -118,13 +119,13 @@ class Search:
         return sorted(out, key=lambda item: item[1])
 
     def estimate(self, point: np.ndarray) -> float:
-        """What the job is likely to take at a placement [J]; infinite where a pose is out of reach."""
+        """The likely energy of the job at a placement [J]; infinite if a pose is out of reach."""
         try:
             posed = self.posed(point, self._pool)
         except Infeasible:
             return float(np.inf)
         pool = {} if self._pool is None else self._pool
-        for k, q in posed.sets.items():  # what was found here helps at the next placement
+        for k, q in posed.sets.items():  # positions found here are starts at the next placement
             known = pool.get(k, q[:0])
             pool[k] = np.vstack([q[:: max(1, len(q) // POOL)], known])[:POOL]
         self._pool = pool
@@ -150,7 +151,7 @@ class Search:
         return best
 
     def settled(self, point: np.ndarray, kind: str, near: Rough | None = None, ends: Ends | None = None) -> Rough:
-        """The rough cycle at a placement; its energy is infinite where none is found.
+        """The rough cycle at a placement; its energy is infinite if none is found.
 
         Args:
             near: that of another placement, from whose motions it starts; ends: positions at the ends of steps here.
@@ -172,7 +173,7 @@ class Search:
         return [posed.estimated()[0], posed.greedy()]
 
     def better(self, here: Rough) -> tuple[np.ndarray, float]:
-        """A placement near a rough cycle at which its motions, bent, cost less, and the gain [J]."""
+        """A placement near a rough cycle at which its bent motions cost less, and the gain [J]."""
         assert here.plan is not None
         starts, point = {k: q[None] for k, q in here.ends.items()}, here.point
         bent = self.posed(point, starts).bending(here.plan)
@@ -200,7 +201,7 @@ class Search:
         return at, before - value
 
     def ends_at(self, point: np.ndarray, ends: Ends) -> Ends | None:
-        """The positions at a placement that are next to others; None where a pose is out of reach."""
+        """The positions at a placement nearest to given ones; None if a pose is out of reach."""
         try:
             there = self.posed(point, {k: q[None] for k, q in ends.items()})
         except Infeasible:
@@ -208,7 +209,7 @@ class Search:
         return {k: there.sets[k][0] if k in there.poses else q for k, q in ends.items()}
 
     def step(self, here: Rough, relax: float) -> tuple[Rough | None, float]:
-        """A rough cycle that costs less, None where none is near, and the factor by which the next step goes on."""
+        """A rough cycle that costs less, None if none is near, and the factor of the next step."""
         assert here.plan is not None
         at, gain = self.better(here)
         if gain < WORTH * sum(answer.energy.loss for answer in here.plan.answers):
@@ -229,7 +230,7 @@ class Search:
 
 
 def _in_scene(job: Job, cell: CellRequest) -> Job:
-    """The job with its poses where they stand in the scene while the base is where it was given."""
+    """The job with its poses fixed in the scene, as seen from the given base."""
     steps = list(job.steps)
     for k in job.open:
         pose = steps[k].pose
@@ -240,11 +241,7 @@ def _in_scene(job: Job, cell: CellRequest) -> Job:
 
 
 def _fixture_pose(job: Job, cell: CellRequest, fixture: str) -> tuple[float, ...]:
-    """Where a fixture is: x, y, z [m], roll, pitch, yaw [rad] (6,) of its frame in the scene's.
-
-    Raises:
-        BadInput: no pose of the job is in its frame, or a scene has no such object.
-    """
+    """The placement of a fixture: x, y, z [m], roll, pitch, yaw [rad] (6,) of its frame in the scene's."""
     steps = [step for step in job.steps if step.pose is not None and step.pose.frame == fixture]
     if not steps:
         raise BadInput(f"{job.name}: no step ends at a pose in the frame of {fixture!r}, so its place changes nothing; "
@@ -273,7 +270,7 @@ def place(
 
     Args:
         job: with poses of the tool, in the frame of the given base, of the scene or of its objects.
-        cell: what is around, and the given base.
+        cell: the scene, and the given base.
 
     Raises:
         BadInput: no step of the job ends at a pose. Infeasible: no placement was found at which the job can be done.
@@ -292,7 +289,7 @@ def place(
         search.path.clear()
     looked = search.estimates()
     inside = bool(((given >= search.bounds[:, 0] - 1e-12) & (given <= search.bounds[:, 1] + 1e-12)).all())
-    done: list[tuple[bool, float, np.ndarray, JobResult]] = []  # not solved, energy [J]: a proven one comes first
+    done: list[tuple[bool, float, np.ndarray, JobResult]] = []  # (not solved, energy [J], …): a proven one comes first
     if given_result is not None and inside:
         done.append((not given_result.solved, given_result.energy, given, given_result))
     seeds: list[Rough] = []
@@ -334,7 +331,7 @@ def place(
 
 
 def _nowhere(search: Search, looked: list[tuple[np.ndarray, float]]) -> Infeasible:
-    """Why no placement will do: what is in the way at the one that is most promising, else at the middle of the box."""
+    """The error that no placement works, with the reason at the most promising one, else at the middle of the box."""
     point = looked[0][0] if looked else search.bounds.mean(axis=1)
     words = ", ".join(f"{x:.4g}" for x in point)
     try:

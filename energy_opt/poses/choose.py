@@ -31,21 +31,21 @@ from energy_opt.poses.pose import Pose
 from energy_opt.poses.sets import Target, unreached
 from energy_opt.poses.settling import Settle, Settling
 
-IMPROVED = 5  # goals that are moved along their freedom by the estimate, each to another place
-TRIED = 7  # the same, those that come to the place of another one among them
-SCREENED = 3  # goals that are sketched
-HOPE = 1.5  # a goal is screened if its estimate, less so many of the largest gain so far, is below the best energy
-EQUAL = 1e-5  # relative: goals with estimates nearer than this differ by a joint that costs nothing
-WORTH = 1e-3  # of the loss: what another goal must promise to be solved in full
-APART = 0.35  # [rad, m] distance of goals that are both screened
-LISTED = 40  # goals that an answer lists
-FREE = 60  # goals without contact among which is chosen
+IMPROVED = 5  # goals that the estimate moves along their freedom, each to another place
+TRIED = 7  # most goals that it moves, those that end at the place of another one included
+SCREENED = 3  # most goals that are sketched
+HOPE = 1.5  # a goal is sketched if its estimate, less so many times the largest gain so far, is below the best energy
+EQUAL = 1e-5  # relative: goals whose estimates differ by less differ only in joints that cost nothing
+WORTH = 1e-3  # share of the loss that another goal must promise to save, to be solved in full
+APART = 0.35  # [rad, m] least distance of goals that are both sketched
+LISTED = 40  # most goals that an answer lists
+FREE = 60  # most goals without contact among which to choose
 
 Sketch = Callable[[Move, Sequence[Trajectory]], Trajectory]
 
 
 class Solve(Protocol):
-    """What solves a move in full, see `Planner.solve`; unless it is to confirm it, an error is raised in less time."""
+    """Solver of a move in full, see `Planner.solve`; unless it must confirm an error, it raises it sooner."""
 
     def __call__(self, move: Move, warm: Sequence[Trajectory] = (), *, confirm: bool = True) -> Result:
         """The answer."""
@@ -59,12 +59,12 @@ class Chooser:
     """Chooses among goals for one robot.
 
     Args:
-        scorers: of the models that are planned under; `worst`: goals are compared by the worst of them, else the mean.
-        cell: what goals must keep clear of; None for nothing.
-        solver: solves a move, given motions to start from; sketch: guesses the answer with no regard to bodies: a goal
+        scorers: of the models of the plan; `worst`: goals are compared by the worst of them, else the mean.
+        cell: bodies that goals must keep clear of; None for none.
+        solver: solves a move, given motions to start from; sketch: estimates the answer without bodies: a goal
             whose sketch takes more than the best answer is not solved in full.
-        settle: moves a motion to the nearest optimum of curve and what is open, clear of bodies if so asked; it gives
-            the positions at via points too.
+        settle: moves a motion to the nearest optimum of curve and open coordinates, clear of bodies if asked; it also
+            gives the positions at via points.
         start, via: poses that the move begins at and passes, whose freedom is used too.
     """
 
@@ -88,7 +88,7 @@ class Chooser:
         self.solves = self.screened = 0
 
     def cheapest(self, moves: Sequence[Move]) -> Move:
-        """The move, of some with their own ends and via points, whose sketch costs least; the first if none has one."""
+        """The move with the cheapest sketch, of several with other ends and via points; else the first."""
         if len(moves) == 1:
             return moves[0]
         found = [self._sketched(move, Candidate(move.goal, np.nan)) for move in moves]
@@ -102,7 +102,7 @@ class Chooser:
             goals: poses of the tool, or joint positions (n,).
 
         Raises:
-            Infeasible: no goal can be reached, or none without touching something, or none in the time.
+            Infeasible: no goal can be reached, or none without contact, or none in the given time.
         """
         if not goals:
             raise BadInput("--goal is missing; give --goal or --goal-pose")
@@ -115,7 +115,8 @@ class Chooser:
         settled: list[Sketched] = []
         if tried:
             best = min(tried, key=_cost)
-            settled = self._settling(move, *best, False)  # within limits, which a sketch need not be: in its place
+            # within limits, which a sketch need not be: it replaces the sketch
+            settled = self._settling(move, *best, False)
             tried = [*settled, *(item for item in tried if item is not best)] if settled else tried
         answer, solved = self._full(move, promising, tried)
         same = settled and np.array_equal(settled[0][0].goal, answer[0].goal)
@@ -123,11 +124,11 @@ class Chooser:
             answer = self._refined(move, answer, solved)
         nearest = min(open_, key=lambda c: self._distance(move, c.goal))
         near = self._compared(move, nearest, answer)
-        if near is not None and _rank(near) < _rank(answer):  # the search was not as good
+        if near is not None and _rank(near) < _rank(answer):  # the search found a worse answer
             solved.append(near)
             answer = self._refined(move, near, solved)
         listed = [answer[0], *(c for c, _ in sorted(solved, key=_rank) if c is not answer[0])]
-        others = {c.goal.tobytes(): c for c in (*found, *(c for c, _ in tried))}  # as it was looked at last
+        others = {c.goal.tobytes(): c for c in (*found, *(c for c, _ in tried))}  # each with its latest result
         rest = [c for goal, c in others.items() if all(goal != x.goal.tobytes() for x in listed)]
         rest.sort(key=lambda c: (c.energy is None, c.status != "looked_at", c.estimate))
         return Chosen(
@@ -192,14 +193,14 @@ class Chooser:
                 q = improved(self.tool, goal.pose, goal.goal, cost, self.cell)
                 goal = replace(goal, goal=q, estimate=float(cost(q[None])[0]))
                 same = [k for k, other in enumerate(out) if self._alike(goal, other)]
-                if same:  # it came to where another one is: the cheaper of both
+                if same:  # it found the optimum of another one: keep the cheaper
                     out[same[0]] = min(goal, out[same[0]], key=lambda c: c.estimate)
                     continue
             out.append(goal)
         return sorted(out, key=lambda c: c.estimate)
 
     def _alike(self, one: Candidate, two: Candidate) -> bool:
-        """Whether goals are near each other, but for a shift along what the pose leaves free, or cost the same."""
+        """True if goals are near each other apart from a shift along their freedom, or cost the same."""
         if abs(one.estimate - two.estimate) < EQUAL * abs(two.estimate):
             return True
         apart = one.goal - two.goal
@@ -223,7 +224,7 @@ class Chooser:
         return out
 
     def _sketched(self, move: Move, goal: Candidate, warm: Sequence[Trajectory] = ()) -> list[Sketched]:
-        """The sketch of a goal; none where it is not possible."""
+        """The sketch of a goal; empty if it is not possible."""
         self.screened += 1
         try:
             found = self._sketch(replace(move, goal=goal.goal), warm)
@@ -244,19 +245,19 @@ class Chooser:
         return replace(goal, energy=self._energy(result.trajectory), status=result.status), result
 
     def _settling(self, move: Move, goal: Candidate, motion: Trajectory, clear: bool) -> list[Sketched]:
-        """The optimum near a motion with what its goal leaves open, see `Settling`; none where there is none."""
+        """The optimum near a motion within its goal's freedom, see `Settling`; none if there is none."""
         found = self._settle(move, goal, motion, clear)
         self.screened += found is not None
         rated = [(replace(each, energy=self._energy(at), status="screened"), at) for each, at in found or ()]
         return sorted(rated, key=_cost)[:1]
 
     def _worth(self, item: Solved) -> float:
-        """What another goal must promise to be solved in full [J]."""
+        """Energy [J] below which the estimate of another goal must be, to be solved in full."""
         losses = [scorer.energy(item[1].trajectory).loss for scorer in self.scorers]
         return WORTH * float(np.mean(losses))
 
     def _refined(self, move: Move, answer: Solved, solved: list[Solved]) -> Solved:
-        """The answer, or what it is solved to once more where its freedom promises less; that is added to `solved`."""
+        """The answer; if its freedom promises less energy, it is solved once more, which is added to `solved`."""
         better = self._settling(move, answer[0], answer[1].trajectory, True)
         if not better or _cost(better[0]) >= _cost(answer) - self._worth(answer):
             return answer
@@ -267,7 +268,9 @@ class Chooser:
         return min(answer, again, key=_rank)
 
     def _full(self, move: Move, goals: Sequence[Candidate], tried: Sequence[Sketched]) -> tuple[Solved, list[Solved]]:
-        """The best of the sketched goals solved in full, and all that were; others only where none of these works."""
+        """The best of the sketched goals solved in full, and all solved ones; other goals only if none of these
+        works.
+        """
         sketched = sorted(tried, key=_cost)
         rest = [goal for goal in goals if not any(np.array_equal(goal.goal, c.goal) for c, _ in tried)]
         failed: list[Candidate] = []
@@ -281,7 +284,7 @@ class Chooser:
                 failed.append(goal)
             else:
                 out.append(found)
-        if not out:  # again, for a shortest duration that is tried
+        if not out:  # solve again for the shortest duration that is tried
             result = self._solver(failed[0].moved(move), confirm=True)
             out.append((replace(failed[0], energy=self._energy(result.trajectory), status=result.status), result))
         out.sort(key=_rank)
@@ -293,12 +296,12 @@ class Chooser:
             return answer
         at = replace(move, duration=answer[1].trajectory.duration, max_duration=None)
         found = self._attempt(at, nearest)
-        if isinstance(found, Infeasible) and move.duration is None:  # it takes longer than that
+        if isinstance(found, Infeasible) and move.duration is None:  # it takes longer than the answer
             found = self._attempt(move, nearest)
         return None if isinstance(found, Infeasible) else found
 
     def _distance(self, move: Move, goal: np.ndarray) -> float:
-        """Seconds to a goal; of goals that are as quick, those of which other joints go less far count as nearer."""
+        """Seconds to a goal; among equally quick goals, one with shorter travel of other joints counts as nearer."""
         way = np.abs(goal - _last(move))
         return float(fastest(self.tool.robot, _last(move), goal)) + 1e-3 * float(way.sum())
 
@@ -319,7 +322,7 @@ class Chooser:
 
 
 def _last(move: Move) -> np.ndarray:
-    """Where the last part of a move begins."""
+    """The start of the last part of a move."""
     return move.via[-1] if move.via else move.start
 
 

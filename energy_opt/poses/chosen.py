@@ -1,4 +1,4 @@
-"""What a choice among goals comes to: the cheapest motion, and all goals that were looked at."""
+"""The result of a choice among goals: the cheapest motion, and all goals considered."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from energy_opt.poses.pose import Pose
 
 @dataclass(frozen=True)
 class Candidate:
-    """A joint goal that was looked at.
+    """A joint goal and its result.
 
     Attributes:
-        goal: (n,) [rad, m]; estimate: [J] of the straight move; energy: [J] as solved, None where it was not.
-        status: "solved" and so on as results have it; "screened" with the energy of a sketch, which knows no
+        goal: (n,) [rad, m]; estimate: [J] of the straight move; energy: [J] as solved, None if not solved.
+        status: as in results, such as "solved"; "screened" with the energy of a sketch, which ignores
             bodies; "looked_at", "not_looked_at", "colliding", "too_fast" or "infeasible".
-        pose: the pose that it reaches; None where it was given by its joints.
-        start, via: (n,) where the move begins and what it passes, where these were optimized with the goal.
+        pose: the pose that it reaches; None if it was given by its joints.
+        start, via: (n,) start and via points of the move, if these were optimized with the goal.
     """
 
     goal: np.ndarray
@@ -38,7 +38,7 @@ class Candidate:
         return replace(move, start=self.start, goal=self.goal, via=self.via)
 
     def document(self) -> dict[str, object]:
-        """As it is in result.json; what a sketch takes is an estimate."""
+        """Its record in result.json; the energy of a sketch counts as an estimate."""
         rough = self.status == "screened"
         estimate, energy = (self.energy, None) if rough else (self.estimate, self.energy)
         return {"goal": self.goal, "estimate": estimate, "energy": energy, "status": self.status}
@@ -51,9 +51,9 @@ class Chosen:
     Attributes:
         move: with that goal; result: its motion.
         candidates: the answer's first, then by energy and estimate.
-        nearest: the goal nearest to the start; nearest_result: its motion at the answer's duration, None where it has
-            none.
-        solves: how many moves were solved in full; screened: how many were sketched.
+        nearest: the goal nearest to the start; nearest_result: its motion at the answer's duration, None without
+            one.
+        solves: number of moves solved in full; screened: number of moves sketched.
     """
 
     move: Move

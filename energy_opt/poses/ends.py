@@ -1,4 +1,4 @@
-"""Where a move begins and ends, where that is not one position each."""
+"""Start and goal of a move, if they are not one position each."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from energy_opt.robot import Robot
 
 
 def ends_from_text(text: str) -> Ends:
-    """What `Ends.to_text` wrote."""
+    """The ends from the text of `Ends.to_text`."""
 
     def read(end: Any) -> Any:
         if end is None or isinstance(end, list):
@@ -32,10 +32,10 @@ def ends_from_text(text: str) -> Ends:
 
 @dataclass(frozen=True)
 class Ends:
-    """A start pose, where there is one, and goals of which any will do: poses of the tool or joint positions (n,).
+    """A start pose, if any, and alternative goals: poses of the tool or joint positions (n,).
 
     Attributes:
-        via: what the tool passes on its way, in order.
+        via: poses that the tool passes on its way, in order.
     """
 
     start: Pose | None
@@ -53,7 +53,9 @@ class Ends:
         return json.dumps({"start": said(self.start), "goals": [*map(said, self.goals)], "via": [*map(said, self.via)]})
 
     def in_base(self, robot: Robot, asked: CellRequest) -> Ends:
-        """The same with every pose in the frame of the robot's base, whatever frame of the scene it was given in."""
+        """The same ends with every pose in the frame of the robot's base, whichever frame of the scene it was given
+        in.
+        """
         given = [each for each in (self.start, *self.goals, *self.via) if isinstance(each, Pose)]
         scene = scene_of(asked) if any(pose.frame for pose in given) else None
 
@@ -64,14 +66,14 @@ class Ends:
 
     @property
     def poses(self) -> dict[str, Pose]:
-        """The poses that the ends of a trajectory are judged against."""
+        """The poses against which the ends of a trajectory are judged."""
         out = {} if self.start is None else {"start": self.start}
         if len(self.goals) == 1 and isinstance(self.goals[0], Pose):
             out["goal"] = self.goals[0]
         return out | {f"via {k}": pose for k, pose in enumerate(self.via, start=1)}
 
     def asked(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """A result's request with these ends: which goal it will be is not asked, it is answered."""
+        """A result's request with these ends; the chosen goal is in the answer, not in the request."""
         goals = [goal.document() if isinstance(goal, Pose) else goal.tolist() for goal in self.goals]
         out = {**request, "goal": None, "goals": goals}
         out |= {"via": None, "via_poses": [pose.document() for pose in self.via]} if self.via else {}

@@ -24,12 +24,12 @@ from energy_opt.motion.judge.energy import Scorer
 from energy_opt.robot import Robot
 
 SAMPLES = 21
-LOOKED_AT = np.array([1.1, 1.6, 2.5, 4.5])  # durations at which moves are scored, in shortest ones
-LONGEST = 12.0  # shortest durations: no move is sensibly slower
-GRID = np.geomspace(LOOKED_AT[0], LONGEST, 40)  # durations among which the cheapest is taken, in shortest ones
+LOOKED_AT = np.array([1.1, 1.6, 2.5, 4.5])  # durations at which moves are scored, as multiples of the shortest
+LONGEST = 12.0  # longest duration, as a multiple of the shortest: slower moves make no sense
+GRID = np.geomspace(LOOKED_AT[0], LONGEST, 40)  # durations for the search of the cheapest, as multiples of the shortest
 BLOCK = 40_000  # samples scored at once
-QUINTIC = 120 / 7  # losses of acceleration of a quintic, in way^2 / T^3
-LEAST = 1e-3  # [s] that the shortest move takes
+QUINTIC = 120 / 7  # integral of the squared acceleration of a quintic, in distance^2 / T^3
+LEAST = 1e-3  # [s] lower bound of the shortest duration
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Curves:
         """Energy less price * T (P,) [J], and the duration T (P,) [s] at which that is least.
 
         Args:
-            price: what a second is worth [W]; longest, least: bounds of the duration [s].
+            price: value of a second [W]; longest, least: bounds of the duration [s].
         """
         time = np.clip(self.shortest[:, None] * GRID, least, longest)
         time = np.maximum(time, self.shortest[:, None])
@@ -70,7 +70,9 @@ class Curves:
 
 
 def fastest(robot: Robot, start: np.ndarray, goal: np.ndarray) -> np.ndarray:
-    """Durations (P,) [s] that no motions between positions (P, n) go below: velocity, acceleration, jerk limits."""
+    """Lower bounds (P,) [s] of the durations of motions between positions (P, n): velocity, acceleration, jerk
+    limits.
+    """
     limits = robot.limits
     way, v, a, j = np.abs(goal - start), limits.velocity, limits.acceleration, limits.jerk
     ramp = np.where(np.isfinite(a), v / np.where(np.isfinite(a), a, 1.0), 0.0)

@@ -1,12 +1,12 @@
-"""Better positions within what a pose leaves free: redundancy, free axes, tolerance.
+"""Better positions within a pose's freedom: redundancy, free axes, tolerance.
 
-Costs are functions of joint positions that are cheap to ask. After a solve the cost is that of the solved motion, bent
-towards the other end,
+Costs are functions of joint positions that are cheap to evaluate. After a solve the cost is that of the solved motion,
+bent towards the other end,
 
     q(t) + (end' - end) s(t),   s(x) = x^3 (10 - 15 x + 6 x^2),
 
-an upper bound of the least energy with that end. At an optimum that no limit binds it has the same derivative by the
-end (envelope theorem), so a step that lowers it lowers the energy of the next solve.
+an upper bound of the least energy with that end. At an optimum without binding limits it has the same derivative with
+respect to the end (envelope theorem), so a step that lowers it lowers the energy of the next solve.
 """
 
 from __future__ import annotations
@@ -27,51 +27,51 @@ from energy_opt.poses.pose import Freedom, Pose
 
 Cost = Callable[[np.ndarray], np.ndarray]  # (M, n) positions to (M,) J
 
-STEP = 1e-3  # [rad, m] of differences
-SMALL_STEP = 1e-6  # the same, of values in free directions
-FARTHEST = 0.6  # [rad, m] of one step
-SHARES = np.array([1.6, 1.0, 0.5, 0.2, 0.06, 0.02])  # of a step that are tried
+STEP = 1e-3  # [rad, m] step of difference quotients
+SMALL_STEP = 1e-6  # [rad, m] the same, for values in free directions
+FARTHEST = 0.6  # [rad, m] longest step
+SHARES = np.array([1.6, 1.0, 0.5, 0.2, 0.06, 0.02])  # shares of a step to try
 ROUNDS = 10
-FLAT = 1e-6  # singular values of the pose's Jacobian below this share leave a direction free
-WIDE = 1e-5  # [m, rad] a tolerance that is worth using
-LESS = 1.0, 0.8, 0.5  # of a tolerance that are tried: what is free turns with the pose, and its range may end there
-MARGIN = 5e-9  # [m, rad] of a tolerance that is left, for what inverse kinematics misses
+FLAT = 1e-6  # relative: singular values of the pose's Jacobian below this leave a direction free
+WIDE = 1e-5  # [m, rad] least tolerance worth using
+LESS = 1.0, 0.8, 0.5  # shares of a tolerance to try: free directions turn with the pose, and their range may end there
+MARGIN = 5e-9  # [m, rad] unused part of a tolerance, for errors of inverse kinematics
 SAMPLES = 81
-PRICE = 10.0  # times the loss and the square of what a limit is broken by: motions give way to limits locally
-BINDING = 0.98  # of a limit: a motion that comes as near was held back by it
+PRICE = 10.0  # penalty for broken limits: times the loss and the squared excess; real motions adapt to limits locally
+BINDING = 0.98  # share of a limit from which it counts as binding
 
 
 def has_freedom(tool: ToolKinematics, pose: Pose) -> bool:
-    """Does a pose leave a continuum of joint positions?"""
+    """True if a pose leaves a continuum of joint positions."""
     return bool(pose.free) or tool.robot.n > 6 or max(pose.tolerance) > WIDE
 
 
 def jacobian(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> np.ndarray:
-    """Derivative (6, n) of what is missed by at q (n,); free directions count nothing, whatever their range."""
+    """Derivative (6, n) of the pose's error at q (n,); free directions are excluded, whatever their range."""
     open_ = opened(pose)
     return jacobian_of(tool, open_, q[None], tool.missed(open_, q[None]).both)[0]
 
 
 def opened(pose: Pose) -> Pose:
-    """The pose with its free directions free without a range."""
+    """The pose with its free directions unbounded."""
     return replace(pose, free=tuple(Freedom(f.axis) for f in pose.free))
 
 
 def directions(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> np.ndarray:
-    """Unit directions (K, n) along which the pose is kept at q (n,)."""
+    """Unit directions (K, n) at q (n,) along which the pose is kept."""
     _, s, vt = np.linalg.svd(jacobian(tool, pose, q))
     rank = int(np.sum(s > FLAT * max(s.max(), 1e-12) + 1e-5))
     return np.asarray(vt[rank:])
 
 
 class PosedGoal:
-    """Positions at which the tool keeps a pose, among which an end or a via point of a curve moves: a `Surface`.
+    """Positions at which the tool keeps a pose, over which an end or a via point of a curve moves: a `Surface`.
 
-    With e(q) what the pose is missed by, J its derivative, n_i the tangents, the surface bends by -J^+ e''[n_i, n_j].
+    With e(q) the pose's error, J its derivative, n_i the tangents, the surface bends by -J^+ e''[n_i, n_j].
 
     Args:
         q: (n,) positions that reach the pose.
-        work: what ending at positions (K, n) costs beside what the way there does, (K,) [J].
+        work: work of ending at positions (K, n) in addition to that of the motion, (K,) [J].
     """
 
     def __init__(self, tool: ToolKinematics, pose: Pose, q: np.ndarray, work: Cost) -> None:
@@ -87,12 +87,12 @@ class PosedGoal:
         return np.asarray(left @ right @ kept)
 
     def bend(self, q: np.ndarray, along: np.ndarray) -> np.ndarray:
-        """Second derivatives (count, count, n) by steps along the tangents, from differences of what is missed by."""
+        """Second derivatives (count, count, n) by steps along the tangents, from differences of the pose's error."""
         missed = bending(lambda at: self._tool.missed(self._open, at).both, q, along)
         return np.asarray(-missed @ np.linalg.pinv(jacobian(self._tool, self._pose, q), rcond=1e-4).T)
 
     def reached(self, q: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """Where inverse kinematics comes to from q + step (n,); q itself where it fails."""
+        """The result of inverse kinematics from q + step (n,); q itself if it fails."""
         found, error = solve(self._tool, self._pose, (q + step)[None])
         return found[0] if error[0] < SMALL else q
 
@@ -106,7 +106,7 @@ class PosedGoal:
 
 
 def improved(tool: ToolKinematics, pose: Pose, q: np.ndarray, cost: Cost, cell: Cell | None) -> np.ndarray:
-    """Positions (n,) near q that reach the pose, within its tolerance, touch nothing, and cost no more."""
+    """Positions (n,) near q that reach the pose within its tolerance, touch nothing, and cost no more."""
     best = _descended(tool, pose, q, cost, cell)
     moved = used(tool, pose, best, cost)
     if moved is None:
@@ -122,7 +122,7 @@ def improved(tool: ToolKinematics, pose: Pose, q: np.ndarray, cost: Cost, cell: 
 def _descended(
     tool: ToolKinematics, pose: Pose, q: np.ndarray, cost: Cost, cell: Cell | None, rounds: int = ROUNDS
 ) -> np.ndarray:
-    """Newton steps, direction by direction, along what keeps the pose; each is brought back to it."""
+    """Newton steps, direction by direction, along the pose's freedom; each is followed by inverse kinematics."""
     limits = tool.robot.limits
     now, best = float(cost(q[None])[0]), q
     for _ in range(rounds if np.isfinite(now) else 0):
@@ -150,7 +150,7 @@ def _descended(
 
 
 def _differences(cost: Cost, q: np.ndarray, along: np.ndarray, now: float) -> tuple[np.ndarray, np.ndarray]:
-    """First and second derivatives (K,) of a cost along directions (K, n); from one neighbour where one is infinite."""
+    """First and second derivatives (K,) of a cost along directions (K, n); one-sided if one neighbour's is infinite."""
     plus, minus = cost(np.vstack([q + STEP * along, q - STEP * along])).reshape(2, -1)
     plus, minus = (
         np.where(np.isfinite(one), one, np.where(np.isfinite(other), 2 * now - other, now))
@@ -160,7 +160,7 @@ def _differences(cost: Cost, q: np.ndarray, along: np.ndarray, now: float) -> tu
 
 
 def used(tool: ToolKinematics, pose: Pose, q: np.ndarray, cost: Cost) -> tuple[Pose, np.ndarray] | None:
-    """The pose moved to the cheapest edge of its tolerance, and positions that reach it; None where none does."""
+    """The pose moved to the cheapest edge of its tolerance, and positions that reach it; None if none do."""
     if max(pose.tolerance) <= WIDE:
         return None
     slope, _ = _differences(cost, q, np.eye(len(q)), float(cost(q[None])[0]))
@@ -181,22 +181,22 @@ def used(tool: ToolKinematics, pose: Pose, q: np.ndarray, cost: Cost) -> tuple[P
 
 
 def inside(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> bool:
-    """Whether positions q (n,) reach a pose within its tolerance, with a small margin."""
+    """True if positions q (n,) reach a pose within its tolerance, with a small margin."""
     off = tool.missed(pose, q[None])
     sizes = (float(np.linalg.norm(x)) for x in (off.shift, off.turn))
     return all(size <= allowed - MARGIN / 10 for size, allowed in zip(sizes, pose.tolerance, strict=True))
 
 
 def is_free(cell: Cell | None, q: np.ndarray) -> bool:
-    """Whether nothing touches at q (n,)."""
+    """True if nothing touches at q (n,)."""
     return cell is None or not cell.checks or cell.touching(q) is None
 
 
 class Bent:
-    """What a solved motion costs when it is bent to other ends.
+    """The cost of a solved motion when it is bent to other ends.
 
     Args:
-        fixed: keeps its duration; else it is slowed where a limit asks for it, and may be faster where one held it.
+        fixed: keep its duration; else it is slowed if limits require this, and may be faster if one was binding.
     """
 
     def __init__(self, scorers: Sequence[Scorer], trajectory: Trajectory, fixed: bool) -> None:
@@ -229,7 +229,7 @@ class Bent:
         return np.asarray(energy + PRICE * np.maximum(longer - 1, 0) ** 2 * self.loss)
 
     def _needed(self, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """The share of the duration (M,) that velocity and acceleration limits need."""
+        """The share of the duration (M,) that velocity and acceleration limits require."""
         limits = self._scorers[0].robot.limits
         speed = (np.abs(v) / limits.velocity).max(axis=(1, 2))
         return np.asarray(np.maximum(speed, np.sqrt((np.abs(a) / limits.acceleration).max(axis=(1, 2)))))

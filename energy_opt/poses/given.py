@@ -1,4 +1,4 @@
-"""Poses as files and options give them: numbers, in an object's frame, by name, with freedom, as MoveIt's PoseStamped.
+"""Poses in files and options: numbers, in an object's frame, by name, with freedom, or as MoveIt's PoseStamped.
 
 "0.4,0,0.3,3.14,0,0"            six or seven numbers [m, rad], or a list of them, in the robot's base frame
 "box_1: 0,0,0.12,3.14,0,0"      in the frame of an object of the scene; "world: ..." in the scene's own
@@ -24,7 +24,7 @@ from energy_opt.files import inside, read_yaml_documents
 from energy_opt.poses.pose import FORM, Pose, pose_from
 from energy_opt.robot import Robot
 
-WORLD = ("world", "map", "scene")  # frame names of the scene itself
+WORLD = ("world", "map", "scene")  # names of the scene's own frame
 KEYS = ("pose", "free", "tolerance", "frame")
 SUFFIXES = (".yaml", ".yml", ".json")
 
@@ -33,8 +33,8 @@ class Given:
     """Reads poses.
 
     Args:
-        folder: beside which files lie; None for the working directory, and files anywhere.
-        named: what names stand for: a `Pose`, or joint positions (n,).
+        folder: base folder of files; None for the working directory, and files anywhere.
+        named: values of names: a `Pose`, or joint positions (n,).
     """
 
     def __init__(
@@ -49,10 +49,10 @@ class Given:
         free: Sequence[str] = (),
         tolerance: str | tuple[float, float] | None = None,
     ) -> Pose:
-        """A pose in whatever form; `free` and `tolerance` count in place of those that it brings.
+        """A pose from any form; `free` and `tolerance` replace those that it contains.
 
         Raises:
-            BadInput: no pose, an unknown name, or a file that holds none.
+            BadInput: no pose, an unknown name, or a file without one.
         """
         frame = ""
         if isinstance(value, Mapping):
@@ -109,7 +109,7 @@ def _words(value: Any, name: str) -> tuple[str, ...]:
 
 
 def _numbers(value: object, name: str) -> np.ndarray:
-    """Numbers alone: text and truth values are no numbers."""
+    """Only numbers: text and truth values are rejected."""
     if isinstance(value, np.ndarray):
         return value
     numbers = list(value) if isinstance(value, (list, tuple)) else [value]
@@ -119,10 +119,10 @@ def _numbers(value: object, name: str) -> np.ndarray:
 
 
 def poses_of_scene(scene: Scene | None) -> dict[str, Pose]:
-    """The poses that a scene file names, in the scene's frame where they name no other.
+    """The poses that a scene file names, in the scene's frame unless they name another.
 
     Raises:
-        BadInput: one of them is none.
+        BadInput: one of them is not a pose.
     """
     if scene is None:
         return {}
@@ -134,7 +134,7 @@ def poses_of_scene(scene: Scene | None) -> dict[str, Pose]:
 
 
 def poses_of_request(request: CellRequest) -> dict[str, Pose]:
-    """The poses that the requested scene's file names."""
+    """The poses named in the requested scene's file."""
     return poses_of_scene(scene_of(request))
 
 
@@ -142,7 +142,7 @@ def in_base(pose: Pose, robot: Robot, scene: Scene | None, base: np.ndarray) -> 
     """A pose in the frame of the robot's base.
 
     Args:
-        scene: in which objects are looked up; None without one.
+        scene: the scene of the objects; None without one.
         base: (4, 4) pose of the robot's base in the scene's frame.
 
     Raises:

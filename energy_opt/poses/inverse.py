@@ -1,4 +1,4 @@
-"""All joint positions that bring the tool to a pose: seeded starts, Levenberg and Marquardt's steps, within the limits.
+"""All joint positions that bring the tool to a pose: Levenberg-Marquardt steps from seeded starts, within limits.
 
     minimise |e(q)|^2,   (J^T J + lambda I) dq = -J^T e,   lower <= q <= upper
 
@@ -7,8 +7,8 @@ frame. J follows from the joints' axes and the derivative of the rotation vector
 
     d log(R) = J_l(log R)^-1 w,   J_l(p)^-1 = 1 - [p]/2 + (1 - t/2 cot(t/2)) / t^2 [p]^2,   t = |p|
 
-(w: angular velocity in the wanted frame), or by differences where axes are coupled or several turns are free. Solutions
-of arms without redundancy are isolated (the branches); of others the starts sample the whole set.
+(w: angular velocity in the wanted frame), or from differences if axes are coupled or several turns are free. Solutions
+of arms without redundancy are isolated (the branches); for others the starts sample the whole set.
 """
 
 from __future__ import annotations
@@ -24,25 +24,26 @@ from energy_opt.robot.tool import tool_of
 
 STARTS = 320
 STEPS = 40
-SMALL = 1e-9  # [m, rad] a smaller error is none
-DIFFERENCE = 1e-6  # [rad, m]
-SAME = 1e-3  # [rad, m] positions nearer than this are one
+SMALL = 1e-9  # [m, rad] a smaller error counts as zero
+DIFFERENCE = 1e-6  # [rad, m] step of difference quotients
+SAME = 1e-3  # [rad, m] positions that differ by less are the same
 TURN = 2 * np.pi
-ROUNDING = 1e-13  # share of the normal matrix's trace that damps at least, so that it can be inverted
-LENGTH = 0.3  # [m] that counts as much as a radian
-OPPOSITE = 1e-3  # what a free turn does to the error, below which the axis points the opposite way: any turn is as good
+ROUNDING = 1e-13  # share of the normal matrix's trace: least damping, so that it can be inverted
+LENGTH = 0.3  # [m] length that weighs as much as a radian
+# least effect of a free turn on the error; below it the axis points the opposite way and every turn is equivalent
+OPPOSITE = 1e-3
 
 
 @dataclass(frozen=True)
 class Reached:
-    """What the starts came to.
+    """The results of the starts.
 
     Attributes:
         positions: (K, n) [rad, m] that reach the pose.
-        nearest: (n,) that comes nearest, where none reaches it; distance [m] and angle [rad] are what it misses by,
-            with `LENGTH` of the one as much as a radian of the other.
-        beyond: the joint, and in words how far beyond which limit it would have to go; empty where nothing is reached
-            without limits either.
+        nearest: (n,) nearest to the pose, if none reaches it; distance [m] and angle [rad] are its error, where
+            `LENGTH` weighs as much as a radian.
+        beyond: the joint, and in words the limit that it would have to exceed, and how far; empty if the pose is out of
+            reach even without limits.
     """
 
     positions: np.ndarray
@@ -70,11 +71,11 @@ class ToolKinematics:
 
     @property
     def differentiable(self) -> bool:
-        """Whether `twists` knows the tool's velocity: no joint takes another along."""
+        """True if `twists` gives the tool's velocity: no joint drives another."""
         return self._kinematics.count == self.robot.n
 
     def twists(self, q: np.ndarray) -> np.ndarray:
-        """Velocity of the tool's origin and its angular velocity by each joint's, in the base frame, (N, 6, n)."""
+        """Velocity of the tool's origin and its angular velocity per joint velocity, in the base frame, (N, 6, n)."""
         poses = self._kinematics(q)
         at = poses.origin[:, self._joint] + poses.rotation[:, self._joint] @ self._shift
         axis, slides = poses.axis, np.array(self.robot.slides, dtype=bool)
@@ -85,12 +86,12 @@ class ToolKinematics:
         return np.concatenate([shift, turn], axis=2).transpose(0, 2, 1)
 
     def free_values(self, pose: Pose, q: np.ndarray) -> np.ndarray:
-        """How far the tool is along the pose's free directions at q (N, n), (N, F); see `pose.free_values`."""
+        """Positions of the tool along the pose's free directions at q (N, n), (N, F); see `pose.free_values`."""
         found = free_values(pose, *self(q))
         return np.array([found[freedom.axis] for freedom in pose.free]).reshape(-1, len(q)).T
 
     def missed(self, pose: Pose, q: np.ndarray) -> Missed:
-        """By what the tool misses a pose at q (N, n)."""
+        """Error of the tool's pose at q (N, n)."""
         return missed(pose, *self(q))
 
 
@@ -100,7 +101,7 @@ def reach(
     """Joint positions that reach a pose, from many seeded starts.
 
     Args:
-        near: (n,) positions that are tried first, and of which whole turns of joints are taken nearest.
+        near: (n,) positions to try first, towards which joints are shifted by whole turns.
     """
     limits = tool.robot.limits
     low, high = (np.where(np.isfinite(x), x, s * np.pi) for x, s in ((limits.lower, -1), (limits.upper, 1)))
@@ -122,7 +123,7 @@ def reach(
 
 
 def _beyond(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> tuple[str, str]:
-    """The joint that is farthest beyond its limits where the starts q (N, n) reach a pose with the least excess."""
+    """The joint farthest beyond its limits, for the start in q (N, n) that reaches the pose with the least excess."""
     robot, limits = tool.robot, tool.robot.limits
     q, error = solve(tool, pose, q, limited=False)
     turning = ~np.array(robot.slides, dtype=bool)
@@ -141,7 +142,7 @@ def _beyond(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> tuple[str, str]:
 
 
 def solve(tool: ToolKinematics, pose: Pose, q: np.ndarray, limited: bool = True) -> tuple[np.ndarray, np.ndarray]:
-    """Positions (N, n) that the starts q (N, n) lead to, and the largest error of each (N,) [m, rad].
+    """Positions (N, n) reached from the starts q (N, n), and the largest error of each (N,) [m, rad].
 
     Args:
         limited: within the joints' limits.
@@ -151,7 +152,7 @@ def solve(tool: ToolKinematics, pose: Pose, q: np.ndarray, limited: bool = True)
     weight = np.array([1 / LENGTH] * 3 + [1.0] * 3)
     n, q = q.shape[1], np.clip(q, lower, upper)
     e = tool.missed(pose, q).both * weight
-    damping = np.clip(np.sum(e**2, axis=1), 1e-9, 1e-2)  # little where the start is near
+    damping = np.clip(np.sum(e**2, axis=1), 1e-9, 1e-2)  # small if the start is near
     for _ in range(STEPS):
         open_ = np.flatnonzero(np.abs(e).max(axis=1) > SMALL / 10)
         if not len(open_):
@@ -159,7 +160,7 @@ def solve(tool: ToolKinematics, pose: Pose, q: np.ndarray, limited: bool = True)
         at, now = q[open_], e[open_]
         jacobian = jacobian_of(tool, pose, at, now / weight) * weight[:, None]
         gradient = np.einsum("kij,ki->kj", jacobian, now)
-        # a joint at its limit that is pushed outwards takes no part
+        # a joint at its limit whose step would leave it is held
         held = ((at <= lower) & (gradient > 0)) | ((at >= upper) & (gradient < 0))
         jacobian *= ~held[:, None]
         gradient *= ~held
@@ -199,7 +200,7 @@ def jacobian_of(tool: ToolKinematics, pose: Pose, q: np.ndarray, e: np.ndarray) 
     angle = free_values(pose, rotation, origin)[of.axis]
     inside = (angle >= of.low) & (angle <= of.high)
     moved = inverse @ about(k, -np.clip(angle, of.low, of.high)) @ turn
-    along = inverse[:, :, k]  # what the free turn itself does to the error
+    along = inverse[:, :, k]  # effect of the free turn itself on the error
     follows = moved[:, k] / np.where(np.abs(along[:, k]) > OPPOSITE, along[:, k], 1.0)[:, None]
     moved = moved - along[:, :, None] * follows[:, None] * inside[:, None, None]
     return np.concatenate([shift, moved], axis=1)
@@ -218,7 +219,7 @@ def _log_derivative(vector: np.ndarray) -> np.ndarray:
 
 
 def turned_near(q: np.ndarray, near: np.ndarray | None, robot: Robot) -> np.ndarray:
-    """Positions (K, n) with whole turns of revolute joints taken off or added, within the limits, towards `near`."""
+    """Positions (K, n) with revolute joints shifted by whole turns, within the limits, towards `near`."""
     if near is None:
         return q
     out = q.copy()
@@ -233,7 +234,7 @@ def turned_near(q: np.ndarray, near: np.ndarray | None, robot: Robot) -> np.ndar
 
 
 def distinct(q: np.ndarray) -> np.ndarray:
-    """Positions (K, n) of which no two are nearer than `SAME`."""
+    """Positions (K, n), no two of which are nearer than `SAME`."""
     kept: list[np.ndarray] = []
     for row in q[np.lexsort(np.round(q.T[::-1], 4))]:
         if not kept or np.abs(np.array(kept) - row).max(axis=1).min() > SAME:

@@ -1,4 +1,4 @@
-"""By what positions miss poses, recomputed with Pinocchio: the judge of what was chosen and written."""
+"""Errors of positions from poses, recomputed with Pinocchio: the judge of the chosen and written positions."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from energy_opt.robot.tool import tool_of
 def pose_document(
     robot: Robot, tool_words: str | None, poses: Mapping[str, Pose], positions: Mapping[str, np.ndarray]
 ) -> dict[str, Any]:
-    """By what positions (n,) miss their poses, recomputed with Pinocchio: distance [m] and angle [rad]."""
+    """Errors of positions (n,) from their poses, recomputed with Pinocchio: distance [m] and angle [rad]."""
     tool = tool_of(robot.body, tool_words)
     out: dict[str, Any] = {}
     for end, pose in poses.items():

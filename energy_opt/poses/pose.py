@@ -1,4 +1,4 @@
-"""A pose of the tool, with the directions in which it is free, and how far it may be missed."""
+"""A pose of the tool, with its free directions and its tolerance."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from energy_opt.files import finite_number, words_of
 
 TURNS = ("rx", "ry", "rz")
 AXES = ("x", "y", "z", *TURNS)
-FAR = 100.0  # [m] no tool is farther away; beyond it a length is a slip of the unit
+FAR = 100.0  # [m] largest length: a longer one is probably in the wrong unit
 EXACT = 1e-6, 1e-6  # [m, rad] tolerance of a pose that is to be reached exactly
-UNIT = 1e-2  # a quaternion's norm may differ from 1 by this; it is then scaled
+UNIT = 1e-2  # largest deviation of a quaternion's norm from 1; it is then scaled
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Freedom:
 
     Attributes:
         axis: "x", "y", "z" (shifts) or "rx", "ry", "rz" (turns).
-        low, high: range [m or rad]; a turn without one is free all round, a shift without one is without bound.
+        low, high: range [m or rad]; without one, a turn or shift is unbounded.
     """
 
     axis: str
@@ -84,7 +84,7 @@ class Pose:
             object.__setattr__(self, name, value)
 
     def document(self) -> dict[str, object]:
-        """As it is in a result's request."""
+        """Its record in a result's request."""
         return {
             "matrix": self.matrix.tolist(),
             "free": [[f.axis, f.low, f.high] for f in self.free],
@@ -93,12 +93,12 @@ class Pose:
         }
 
     def same_as(self, other: object) -> bool:
-        """Whether both ask for the same, whatever their names."""
+        """True if both require the same, whatever their names."""
         return isinstance(other, Pose) and self.document() == other.document()
 
 
 class AnyOf(tuple[object, ...]):
-    """Goals of which any will do: `AnyOf([pose, positions, ...])`."""
+    """Alternative goals: `AnyOf([pose, positions, ...])`."""
 
 
 def pose_from(
@@ -107,7 +107,7 @@ def pose_from(
     tolerance: str | tuple[float, float] | None = None,
     name: str = "--goal-pose",
 ) -> Pose:
-    """A pose from text, or from what a `Pose` is given; one that is a pose already as it is.
+    """A pose from text or from the arguments of `Pose`; a `Pose` is returned unchanged.
 
     Raises:
         BadInput: another count of numbers, or no pose.
@@ -149,7 +149,7 @@ FORM = "X,Y,Z,R,P,Y or X,Y,Z,QX,QY,QZ,QW with lengths in m and angles in rad"
 
 
 def tolerance_of(text: str) -> tuple[float, float]:
-    """Distance [m] and angle [rad] from `1mm,1deg`; either may be left out, and m and rad are taken as well."""
+    """Distance [m] and angle [rad] from `1mm,1deg`; either may be left out, and m and rad are accepted too."""
     units = {"mm": (0, 1e-3), "m": (0, 1.0), "deg": (1, np.pi / 180), "rad": (1, 1.0)}
     given: dict[int, float] = {}
     for word in text.split(","):
@@ -169,7 +169,7 @@ def tolerance_of(text: str) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class Missed:
-    """How far poses of the tool are from what is wanted, within its freedom.
+    """Errors of poses of the tool from the wanted one, within its freedom.
 
     Attributes:
         shift: (N, 3) [m], in the wanted tool's frame; turn: (N, 3) rotation vectors [rad].
@@ -214,7 +214,7 @@ def free_values(pose: Pose, rotation: np.ndarray, origin: np.ndarray) -> dict[st
     else:
         order = [*axes, *(k for k in range(3) if k not in axes)]
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # where two axes are one, any split between them will do
+            warnings.simplefilter("ignore", UserWarning)  # if two axes coincide, any split between them is valid
             angles = Rotation.from_matrix(turned).as_euler("".join("XYZ"[k] for k in order))
     for k, angle in zip(axes, angles.T, strict=False):
         low, high = ranges[TURNS[k]]
@@ -224,15 +224,15 @@ def free_values(pose: Pose, rotation: np.ndarray, origin: np.ndarray) -> dict[st
 
 
 def missed(pose: Pose, rotation: np.ndarray, origin: np.ndarray) -> Missed:
-    """How far the tool at `rotation` (N, 3, 3), `origin` (N, 3) misses a pose.
+    """Error of the tool at `rotation` (N, 3, 3), `origin` (N, 3) from a pose.
 
-    Shifts and turns in free directions, held to their ranges, are taken out of the difference from the wanted pose one
-    after the other; the rest is the error.
+    Shifts and turns in free directions, clipped to their ranges, are removed from the difference from the wanted pose
+    one after the other; the rest is the error.
     """
     wanted = pose.matrix[:3, :3]
     shift = (origin - pose.matrix[:3, 3]) @ wanted
     limits = {freedom.axis: (freedom.low, freedom.high) for freedom in pose.free}
-    anyhow = all(np.isinf(limits.get(turn, (0.0, 0.0))).all() for turn in TURNS)  # no turn counts
+    anyhow = all(np.isinf(limits.get(turn, (0.0, 0.0))).all() for turn in TURNS)  # rotation is completely free
     turned = np.matmul(wanted.T, rotation)
     shifts_only = replace(pose, free=tuple(f for f in pose.free if f.axis not in TURNS)) if anyhow else pose
     for axis, value in free_values(shifts_only, rotation, origin).items():

@@ -14,22 +14,22 @@ from energy_opt.poses.estimate import Curves, curves, holding
 from energy_opt.poses.inverse import SMALL, Reached, ToolKinematics, reach, solve
 from energy_opt.poses.pose import Pose
 
-Target = Pose | np.ndarray  # where a move may end: a pose of the tool, or joint positions (n,)
-MOST = 24  # positions of a layer inside a cycle
-FURTHER = 60  # starts where none of those at hand reaches a pose
-AVOIDED = 12  # rings that are looked at for moves that touch
-DETOUR = 1e6  # J that a straight move is taken to cost which touches something: others come before it
-LOOKS = 12  # positions of a straight move that are looked at
-PRICES = 40  # of time that are tried at most
+Target = Pose | np.ndarray  # the end of a move: a pose of the tool, or joint positions (n,)
+MOST = 24  # most positions of a layer inside a cycle
+FURTHER = 60  # further starts if none of the given ones reaches a pose
+AVOIDED = 12  # most rings to check for moves in contact
+DETOUR = 1e6  # [J] assumed cost of a straight move in contact, so that others come first
+LOOKS = 12  # places of a straight move to check
+PRICES = 40  # most prices of time to try
 
 
 @dataclass(frozen=True)
 class Layer:
-    """Joint positions of which one is passed.
+    """Joint positions, of which a ring passes one.
 
     Attributes:
         positions: (K, n) [rad, m].
-        wait: seconds that the arm waits there; standing: (K,) [W] that this takes.
+        wait: seconds that the arm waits there; standing: (K,) [W] power of this.
     """
 
     positions: np.ndarray
@@ -51,7 +51,7 @@ def unreached(pose: Pose, found: Reached) -> Infeasible:
 def positions_of(
     tool: ToolKinematics, target: Target, cell: Cell | None, *, near: np.ndarray | None = None, seed: int = 0
 ) -> np.ndarray:
-    """All positions (K, n) found that reach a target and touch nothing.
+    """All positions (K, n) found that reach a target without contact.
 
     Raises:
         Infeasible: none reaches it, or each of them touches something.
@@ -73,7 +73,7 @@ def positions_near(tool: ToolKinematics, pose: Pose, starts: np.ndarray) -> np.n
     """Positions (K, n) that reach a pose, each from one of the starts (M, n), in their order.
 
     Raises:
-        Infeasible: none of them does, nor any of further starts.
+        Infeasible: none is reached, even from further starts.
     """
     q, error = solve(tool, pose, starts)
     if (error < SMALL).any():
@@ -85,7 +85,7 @@ def positions_near(tool: ToolKinematics, pose: Pose, starts: np.ndarray) -> np.n
 
 
 def straight_is_free(cell: Cell | None, start: np.ndarray, goal: np.ndarray) -> bool:
-    """Does nothing touch on the straight line between positions (n,), at some places of it?"""
+    """True if nothing touches at several places of the straight line between positions (n,)."""
     if cell is None or not cell.checks:
         return True
     return all(cell.touching(start + x * (goal - start)) is None for x in np.linspace(0, 1, LOOKS + 2)[1:-1])
@@ -99,7 +99,7 @@ def free_of(q: np.ndarray, cell: Cell | None) -> np.ndarray:
 
 
 def thinned(q: np.ndarray, cost: np.ndarray, most: int = MOST) -> np.ndarray:
-    """At most so many of positions (K, n), far from each other; the cheapest first."""
+    """At most `most` of positions (K, n), far from each other; the cheapest first."""
     if len(q) <= most:
         return q
     kept = [int(np.argmin(cost))]
@@ -111,16 +111,16 @@ def thinned(q: np.ndarray, cost: np.ndarray, most: int = MOST) -> np.ndarray:
 
 
 def layer(scorers: Sequence[Scorer], positions: np.ndarray, wait: float = 0.0) -> Layer:
-    """A layer with what standing at its positions (K, n) takes."""
+    """A layer with the power of standing at its positions (K, n)."""
     return Layer(positions, wait, holding(scorers, positions))
 
 
 class Ring:
-    """Layers in a ring, and what the moves between neighbours are likely to cost.
+    """Layers in a ring, and the likely costs of the moves between neighbours.
 
     Args:
         layers: L of them; move k goes from layer k to layer k + 1, the last back to the first.
-        scorers: of the models, for each move; where one less is given, the last move back is none and costs nothing.
+        scorers: of the models, for each move; if one less is given, there is no last move back, and it costs nothing.
         bounds: shortest and longest duration [s] of each move.
     """
 
@@ -133,9 +133,9 @@ class Ring:
             a, b = self.layers[k].positions, self.layers[(k + 1) % len(layers)].positions
             pairs = np.indices((len(a), len(b))).reshape(2, -1)
             self._curves[k] = curves(models, a[pairs[0]], b[pairs[1]])
-        self._looked: set[tuple[int, int, int]] = set()  # moves that were looked at for contact
+        self._looked: set[tuple[int, int, int]] = set()  # moves that were checked for contact
         sizes = [len(layer.positions) for layer in layers]
-        self._detours = [np.zeros((a, b)) for a, b in zip(sizes, [*sizes[1:], sizes[0]], strict=True)]  # J
+        self._detours = [np.zeros((a, b)) for a, b in zip(sizes, [*sizes[1:], sizes[0]], strict=True)]  # [J]
 
     def cheapest(
         self, time: float, waiting: float, free: Callable[[int, np.ndarray, np.ndarray], bool] | None = None
@@ -143,8 +143,8 @@ class Ring:
         """The position of every layer in the cheapest ring of `time` s without waits, and its estimate [J].
 
         Args:
-            waiting: what time that is left over takes [W]: the price of a second is at most this.
-            free: whether straight move k between two positions (n,) touches nothing; moves that do come last.
+            waiting: power [W] during remaining time: the price of a second is at most this.
+            free: whether straight move k between two positions (n,) touches nothing; moves in contact come last.
         """
         for _ in range(AVOIDED):
             chosen, energy, price = self._priced(time, waiting)
@@ -153,7 +153,7 @@ class Ring:
         return chosen, energy
 
     def _avoid(self, chosen: list[int], price: float, free: Callable[[int, np.ndarray, np.ndarray], bool]) -> bool:
-        """Make moves that touch costly, until the cheapest ring at a price has none; whether any was found."""
+        """Make moves in contact costly until the cheapest ring at a price has none; True if any was found."""
         any_found, count = False, len(self.layers)
         for _ in range(AVOIDED):
             pairs = [(k, chosen[k], chosen[(k + 1) % count]) for k in range(count) if self._curves[k] is not None]
@@ -169,12 +169,12 @@ class Ring:
         return any_found
 
     def _priced(self, time: float, waiting: float) -> tuple[list[int], float, float]:
-        """The cheapest ring of `time` s, its estimate [J], and the price [W] of a second at which it is found."""
+        """The cheapest ring of `time` s, its estimate [J], and the price [W] of a second at which it was found."""
         low, high, best = None, waiting, self._at(waiting)
         step = 1.0 + abs(waiting)
         for _ in range(PRICES):
             if best[2] <= time and low is None and high == waiting:
-                break  # time is left over
+                break  # time remains
             price = high - step if low is None else (low + high) / 2
             found = self._at(price)
             if found[2] > time:
@@ -189,7 +189,7 @@ class Ring:
         return chosen, energy + waiting * max(time - used, 0.0), high if low is None else low
 
     def _at(self, price: float) -> tuple[list[int], float, float]:
-        """Choice, energy [J] and duration [s] of the ring that costs least at a price of time [W]."""
+        """Choice, energy [J] and duration [s] of the ring of least cost at a price of time [W]."""
         costs, times = [], []
         for k, (of, (least, most)) in enumerate(zip(self._curves, self.bounds, strict=True)):
             a, b = self.layers[k], self.layers[(k + 1) % len(self.layers)]

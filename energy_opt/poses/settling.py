@@ -45,7 +45,7 @@ class Settling:
     def __call__(
         self, move: Move, goal: Candidate, motion: Trajectory, clear: bool
     ) -> list[tuple[Candidate, Trajectory]] | None:
-        """Optima near a motion whose ends touch nothing; None where nothing is open.
+        """Optima near a motion whose ends touch nothing; None if its poses leave no freedom.
 
         The goal's tolerance is used up in the direction in which the motion, bent to other ends, costs less.
         """
@@ -70,7 +70,7 @@ class Settling:
         return found
 
     def _open(self, move: Move, goal: Pose | None) -> Open:
-        """What a move's poses leave open."""
+        """The freedom that a move's poses leave."""
 
         def surface(pose: Pose | None, q: np.ndarray) -> PosedGoal | None:
             if pose is None or not has_freedom(self._tool, pose):

@@ -1,4 +1,4 @@
-"""A move whose start, goal or points on the way are sets: solved to the cheapest."""
+"""The cheapest move whose start, goal or via points are sets of positions."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ def solve_to(
     """The cheapest motion to any of the goals; see `Chooser.choose`.
 
     Args:
-        ends: start pose, poses on the way and goals; the move's own goal is ignored, and its start where there is a
+        ends: start pose, poses on the way and goals; the move's own goal is ignored, and its start if there is a
             start pose.
-        models: that are planned under; goals are compared by their mean, or by the `worst` of them.
+        models: the models of the plan; goals are compared by their mean, or by the `worst` of them.
         planner: of these models, which gives the answer.
     """
     tool = ToolKinematics(robot, settings.tool)
@@ -81,11 +81,7 @@ def _placed(
 
 
 def nearest_move(ends: Ends, move: Move, robot: Robot, cell: Cell | None, settings: Settings) -> Move:
-    """The move to the positions that are quickest to reach, at every pose from where the arm comes from.
-
-    Raises:
-        Infeasible: no positions reach one of the poses, or all touch something.
-    """
+    """The move to the positions that are quickest to reach, each from the one before."""
     tool = ToolKinematics(robot, settings.tool)
     q = move.start
     if ends.start is not None:

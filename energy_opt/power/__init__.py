@@ -1,4 +1,4 @@
-"""The power model: which effects an arm has, with what values, and the law that follows from them."""
+"""The power model: an arm's effects with their values, and the law that follows from them."""
 
 from energy_opt.power.known import source_method_1, source_method_2
 from energy_opt.power.law import DriveTerms, drive_function, drive_terms

@@ -1,6 +1,4 @@
-"""Values that a plan rests on and that the user did not give: bounds, friction and electrical values, with their
-sources.
-"""
+"""Values that a plan uses and the user did not give: bounds, friction and electrical values, with their sources."""
 
 from __future__ import annotations
 
@@ -41,7 +39,7 @@ class Assumption:
 
 
 def assumptions(robot: Robot, models: Sequence[PowerModel]) -> tuple[Assumption, ...]:
-    """Values that a plan rests on: bounds of the robot, and those values of the models that the user did not give.
+    """Values that a plan uses: bounds of the robot, and those values of the models that the user did not give.
 
     Acceleration, jerk and effort of every joint are listed with their source; velocities only if they are assumed.
 
@@ -65,12 +63,12 @@ def assumptions(robot: Robot, models: Sequence[PowerModel]) -> tuple[Assumption,
 
 
 def rests_on(robot: Robot) -> tuple[Assumption, ...]:
-    """What a plan of `robot` rests on where no model is given: under source-method-2 and careful."""
+    """Assumptions of a plan of `robot` if no model is given: under source-method-2 and careful."""
     return assumptions(robot, [source_method_2(robot), careful(robot)])
 
 
 def _records(robot: Robot, what: str, known: Known) -> list[Assumption]:
-    """The first parameter of an effect that has a size; of a table, its first column."""
+    """Assumptions for the first parameter of an effect that is no shape; of a table, its first column."""
     effect, n = known.effect, robot.n
     p = next(p for p in effect.parameters if not p.shapes)
     note = f"{effect.name.replace('_', ' ')}: {known.note}"
@@ -89,7 +87,7 @@ def _records(robot: Robot, what: str, known: Known) -> list[Assumption]:
 
 
 def said(records: Sequence[Assumption]) -> str:
-    """What is assumed, in one line with what to do about it; empty where nothing is."""
+    """One line on what is assumed and which options replace it; empty if nothing is assumed."""
     assumed = [row for row in records if row.source == "assumed"]
     kinds = list(dict.fromkeys(row.what for row in assumed))
     bounds = [_span(kind, [row for row in assumed if row.what == kind]) for kind in kinds if kind in BOUNDS]
@@ -116,7 +114,7 @@ def _span(kind: str, records: Sequence[Assumption]) -> str:
 
 
 def grouped(given: Iterable[Assumption]) -> list[tuple[str, str, str, str]]:
-    """Records for a table: what, values with their unit, source and note; joints that share source and note in one."""
+    """Records for a table: what, values with unit, source and note; joints with the same source and note in one."""
     records = tuple(given)
     out: dict[tuple[str, str, str, str], list[Assumption]] = {}
     for row in records:

@@ -38,9 +38,10 @@ from energy_opt.power.model import PowerModel, load_model
 from energy_opt.robot import Robot, load_robot
 
 FILES = Path(__file__).parent / "published"
-SERIES = {"ur3e": "ur5e", "ur10e": "ur5e", "ur16e": "ur5e"}  # drives of one design: friction goes with the effort limit
+# arms with drives of one design: friction is scaled by the effort limit
+SERIES = {"ur3e": "ur5e", "ur10e": "ur5e", "ur16e": "ur5e"}
 COPPER, STANDBY = 0.1, 3.0
-DRY, VISCOUS = 0.04, 0.08  # shares of the effort limit
+DRY, VISCOUS = 0.04, 0.08  # usual friction, as shares of the effort limit
 DRY_RANGE, VISCOUS_RANGE = (0.01, 0.06), (0.02, 0.12)
 
 
@@ -54,7 +55,7 @@ class Known:
 
 
 def published_file(name: str) -> Path | None:
-    """The model file of what is published of a robot by name; None where nothing is."""
+    """Model file with the published values of a robot, by name; None if nothing is published."""
     file = FILES / f"{name}.toml"
     return file if file.is_file() else None
 
@@ -69,7 +70,7 @@ def _file_of(name: str) -> tuple[PowerModel, dict[str, str], tuple[str, ...], np
 
 
 def _published(robot: Robot, name: str) -> tuple[list[Known], np.ndarray | None]:
-    """What the file of `name` says of the robot's joints, and those joints' effort limits; nothing of other joints."""
+    """Published effects of `name` for the robot's joints, and these joints' effort limits; none if joints differ."""
     if published_file(name) is None:
         return [], None
     model, sources, joints, effort = _file_of(name)
@@ -89,7 +90,7 @@ def _of_joints(effect: Effect, places: Sequence[int]) -> Effect:
 
 
 def electrical(robot: Robot) -> tuple[Known, Known]:
-    """Standby and copper loss."""
+    """Standby and copper loss, published or scaled from the limits."""
     found = {known.effect.name: known for known in _published(robot, robot.name)[0]}
     rated = robot.rated
     scaled = Known(Standby(power=STANDBY * np.sqrt(rated.power)), "assumed", "3 sqrt(sum of effort times speed [W])")
@@ -129,7 +130,7 @@ def prior(robot: Robot, dry: float, viscous: float) -> tuple[CoulombFriction, Vi
 
 
 def friction_range(model: PowerModel, robot: Robot) -> tuple[tuple[str, PowerModel], ...]:
-    """The model at the four corners of the prior's range, by name; none where its friction is not the prior's."""
+    """The model at the four corners of the prior's range, by name; none if its friction is not the prior's."""
     held = prior(robot, DRY, VISCOUS)
     if any(model.get(effect.name) != effect for effect in held):
         return ()
@@ -145,7 +146,7 @@ def friction_range(model: PowerModel, robot: Robot) -> tuple[tuple[str, PowerMod
 
 
 def has_friction(model: PowerModel) -> bool:
-    """Does any effect of the model take energy from motion at the joints?"""
+    """True if an effect of the model takes energy from motion at the joints."""
     return any(effect.dissipates and effect.stage == "torque" for effect in model.effects)
 
 
@@ -155,13 +156,13 @@ def by_name(name: str) -> Robot:
     return load_robot(name)
 
 
-MEAN_OVERHEAD = 92.3  # [W] of the eight static poses of Method 1, on a Panda
+MEAN_OVERHEAD = 92.3  # [W] mean overhead of the eight static poses of Method 1, on a Panda
 
 
 def source_method_1(robot: Robot | str = "panda") -> PowerModel:
     """Method 1 of Petrichenko et al. 2024 (arXiv 2411.03194): R = 0, the mean overhead of eight static poses.
 
-    Of other arms than the Panda the overhead is what `known.electrical` has for standby.
+    For arms other than the Panda, the overhead is the standby of `known.electrical`.
     """
     arm = _arm(robot)
     standby = Standby(power=MEAN_OVERHEAD) if arm.name == "panda" else electrical(arm)[0].effect
@@ -171,7 +172,7 @@ def source_method_1(robot: Robot | str = "panda") -> PowerModel:
 def source_method_2(robot: Robot | str = "panda") -> PowerModel:
     """Method 2 of the same paper: least squares of static power over |gravity torque|^2, Franka Panda.
 
-    Of other arms standby and copper loss are what `known.electrical` has.
+    For other arms, standby and copper loss are those of `known.electrical`.
     """
     arm = _arm(robot)
     return PowerModel(arm.name, tuple(known.effect for known in electrical(arm)))
@@ -191,7 +192,7 @@ def _arm(robot: Robot | str) -> Robot:
     return by_name(robot) if isinstance(robot, str) else robot
 
 
-# Each is made for a robot.
+# Models by name, each a function of the robot.
 NAMED: dict[str, Callable[[Robot | str], PowerModel]] = {
     "source-method-1": source_method_1,
     "source-method-2": source_method_2,
@@ -200,7 +201,7 @@ NAMED: dict[str, Callable[[Robot | str], PowerModel]] = {
 
 
 def is_named(word: str) -> bool:
-    """Is there a model of that name? Underscores are taken for dashes."""
+    """True if there is a model of that name; underscores count as dashes."""
     return word.replace("_", "-") in NAMED
 
 

@@ -6,11 +6,11 @@
     P     = supply(p)                       at the meter, meter effects aside
 
 If friction `holds`, it bears the load of a joint at rest as far as it can, and the motor bears only the rest. Plans are
-made and judged this way: if friction were zero at v = 0, creeping would be cheaper than resting. This help changes the
-heat alone. Friction never does work, and limits on effort bound tau_m without it.
+made and judged this way: if friction were zero at v = 0, creeping would be cheaper than resting. This support changes
+only the heat. Friction never does work, and limits on effort apply to tau_m without it.
 
-The file also computes what the past adds to a motion that is known in order (time since motion ended, what a store
-gives back), and the numeric values of the effects that change the rigid body.
+The file also computes signals of the past of a known motion (time since motion ended, power returned by a store), and
+the numeric values of the effects that change the rigid body.
 """
 
 from __future__ import annotations
@@ -189,7 +189,7 @@ def drive_function(
     return function, tuple(terms.parts)
 
 
-BRIEF = 0.1  # [s]
+BRIEF = 0.1  # [s] shorter motions and standstills are ignored
 
 
 def idle_time(time: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -206,7 +206,7 @@ def idle_time(time: np.ndarray, v: np.ndarray) -> np.ndarray:
 def dwells(time: np.ndarray, v: np.ndarray) -> np.ndarray:
     """How many standstills between two motions of a run have passed their middle at each instant (N,).
 
-    Motions and standstills of less than `BRIEF` s are none: speeds from positions have noise.
+    Motions and standstills shorter than `BRIEF` are ignored: speeds from positions have noise.
 
     Args:
         time: (N,) s, increasing. v: (N, n) rad/s.
@@ -225,7 +225,7 @@ def dwells(time: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def heated(model: PowerModel, time: np.ndarray, tau_m: np.ndarray) -> np.ndarray:
-    """What `Signals.heated` is of the model's soaking effect, (N, n) W; zeros where it has none.
+    """`Signals.heated` (N, n) [W] for the model's soaking effect; zeros if it has none.
 
     Args:
         time: (N,) s, increasing. tau_m: (N, n) N m of the motors.
@@ -250,7 +250,7 @@ def store_of(model: PowerModel) -> StoreEffect | None:
 def returned_power(model: PowerModel, step: np.ndarray, bus: np.ndarray) -> np.ndarray:
     """Power (N,) [W] that the model's store gives back.
 
-    It is the difference of what the supply gives with an empty store that holds nothing and with the model's store.
+    It is the supply's power with a store of no capacity minus that with the model's store.
 
     Args:
         model: the effects. step: (N,) [s] duration of each instant. bus: (N,) [W] sum of the drive powers.
@@ -263,7 +263,7 @@ def returned_power(model: PowerModel, step: np.ndarray, bus: np.ndarray) -> np.n
 
 
 def body_of(model: PowerModel, body: RigidBody) -> RigidBody:
-    """The rigid body with its links as the model says they are; the URDF's where it says nothing of them."""
+    """The rigid body with the model's links; with the URDF's links if the model does not change them."""
     nominal = [(link.mass, ca.DM(link.lever), ca.DM(link.inertia)) for link in body.plain.own_links()]
     for effect in model.effects:
         if isinstance(effect, RigidEffect):

@@ -21,7 +21,7 @@ FORMAT = "energy-opt/model/1"
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """How sure a model's values are, by the data that they come from.
+    """Uncertainty of a model's values, from the data that determined them.
 
     Attributes:
         names: of numbers, see `names_of`. matrix: their covariance (len(names), len(names)), in the numbers' units.
@@ -40,7 +40,7 @@ class PowerModel:
     Attributes:
         robot: the robot's name (a label; joints are the robot's own, in its order).
         effects: at most one of each kind.
-        uncertainty: how sure the values are, where data said; it does not change what the model says.
+        uncertainty: of the values, if data determined them; it does not change the power.
     """
 
     robot: str
@@ -72,9 +72,9 @@ class PowerModel:
         return PowerModel(self.robot, kept)
 
     def for_move(self, effect: Effect) -> PowerModel:
-        """The model, and those that explain its data as well, with what belongs to a move: a payload or a tilt.
+        """The model, and its rivals, with an effect that belongs to a move: a payload or a tilt.
 
-        Its other values are as sure as before.
+        The covariance of the other values stays the same.
         """
         uncertainty = self.uncertainty
         if uncertainty is not None:
@@ -114,7 +114,7 @@ class PowerModel:
         """The model on a base turned by `roll` about x, then `pitch` about y [rad] against gravity.
 
         Raises:
-            BadInput: the model says itself how its base is tilted, and otherwise.
+            BadInput: the model has another tilt of its base.
         """
         turned = BaseTilt(roll=math.remainder(roll, 2 * math.pi), pitch=math.remainder(pitch, 2 * math.pi))
         own = self.get(turned.name)
@@ -133,9 +133,9 @@ class PowerModel:
 
     @property
     def structure(self) -> tuple[tuple[str, ...], ...]:
-        """What a built problem depends on: the effects present and their options, not their values.
+        """Structure for a built problem: the effects present and their options, not their values.
 
-        But for those that change links, whose values are numbers in the inverse dynamics.
+        An exception are effects that change links: their values are numbers in the inverse dynamics.
         """
         return tuple(e.form if not e.bakes else (*e.form, f"@{hash(e):x}") for e in self.effects)
 
@@ -178,7 +178,7 @@ class PowerModel:
         return PowerModel(self.robot, tuple(e for e in self.effects if wanted(e)))
 
     def shares(self, joints: int, p: ca.SX) -> list[tuple[ca.SX | float, PowerModel, ca.SX]]:
-        """What the power is a weighted sum of: weight, model and its part of `p`; the model itself, here."""
+        """Terms of the power as a weighted sum: weight, model and its part of `p`; here only the model itself."""
         return [(1.0, self, p)]
 
     @property

@@ -35,7 +35,7 @@ def draws_of(model: PowerModel, count: int, seed: int = 0) -> list[PowerModel]:
     rng = np.random.default_rng(seed)
     values, vectors = np.linalg.eigh(uncertainty.matrix)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    root[np.diag(uncertainty.matrix) == 0] = 0.0  # what is given, as a curve's speeds, stays to the last digit
+    root[np.diag(uncertainty.matrix) == 0] = 0.0  # given values, e.g. a curve's speeds, stay exactly
     out = []
     for _ in range(count):
         moved = dict(zip(uncertainty.names, root @ rng.normal(size=len(uncertainty.names)), strict=True))
@@ -53,7 +53,7 @@ def draws_of(model: PowerModel, count: int, seed: int = 0) -> list[PowerModel]:
 
 
 def of_joints(model: PowerModel, robot: Robot) -> PowerModel:
-    """The model for the joints that move, from one that also has values for joints that --lock holds.
+    """The model for the joints that move, from one that also has values for joints locked by --lock.
 
     Raises:
         BadInput: an effect changes the links themselves; with locked joints these are other bodies.
@@ -72,7 +72,7 @@ def _long(effect: Effect, whole: int) -> list[str]:
 
 
 def _axis(effect: Effect, name: str, whole: int) -> int | None:
-    """Which axis of a parameter's values counts joints; None where one number means all."""
+    """Axis of a parameter's values that counts joints; None if one number is for all joints."""
     (p,) = (p for p in effect.parameters if p.name == name)
     value = effect.values[name]
     at = value.ndim - (len(p.dimensions) - p.dimensions.index("joint"))
@@ -91,7 +91,7 @@ def _of(effect: Effect, kept: list[int], whole: int) -> Effect:
 
 
 def _uncertainty(model: PowerModel, kept: list[int], whole: int, robot: Robot) -> Uncertainty | None:
-    """The covariance of the numbers that are left, under their new names."""
+    """The covariance of the remaining numbers, under their new names."""
     uncertainty = model.uncertainty
     if uncertainty is None:
         return None
@@ -109,11 +109,11 @@ def _uncertainty(model: PowerModel, kept: list[int], whole: int, robot: Robot) -
 
 @dataclass(frozen=True)
 class Mixture(PowerModel):
-    """The weighted mean of models; it is planned with, never written or scored by: see `members` for that.
+    """The weighted mean of models; only for planning: files and scores use `members`.
 
     Attributes:
         effects: those of all members, one after the other.
-        members: the models; the first one's motor torque is the one that limits hold.
+        members: the models; limits apply to the first one's motor torque.
         weights: (K,) at least 0, adding up to 1.
     """
 
@@ -138,7 +138,7 @@ class Mixture(PowerModel):
         return cls(first.robot, effects, members=same, weights=w / w.sum())
 
     def __post_init__(self) -> None:
-        """Members were checked when they were made."""
+        """Skip the checks: members were checked when they were built."""
 
     @property
     def weighted(self) -> tuple[tuple[float, PowerModel], ...]:
@@ -162,7 +162,7 @@ class Mixture(PowerModel):
         return Mixture.of([member.standing(roll, pitch) for member in self.members], self.weights)
 
     def get(self, name: str) -> Effect | None:
-        """The first member's."""
+        """The first member's effect of that name, or None."""
         return self.members[0].get(name)
 
     @property
@@ -179,7 +179,7 @@ class Mixture(PowerModel):
         return ca.SX.sym("p", len(self.values(joints)))
 
     def shares(self, joints: int, p: ca.SX) -> list[tuple[ca.SX | float, PowerModel, ca.SX]]:
-        """Weight, model and values of each member, of the symbols p."""
+        """Weight, model and values of each member, taken from the symbols p."""
         out, at = [], 0
         for k, member in enumerate(self.members):
             size = len(member.values(joints))
@@ -188,7 +188,7 @@ class Mixture(PowerModel):
         return out
 
     def constant_power(self, joints: int) -> float:
-        """The weighted mean of the members' [W]."""
+        """The weighted mean of the members' constant powers [W]."""
         return float(sum(weight * member.constant_power(joints) for weight, member in self.weighted))
 
 

@@ -1,4 +1,4 @@
-"""What a saving is worth: up to which dry friction it holds, and energy, money and carbon dioxide of a year."""
+"""Value of a saving: the dry friction up to which it remains; energy, money and carbon dioxide per year."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from energy_opt.errors import BadInput
 from energy_opt.power.model import PowerModel
 from energy_opt.robot import Robot
 
-MOST_FRICTION = 0.2  # share of the effort limits up to which a break-even is looked for; arms have 0.01 to 0.06
-TRIALS = 8  # shares that are tried before the first one that breaks even is narrowed down
-CLOSE = 1e-5  # of the effort limits: how closely
+MOST_FRICTION = 0.2  # largest share of the effort limits at which a break-even is sought; arms have 0.01 to 0.06
+TRIALS = 8  # shares that are tried before the first one without a saving is narrowed down
+CLOSE = 1e-5  # tolerance of the break-even, as a share of the effort limits
 
 
 def break_even(saved: Callable[[PowerModel], float], model: PowerModel, robot: Robot) -> float | None:
@@ -49,14 +49,14 @@ def break_even(saved: Callable[[PowerModel], float], model: PowerModel, robot: R
 
 
 def until(share: float | None) -> str:
-    """Up to what dry friction a plan saves, in words."""
+    """Sentence on the dry friction up to which a plan saves."""
     if share is None:
         return f"the plan saves at any dry friction up to {100 * MOST_FRICTION:g} % of the effort limits"
     return f"the plan saves as long as dry friction is below {100 * share:.2g} % of the effort limits"
 
 
 J_PER_KWH = 3.6e6
-MOST = 1e12  # beyond it a number is a slip of the keyboard
+MOST = 1e12  # larger numbers count as typing errors
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class PerYear:
                 raise BadInput(f"{option} {value:g}: expected a number from 0 to {MOST:g}")
 
     def of(self, joules: float | None) -> dict[str, float | None]:
-        """`kwh`, `money` and `co2_kg` of so many joules saved in every cycle; None where unknown."""
+        """`kwh`, `money` and `co2_kg` per year for a saving [J] per cycle; None if unknown."""
         kwh = None if joules is None else joules * self.cycles_per_year / J_PER_KWH
         return {
             "kwh": kwh,
@@ -89,12 +89,12 @@ class PerYear:
         }
 
     def document(self) -> dict[str, float | None]:
-        """As a request has it."""
+        """Content of a request's document."""
         return {"cycles_per_year": self.cycles_per_year, "price": self.price, "co2": self.co2}
 
 
 def per_year_of(cycles: float | None, price: float | None, co2: float | None) -> PerYear | None:
-    """What the options ask for; None where they ask for nothing.
+    """`PerYear` from the options; None if none is given.
 
     Raises:
         BadInput: a price or carbon dioxide of a kWh without the number of cycles, or a number below 0.

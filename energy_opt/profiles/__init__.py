@@ -1,4 +1,4 @@
-"""Standard moves: what controllers take that know joint moves with a speed and an acceleration only."""
+"""Standard moves, for controllers that accept only joint moves with a speed and an acceleration."""
 
 from energy_opt.profiles.answer import robust_moves, standard_moves
 from energy_opt.profiles.chain import Chain

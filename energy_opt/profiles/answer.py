@@ -1,4 +1,4 @@
-"""The answer in standard moves, under one model or several: never one that costs more than the move slowed evenly."""
+"""The answer in standard moves, under one model or several: never costlier than the move slowed evenly."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ def robust_moves(
     """The standard moves of `MovesPlanner.solve`, planned under all of a robust planner's models.
 
     Returns:
-        The result and the moves with energies under the first model; `kept` is a share under the models' mean. Where
-        no moves that are found are cheaper than the evenly slowed move under a model, a warning of the result says so.
+        The result and the moves with energies under the first model; `kept` is a share under the models' mean. If
+        no moves found are cheaper than the evenly slowed move under a model, a warning of the result says so.
     """
-    planners: list[MovesPlanner] = []  # one: what it has built serves all weights
+    planners: list[MovesPlanner] = []  # one planner: what it has built serves all weights
     found: list[StandardMoves] = []
 
     def find(planner: Planner) -> Result:
@@ -47,14 +47,14 @@ def standard_moves(
 ) -> tuple[Result, StandardMoves | None]:
     """The standard moves through at most `vias` via points, in the time of `reference`.
 
-    Where they cost more than the evenly slowed move, under any of the models, up to two more via points are tried.
-    Where that is not enough, the answer is the evenly slowed move itself, not converged, and no standard moves.
+    If they cost more than the evenly slowed move under any of the models, up to two more via points are tried. If that
+    is not enough, the answer is the evenly slowed move itself, not converged, and no standard moves.
 
     Args:
-        robust: plans them where several models are in force.
+        robust: plans them if there are several models.
 
     Raises:
-        Infeasible: no standard moves do it in that time.
+        Infeasible: no standard moves take that time.
     """
     plain = MovesPlanner(planner)
 
@@ -80,7 +80,7 @@ def standard_moves(
 
 
 def costlier(result: Result) -> bool:
-    """Does a move cost more than the same slowed evenly, under a model that it was planned with?"""
+    """True if a move costs more than the same slowed evenly, under a model that it was planned with."""
     slowed = result.baseline("scaled")
     if slowed is None or not slowed.valid:
         return False
@@ -89,7 +89,7 @@ def costlier(result: Result) -> bool:
 
 
 def _slowed(planner: Planner, robust: RobustPlanner | None, move: Move, reference: Result, tried: int) -> Result:
-    """The evenly slowed move as the answer, with what was tried."""
+    """The evenly slowed move as the answer, with a message about the moves tried."""
     slowed = reference.baseline("scaled")
     assert slowed is not None
     result = replace(

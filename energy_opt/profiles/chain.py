@@ -29,7 +29,7 @@ import numpy as np
 
 from energy_opt.motion.trajectory import Trajectory, row_step, whole
 
-LEAST = 1e-12  # [s] pieces that are shorter than this have no sample of their own
+LEAST = 1e-12  # [s] shorter pieces get no sample of their own
 RISE, HOLD, FALL, LINE = range(4)
 
 
@@ -73,12 +73,12 @@ class Chain:
 
     @cached_property
     def rests(self) -> list[Any]:
-        """How long each line lasts between its ramps, K + 1 times s."""
+        """Duration [s] of each line between its ramps, K + 1 values."""
         return [self.spans[i] - (self.ramps[i] + self.ramps[i + 1]) / 2 for i in range(len(self.lines))]
 
     @cached_property
     def middles(self) -> list[Any]:
-        """When the middle of each ramp is, K + 2 times s."""
+        """Time [s] of the middle of each ramp, K + 2 values."""
         out = [self.ramps[0] / 2]
         for i in range(len(self.lines)):
             out.append(out[-1] + self.spans[i])
@@ -86,13 +86,13 @@ class Chain:
 
     @property
     def duration(self) -> Any:
-        """Seconds."""
+        """Duration [s]."""
         end = self.middles[-1] + self.ramps[-1] / 2
         return float(end) if isinstance(end, float) else end
 
     @property
     def velocities(self) -> np.ndarray:
-        """`lines` of numbers, (K + 1, n) [rad/s]."""
+        """`lines` as numbers, (K + 1, n) [rad/s]."""
         return np.array(self.lines)
 
     @property
@@ -102,7 +102,7 @@ class Chain:
 
     @property
     def ramp_starts(self) -> np.ndarray:
-        """When each ramp begins, (K + 2,) [s]."""
+        """Start time of each ramp, (K + 2,) [s]."""
         return np.asarray(self.middles - self.ramps / 2)
 
     @property
@@ -111,7 +111,7 @@ class Chain:
         return 4 * len(self.changes) - 1
 
     def length(self, piece: int) -> Any:
-        """How long a piece lasts, s."""
+        """Duration of a piece, s."""
         i, kind = divmod(piece, 4)
         if kind == LINE:
             return self.rests[i]
@@ -153,14 +153,14 @@ class Chain:
         return q, before + change * v, change * a, self.middles[i] - tau / 2 + t
 
     def places(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Which piece each time (M,) lies in, and its share of the piece in [0, 1]."""
+        """The piece of each time (M,), and its share of the piece in [0, 1]."""
         starts, lengths = self._spread
         k = np.clip(np.searchsorted(starts, time, side="right") - 1, 0, self.count - 1)
         return k, np.clip((time - starts[k]) / np.maximum(lengths[k], LEAST), 0.0, 1.0)
 
     @cached_property
     def _spread(self) -> tuple[np.ndarray, np.ndarray]:
-        """When each piece begins and how long it lasts [s]."""
+        """Start time and duration of each piece [s]."""
         pieces = range(self.count)
         return np.array([self.at(k, 0.0)[3] for k in pieces]), np.array([self.length(k) for k in pieces])
 
@@ -179,10 +179,10 @@ class Chain:
         return np.asarray(self.states(np.asarray(u) * self.duration)[0])
 
     def trajectory(self, joints: tuple[str, ...]) -> Trajectory:
-        """The motion itself: a sample where each piece begins and ends, and as near as `row_step` says.
+        """The motion itself: samples at the spacing of `row_step`, and where each piece begins and ends.
 
-        Pieces are of third degree at most, so the quintic between two samples is the profile, but for half a nanosecond
-        beside the ends of pieces: samples lie on whole nanoseconds.
+        Pieces are of at most third degree, so the quintic between two samples is the exact profile, except within half
+        a nanosecond of the ends of pieces: samples lie on whole nanoseconds.
         """
         times, step = [np.zeros(1)], row_step(self.duration)
         for start, length in zip(*self._spread, strict=True):

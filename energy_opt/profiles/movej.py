@@ -1,11 +1,11 @@
 """Standard moves as files: a neutral YAML, and a URScript program of `movej`.
 
-UR's `movej(q, a, v, t, r)` takes speed and acceleration of the leading axis, the one that has furthest to go, and r,
-how far from the tool's target [m] the blend into the next move begins. Written for motion version 1, the only one
-before PolyScope 5.22: constant acceleration in both ramps. The controller shapes the blends itself; the r written is
-the smaller of the two distances at which this blend leaves the first line and joins the second, so that the
+UR's `movej(q, a, v, t, r)` takes speed and acceleration of the leading axis, the one with the longest travel, and r,
+the distance from the tool's target [m] at which the blend into the next move begins. Written for motion version 1, the
+only one before PolyScope 5.22: constant acceleration in both ramps. The controller shapes the blends itself; the r
+written is the smaller of the two distances at which this blend leaves the first line and joins the second, so that the
 controller's stays inside the corner that was judged. Every axis gets the leading one's speed and acceleration times its
-share of the way, and no more than its limits allow.
+share of the travel, and no more than its limits allow.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def tool_point(body: RigidBody, q: np.ndarray) -> np.ndarray:
 
 
 def blend_radii(chain: Chain, body: RigidBody) -> np.ndarray:
-    """How far from each via point its blend begins or ends, whichever is nearer, (K,) [m] at the last joint's frame."""
+    """The distance of each via point from the nearer end of its blend, (K,) [m] at the last joint's frame."""
     w, out = chain.velocities, []
     for i, corner in enumerate(chain.corners[1:-1], start=1):
         half = chain.ramps[i] / 2
@@ -48,7 +48,7 @@ def blend_radii(chain: Chain, body: RigidBody) -> np.ndarray:
 
 
 def shares(corners: np.ndarray) -> np.ndarray:
-    """What part of the leading axis' way each axis goes in each move, (K + 1, n), for corners (K + 2, n)."""
+    """Each axis' share of the leading axis' travel in each move, (K + 1, n), for corners (K + 2, n)."""
     way = np.abs(np.diff(corners, axis=0))
     return np.asarray(way / np.maximum(way.max(axis=1, keepdims=True), 1e-12))
 
@@ -57,7 +57,7 @@ def leading(chain: Chain, limit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Speed [rad/s] and acceleration [rad/s^2] of each move's leading axis, (K + 1,) each.
 
     The first move's acceleration is that of its start, the last one's that of its end, and that of a move between two
-    via points the larger of its blends', but for the limits (n,) [rad/s^2], which hold each axis' share of it.
+    via points the larger of its blends', reduced to the limits (n,) [rad/s^2] of each axis' share of it.
     """
     speed = np.abs(chain.velocities).max(axis=1)
     peaks = np.abs(chain.accelerations).max(axis=1)
@@ -68,7 +68,7 @@ def leading(chain: Chain, limit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def write_urscript(moves: StandardMoves, robot: Robot, path: Path) -> None:
-    """Write a program of one `movej` a line; it refuses to begin where the arm does not stand at the start."""
+    """Write a program with one `movej` per line; it refuses to begin if the arm is not at the start."""
     chain = moves.chain
     speed, acceleration = leading(chain, robot.limits.acceleration)
     radii = [*blend_radii(chain, robot.body), 0.0]
@@ -87,7 +87,7 @@ def write_urscript(moves: StandardMoves, robot: Robot, path: Path) -> None:
 
 
 def write_yaml(moves: StandardMoves, robot: Robot, path: Path) -> None:
-    """Write corners, times and what most controllers ask for, in plain terms."""
+    """Write corners, times and the usual settings of controllers."""
     chain = moves.chain
     speed, acceleration = leading(chain, robot.limits.acceleration)
     radii = [*blend_radii(chain, robot.body), 0.0]
@@ -121,7 +121,7 @@ def write_yaml(moves: StandardMoves, robot: Robot, path: Path) -> None:
 
 
 def write(moves: StandardMoves, robot: Robot, judge: Judging, out: Path, names: Sequence[str]) -> list[Written]:
-    """Write the named files, and moves.script where the arm has six joints; each is read back and judged."""
+    """Write the named files, and moves.script if the arm has six joints; each is read back and judged."""
     names = [*names, *(["moves.script"] if robot.n == JOINTS else [])]
     for name in names:
         (write_yaml if name.endswith(".yaml") else write_urscript)(moves, robot, out / name)
@@ -154,9 +154,9 @@ def read(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def judged(path: Path, moves: StandardMoves, judge: Judging) -> Written:
-    """A file of standard moves, judged as a controller runs it: each axis has its share of speed and acceleration.
+    """A file of standard moves, judged as a controller runs it: each axis with its share of speed and acceleration.
 
-    Between two moves the blends are those that were planned.
+    Between two moves the blends are the planned ones.
     """
     corners, speed, acceleration = read(path)
     robot, chain = judge.scorer.robot, moves.chain

@@ -1,6 +1,6 @@
-"""The standard moves with the least energy for a move, and how much of what a free trajectory saves they keep.
+"""The standard moves with the least energy for a move, and the share of a free trajectory's saving that they keep.
 
-Planes keep them clear of the arm's own body and its cell, more where a proof failed.
+Planes keep them clear of the arm's own body and its cell, with more distance after a failed proof.
 """
 
 from __future__ import annotations
@@ -30,31 +30,32 @@ from energy_opt.profiles.program import SHARP, Program, Shape
 
 
 class Keep:
-    """The constraints for moves between two poses `ends` (2, n); they learn from proofs that fail."""
+    """The clearance constraints for moves between two poses `ends` (2, n); failed proofs extend them."""
 
     def __init__(self, cell: Cell, near: Near, ends: np.ndarray) -> None:
         self._near, self._margins = near, Margins(cell, ends)
         self._places = Places.evenly(len(self._margins.wanted))
 
     def learn(self, proof: Clearance, duration: float) -> None:
-        """Look where a proof failed, and keep more distance there."""
+        """Add the places where a proof failed, and keep more distance there."""
         self._places.learn(proof, duration)
 
     def constraints(self) -> ClearanceConstraints:
-        """The limit to be added to the others."""
+        """The limit to add to the others."""
         return ClearanceConstraints(self._near, self._places.u, self._margins.at(self._places), REACH)
 
 
 MOST_VIAS = 5
-MORE = 2  # via points beyond what was asked for, where moves cost more than the evenly slowed move
-TURNS = 5  # solves with what the judge found broken in view
-VIA_REACH = 0.3  # [rad] that via points go at most while the planes between bodies stay where they are
-ROUNDS = 6  # solves with numeric constraints that are asked for anew where the one before ended
-SETTLED = 1e-4  # [rad, s] change of all unknowns from round to round at which nothing new is asked for
-LONGEST = 10.0  # a free duration ends at this multiple of the reference's
+MORE = 2  # further via points to try if moves cost more than the evenly slowed move
+TURNS = 5  # most solves after the judge found a violation
+VIA_REACH = 0.3  # [rad] largest move of via points while the planes between bodies are fixed
+ROUNDS = 6  # most solves with numeric constraints, renewed where the last one ended
+SETTLED = 1e-4  # [rad, s] change of all unknowns between rounds at which these solves end
+LONGEST = 10.0  # longest free duration, as a multiple of the reference's
 OPTIONS: dict[str, object] = {"max_iter": 150, "tol": 1e-6, "mu_init": 1e-2}
 RAMP, RISE = 0.8, 0.25  # first guess: ramps as a share of the shortest span, rises as a share of ramps
-SKEW, OUT = 1.7, 1.5  # of first guesses: power of the via points' times, and how far out they are
+# first guesses: exponent of the via points' times, and factor of their distance from the straight line
+SKEW, OUT = 1.7, 1.5
 
 
 @dataclass(frozen=True)
@@ -62,11 +63,11 @@ class StandardMoves:
     """Standard moves that answer a move.
 
     Attributes:
-        kind: "s-curve" where a jerk limit is known, else "trapezoid".
+        kind: "s-curve" if a jerk limit is known, else "trapezoid".
         chain: corners, spans and ramps.
         trajectory: the motion, blends included, with effort and power; energy and certificate are its own.
-        kept: share of the loss that the continuous optimum saves against "scaled" which these moves save, 1 = all;
-            None where the optimum saves nothing.
+        kept: share of the continuous optimum's saving of loss against "scaled" that these moves keep, 1 = all;
+            None if the optimum saves nothing.
     """
 
     kind: str
@@ -82,7 +83,7 @@ class StandardMoves:
         return len(self.chain.corners) - 2
 
     def document(self) -> dict[str, object]:
-        """As it is in result.json."""
+        """Its record in result.json."""
         return {
             "kind": self.kind,
             "vias": self.vias,
@@ -92,7 +93,7 @@ class StandardMoves:
 
 
 class MovesPlanner:
-    """Finds standard moves of one planner's robot and model; what is built for the first serves all others."""
+    """Finds standard moves of one planner's robot and model; built functions are shared by all moves."""
 
     def __init__(self, planner: Planner) -> None:
         self.p, self.robot = planner, planner.robot
@@ -104,12 +105,12 @@ class MovesPlanner:
         """The moves with the least energy through `least` to `vias` via points, in the time of `reference`.
 
         Args:
-            reference: the continuous optimum of the same move, where starts are taken from, too. Where moves are found
-                that are cheaper, the optimum is sought again from them, to tell how much of it they keep.
+            reference: the continuous optimum of the same move, also the source of starts. If cheaper moves are found,
+                the optimum is solved again from them, to compute the share that they keep.
 
         Raises:
             BadInput: the move prescribes a path, via points, or ends in motion, which standard moves cannot follow.
-            Infeasible: no standard moves do it in that time; says how long the shortest take.
+            Infeasible: no standard moves take that time; gives their shortest duration.
         """
         self._check(move, vias)
         duration = reference.trajectory.duration
@@ -137,9 +138,9 @@ class MovesPlanner:
         return StandardMoves(kind, chain, self.p.scorer.filled(trajectory), energy, certificate, kept)
 
     def _kept(self, move: Move, reference: Result, trajectory: Trajectory, energy: Energy) -> float | None:
-        """The share that moves keep of what the best known trajectory saves, under the planner's model.
+        """The share of the best known trajectory's saving that moves keep, under the planner's model.
 
-        That is sought again, from the moves, where they are cheaper; none ever costs more than the moves themselves.
+        If the moves are cheaper than that trajectory, it is solved again from them; it never costs more than the moves.
         """
         baseline = reference.baseline("scaled")
         if baseline is None or not baseline.valid:
@@ -172,8 +173,8 @@ class MovesPlanner:
     def _starts(self, move: Move, reference: Result, count: int, before: Chain | None) -> list[Chain]:
         """First guesses with `count` via points.
 
-        On the line; on the continuous optimum, evenly in time, and early and late, there further out than it; and on
-        the answer before.
+        On the straight line; on the continuous optimum, evenly in time; early and late, farther out than the optimum;
+        and on the previous answer.
         """
         t, line = reference.trajectory, np.stack([move.start, move.goal])
 
@@ -206,10 +207,9 @@ class MovesPlanner:
     def repaired(
         self, chain: Chain, move: Move, durations: tuple[float, float], objective: str
     ) -> tuple[Chain, Certificate]:
-        """Solved from `chain`, and again with what the judge finds broken in view.
+        """Solve from `chain`, and again with what the judge finds broken.
 
-        Limits that are broken by a little become tighter; where something is touched, constraints keep the bodies
-        apart.
+        Slightly broken limits are tightened; after a contact, constraints keep the bodies apart.
         """
         limits, keep = self.p.limits(move), None
         for turn in range(TURNS):
@@ -238,7 +238,7 @@ class MovesPlanner:
     def _solved(
         self, chain: Chain, move: Move, durations: tuple[float, float], objective: str, limits: Sequence[Limit]
     ) -> tuple[Chain, bool]:
-        """Solved from `chain`; where limits have numeric constraints, again until these are asked for where it ends."""
+        """Solve from `chain`; with numeric constraints, repeated until these are renewed where the solve ends."""
         ends = np.asarray(move.start, dtype=float), np.asarray(move.goal, dtype=float)
         shape = Shape(self.robot.n, len(chain.corners) - 2, self.smooth)
         values = self.p.model.values(self.robot.n)
@@ -251,11 +251,11 @@ class MovesPlanner:
             if not program.placed or np.abs(answer.x - x).max() < SETTLED:
                 break
         if durations[0] == durations[1]:
-            chain = chain.lasting(durations[0])  # to the last digit
+            chain = chain.lasting(durations[0])  # make the duration exact
         return chain, answer.success
 
     def _overhead(self, durations: tuple[float, float], objective: str) -> float:
-        """What a fixed duration costs whatever the moves, J: it only serves the scaling."""
+        """Energy [J] of a fixed duration that is the same for all moves; used only for scaling."""
         standby = self.p.model.get("standby")
         if objective != "energy" or durations[0] != durations[1] or standby is None:
             return 0.0
@@ -269,7 +269,7 @@ class MovesPlanner:
         return self._functions[objective]
 
     def _infeasible(self, move: Move, reference: Result, vias: int, broken: list[Certificate]) -> Infeasible:
-        """Why not, and the shortest duration that standard moves need."""
+        """The error, with the shortest duration that standard moves need."""
         duration = reference.trajectory.duration
         nearest = min(broken, key=lambda c: max(c.violation, 0.0))
         worst, touched = nearest.worst, nearest.within_limits and nearest.clearance is not None
@@ -301,5 +301,5 @@ def as_result(reference: Result, moves: StandardMoves) -> Result:
         certificate=moves.certificate,
         optimality=replace(reference.optimality, kind="local", lower_bound=None, gap_percent=None),
         moves=moves.document(),
-        models=(),  # of the free trajectory; what models make of these moves is asked anew
+        models=(),  # those of the free trajectory do not apply to these moves
     )

@@ -1,7 +1,7 @@
 """Standard moves as a nonlinear program: via points, spans, ramps and rises in, energy and limits out.
 
 Unknowns x = (P_1 ... P_K, L_1 ... L_{K+1}, tau_0 ... tau_{K+1}, u_0 ... u_{K+1}) of a `chain.Chain`. Energy is
-integrated by Gauss-Lobatto nodes in every polynomial piece, where motor torque is held too; the node functions are
+integrated by Gauss-Lobatto nodes in every polynomial piece, where motor torque is limited too; the node functions are
 those of reshaping, at T = 1. With z_k(x), weight h_k(x), time t_k(x), rate e, its gradient g and Hessian C,
 
     cost      sum_k h_k e_k
@@ -9,13 +9,13 @@ those of reshaping, at T = 1. With z_k(x), weight h_k(x), time t_k(x), rate e, i
     Hessian   sum_k (h_k J_k^T C_k J_k + dh_k (J_k^T g_k)^T + (J_k^T g_k) dh_k^T + e_k d2h_k + h_k g_k d2z_k)
 
 where the last two terms are one second derivative by CasADi, with e and h g held. Constraints, as shares of their
-bound: speed on every line, acceleration and jerk of every ramp in closed form, what else limits bound at nodes; pieces
-that do not overlap; and the duration. Positions need no constraints: the motion stays within the hull of its corners,
-which have bounds.
+bound: speed on every line, acceleration and jerk of every ramp in closed form, other limited quantities at nodes;
+pieces that do not overlap; and the duration. Positions need no constraints: the motion stays within the hull of its
+corners, which have bounds.
 
-Other limits (see `limits.base.PlaceConstraints`) are distances between bodies at places of the motion. A place stays at
-its share of its piece while the unknowns change. With J_k = dq_k/dx, a row's gradient g gives g^T J_k, and a place's
-Hessian H gives J_k^T H J_k, beside what the bending of q_k itself adds.
+Numeric constraints (see `limits.base.PlaceConstraints`) are distances between bodies at places of the motion. A place
+stays at its share of its piece while the unknowns change. With J_k = dq_k/dx, a constraint's gradient g gives g^T J_k,
+and a place's Hessian H gives J_k^T H J_k, plus the curvature of q_k itself.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ from energy_opt.profiles.chain import Chain
 
 NODES = (4, 6, 4, 8)  # Gauss-Lobatto nodes of a rise, hold, fall and line, both ends included
 SHARP = 0.002  # [s] rise of a trapezoid's acceleration: one step of a controller at 500 Hz
-SHORTEST = 0.02  # [s] of any ramp
-APART = 1e-3  # [s] least length of a line and of a held acceleration: shorter pieces leave their constraints no digits
+SHORTEST = 0.02  # [s] least duration of any ramp
+APART = 1e-3  # [s] least length of a line and of a held acceleration: shorter pieces make their constraints inaccurate
 
 
 class Placed:
-    """The constraints of one limit at places of a chain (see the module's text).
+    """The constraints of one limit at places of a chain (see the module).
 
     Args:
         constraints: values and derivatives by positions q (K, n). x: symbols of the unknowns. symbols: the chain in
-            terms of x. chain: numbers, which fix the share of its piece at which each place lies.
+            terms of x. chain: numbers, which determine each place's share of its piece.
     """
 
     def __init__(self, constraints: PlaceConstraints, x: ca.SX, symbols: Chain, chain: Chain) -> None:
@@ -82,7 +82,7 @@ class Placed:
 
 @dataclass(frozen=True)
 class Shape:
-    """How many joints and via points; `smooth`: rises are free (S-curve), else `SHARP` (trapezoid)."""
+    """The numbers of joints and via points; `smooth`: rises are free (S-curve), else `SHARP` (trapezoid)."""
 
     joints: int
     vias: int
@@ -101,11 +101,11 @@ class Program:
 
     Args:
         ends: start and goal (n,); durations: bounds of the whole, s; parameters: the model's values.
-        near: where the limits' numeric constraints are asked for; None: without them. `reach` [rad]: how far via points
-            may go from there.
+        near: the chain at which the limits' numeric constraints are built; None: without them. `reach` [rad]: largest
+            move of via points from there.
 
     Attributes:
-        scale: what the cost is multiplied by.
+        scale: factor of the cost.
     """
 
     def __init__(
@@ -134,7 +134,7 @@ class Program:
             1: symbols.lines,
             2: peaks,
             3: [peak / rises[i] for i, peak in enumerate(peaks)],
-        }  # of each derivative
+        }  # the largest values of each derivative
         shares = [_bounded(y, limit.bound) for limit in limits if limit.order for y in largest[limit.order]]
         same = [ramps[0] - ramps[1], rises[0] - rises[1]] if k == 0 else []  # one move has one acceleration
         share = ca.vertcat(*shares)
@@ -183,7 +183,7 @@ class Program:
         self._at = b""
 
     def chain(self, x: np.ndarray) -> Chain:
-        """The chain that the unknowns stand for."""
+        """The chain of the unknowns."""
         n, k = self.shape.joints, self.shape.vias
         corners = np.vstack([self._ends[0], x[: n * k].reshape(k, n), self._ends[1]])
         spans, ramps, rises = np.split(x[n * k :], [k + 1, 2 * k + 3])
@@ -195,7 +195,7 @@ class Program:
         return np.concatenate([chain.corners[1:-1].ravel(), chain.spans, chain.ramps, chain.rises])
 
     def _move(self, x: np.ndarray) -> None:
-        """Evaluate all nodes at x, once for all functions that want them."""
+        """Evaluate all nodes at x, once for all functions that use them."""
         key = x.tobytes()
         if key == self._at:
             return
@@ -216,7 +216,7 @@ class Program:
             placed.move(x)
 
     def cost(self, x: np.ndarray) -> float:
-        """Energy, scaled, less the work that only the ends decide."""
+        """Energy, scaled, without the work that depends only on the ends."""
         self._move(x)
         return self.scale * float(self._h @ self._e)
 
@@ -232,7 +232,7 @@ class Program:
         return np.concatenate([self._closed, held, *(placed.value for placed in self.placed)])
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """Their derivatives by all unknowns, column by column."""
+        """Derivatives of the constraints by all unknowns, column by column."""
         self._move(x)
         slope = self._values_z[:, :, self._bounded] / self._bounds
         at_nodes = np.matmul(slope.transpose(0, 2, 1), self._jz).reshape(-1, self.size)
@@ -262,7 +262,7 @@ class Program:
 
 
 def _bounded(values: ca.SX, bounds: np.ndarray) -> ca.SX:
-    """Values as shares of their bounds; those without a bound are left out."""
+    """Values as shares of their bounds; those without a bound are omitted."""
     finite = np.flatnonzero(np.isfinite(bounds))
     return values[finite.tolist()] / ca.DM(bounds[finite])
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-MOST_POINTS = 1500  # of one line: more than a screen has columns; a page stays small and quick
+MOST_POINTS = 1500  # most points of one line: more than a screen has columns; a page stays small and quick
 
 
 @dataclass(frozen=True)
@@ -73,12 +73,12 @@ class Chart:
 
     @property
     def empty(self) -> bool:
-        """There is nothing to draw."""
+        """True if there is nothing to draw."""
         others = any(self.bars.values()) or self.spread or self.blocks or self.waterfall
         return not (any(len(line.x) for line in self.lines) or others)
 
     def data(self) -> dict[str, Any]:
-        """As the page's script takes it."""
+        """Data for the page's script."""
         return {
             "title": self.title,
             "x": self.x,
@@ -98,7 +98,7 @@ class Chart:
 
 
 def _line(line: Line) -> dict[str, Any]:
-    """A line as the page's script takes it, thinned to MOST_POINTS."""
+    """A line for the page's script, thinned to MOST_POINTS."""
     keep = thinned(len(line.x))
     out: dict[str, Any] = {"name": line.name, "style": line.style, "role": line.role or line.name}
     for name in ("x", "y", "low", "high"):
@@ -116,5 +116,5 @@ def thinned(count: int, most: int = MOST_POINTS) -> np.ndarray:
 
 
 def rounded(value: float, digits: int = 6) -> float | None:
-    """Six significant digits, more than a plot shows; None where there is no number."""
+    """Six significant digits, more than a plot shows; None if not finite."""
     return float(f"{value:.{digits}g}") if np.isfinite(value) else None

@@ -1,4 +1,4 @@
-"""The page of a job: what the cycle takes, where its time goes, and the arm through the whole of it."""
+"""The page of a job: energy of the cycle, use of its time, and the arm through the whole of it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from energy_opt.robot import Robot
 
 COLUMNS = ("start", "duration", "energy_total", "payload", "source")
 LANES = {"move": "moves", "wait": "waits", "standby": "standby"}
-GIVEN = "through the poses"  # what a result calls a given path is, in a job, the curve through poses that are passed
+GIVEN = "through the poses"  # a job's words for a given path: the curve through its poses
 
 
 def page(
@@ -32,7 +32,7 @@ def page(
 
     Args:
         cycle: the whole cycle as one motion.
-        bodies, scene: what the moving arm is drawn with.
+        bodies, scene: bodies for drawing the moving arm.
         power: over the cycle, time (N,) [s] and power (N,) [W].
     """
     report = Report(f"{document['robot']}: a cycle of {document['cycle_time']:.4g} s")
@@ -105,7 +105,7 @@ def timeline(steps: Sequence[Mapping[str, Any]]) -> list[Block]:
 
 
 def headline(document: Mapping[str, Any]) -> str:
-    """One sentence: what the cycle takes, beside plain ways of running it."""
+    """One sentence: energy of the cycle, compared with simple timings of it."""
     total = document["energy_total"]
     text = f"{total:.5g} J a cycle"
     for row in document["baselines"]:
@@ -116,6 +116,6 @@ def headline(document: Mapping[str, Any]) -> str:
 
 
 def _first_path(row: Mapping[str, Any]) -> str | None:
-    """Where a motion's first path comes from, in a job's words; None for a wait."""
+    """Origin of a motion's first path, in a job's words; None for a wait."""
     source = row.get("first_path")
     return GIVEN if source == "given" else source

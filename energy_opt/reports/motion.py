@@ -16,7 +16,7 @@ from energy_opt.reports.charts import rounded
 from energy_opt.robot import Link, Robot
 from energy_opt.robot.kinematics import Kinematics
 
-FRAMES = 150  # of one motion; between them the player interpolates
+FRAMES = 150  # instants of one motion; the player interpolates between them
 COLOURS = {"result": "#2f74c0", "scaled": "#e07b28"}
 OTHER = "#2e9a60"
 
@@ -63,7 +63,7 @@ class Closest:
 
     @property
     def label(self) -> str:
-        """In words."""
+        """The names and the distance, in words."""
         return f"closest: {' and '.join(self.pair)}, {1000 * self.distance:.3g} mm"
 
 
@@ -85,12 +85,12 @@ def player(
     closest: Closest | None = None,
     phases: Sequence[tuple[float, str]] = (),
 ) -> dict[str, Any] | None:
-    """What the page's player takes; None where the robot has no bodies to draw.
+    """Data for the page's player; None if the robot has no bodies to draw.
 
     Args:
-        bodies: of the robot; scene: in the base frame (their joint is not looked at).
+        bodies: of the robot; scene: in the base frame (their joint is ignored).
         closest: marked, and a time to jump to.
-        phases: when what begins [s], said while it plays.
+        phases: start [s] and name of each phase, shown while it plays.
     """
     links, shown = robot.body.tree(), []
     for played in motions:
@@ -115,12 +115,12 @@ def cell_player(
     bodies: Sequence[tuple[Solid, str]],
     scene: Sequence[Solid] = (),
 ) -> dict[str, Any] | None:
-    """What the page's player takes for several arms in one scene; None where there are no bodies to draw.
+    """Data for the page's player for several arms in one scene; None if there are no bodies to draw.
 
     Args:
         links: of all arms in one tree.
         motion: time (N,) [s] and positions (N, n) of all arms' joints.
-        tools: the last link of each arm, whose way is drawn.
+        tools: the last link of each arm, whose path is drawn.
         bodies: with their colours.
     """
     solids = [{"joint": body.joint, "colour": colour, **_solid(body)} for body, colour in bodies]
@@ -132,7 +132,7 @@ def _playing(
     links: Sequence[Link], bodies: list[dict[str, Any]], scene: Sequence[Solid], motions: list[dict[str, Any]],
     closest: dict[str, Any] | None = None, phases: Sequence[dict[str, Any]] = (),
 ) -> dict[str, Any] | None:  # fmt: skip
-    """All that the player takes; None where there are no bodies."""
+    """Input of the player; None without bodies."""
     tree = [
         {"parent": link.parent, "placement": _numbers(link.placement), "axis": _numbers(link.axis),
          "prismatic": link.prismatic}
@@ -143,7 +143,7 @@ def _playing(
 
 
 def _solid(body: Solid) -> dict[str, Any]:
-    """A body as the player takes it."""
+    """A body for the player."""
     shape = {"vertices": _numbers(body.vertices, 5), "faces": np.asarray(body.triangles).tolist()}
     return {"name": body.name, "surface": body.surface, **shape}
 
@@ -167,13 +167,13 @@ def _numbers(values: np.ndarray, digits: int = 6) -> Any:
     return [_numbers(row, digits) for row in array]
 
 
-MOST_CORNERS = 300  # of one hull: more are not seen
-POINTS = 200  # of which a body with a radius is drawn, shared among its corners
-LEAST_POINTS = 12  # around one corner
+MOST_CORNERS = 300  # most corners of one hull: more are not visible
+POINTS = 200  # points for drawing a body with a radius, shared among its corners
+LEAST_POINTS = 12  # least points around one corner
 
 
 def drawn(cell: Cell | None) -> tuple[list[Solid], list[Solid]]:
-    """The arm with what it carries, and what is around it; neither where no bodies are known."""
+    """The arm with what it carries, and its surroundings; both empty if no bodies are known."""
     arm: list[Solid] = []
     scene: list[Solid] = []
     if cell is None:
@@ -203,7 +203,7 @@ def _hull(body: Body, piece: Piece) -> Solid | None:
         hull = ConvexHull(points[_spread(points[hull.vertices], hull.vertices)], qhull_options="QJ")
     a, b, c = hull.points[hull.simplices].transpose(1, 0, 2)
     inward = np.einsum("fi,fi->f", np.cross(b - a, c - a), hull.equations[:, :3]) < 0
-    simplices = np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices)  # seen from outside, all alike
+    simplices = np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices)  # all triangles seen from outside
     corners, faces = np.unique(simplices, return_inverse=True)
     return _placed(body, hull.points[corners], faces.reshape(-1, 3))
 

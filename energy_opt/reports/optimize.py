@@ -1,4 +1,4 @@
-"""The page of one optimized move: what it saves, the arm in motion, limits, energies, certificate."""
+"""The page of one optimized move: saving, the arm in motion, limits, energies, certificate."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ def page(
     Args:
         document: the content of result.json.
         baselines: trajectories by name; "scaled" is drawn beside the result.
-        bodies, scene: what the moving arm is drawn with.
-        lost: what each effect takes at each joint (n,) [J], by motion.
+        bodies, scene: bodies for drawing the moving arm.
+        lost: loss by each effect at each joint (n,) [J], by motion.
     """
     report = Report(f"{document['robot']}: {document['mode']} in {document['duration']:.4g} s")
     report.headline(headline(document)).numbers(_numbers(document))
@@ -69,7 +69,7 @@ def page(
 
 
 def headline(document: Mapping[str, Any]) -> str:
-    """One sentence: what the move takes, what it saves, and whether it is clear."""
+    """One sentence: energy and saving of the move, and whether it is clear."""
     energy, saving = document["energy"], document["saving"]
     text = f"{energy['total']:.4g} J in {document['duration']:.4g} s"
     if saving is not None and saving["joules"] is not None:
@@ -107,7 +107,7 @@ def _numbers(document: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _beside_peak(document: Mapping[str, Any]) -> str:
-    """The name of the peak power's figure, with that of the evenly slowed move."""
+    """The name of the peak power's figure, with the peak of the evenly slowed move."""
     peaks = [b.get("peak_power") for b in document["baselines"] if b["name"] == BESIDE]
     return f"peak power; slowed evenly {peaks[0]:.4g} W" if peaks and peaks[0] is not None else "peak power"
 
@@ -120,7 +120,7 @@ def _closest(document: Mapping[str, Any]) -> Closest | None:
 
 
 def motion_charts(result: Motion, beside: Mapping[str, Motion], robot: Robot) -> list[Chart]:
-    """Positions first, then what limits bound as shares of their bounds, then power."""
+    """Charts of positions, then of limited quantities as shares of their bounds, then of power."""
     limits, t = robot.limits, result.time - result.time[0]
     charts, slides = [], np.array(robot.slides)
     for title, unit, chosen in (("Position", "rad", ~slides), ("Position of joints that slide", "m", slides)):
@@ -155,7 +155,7 @@ def motion_charts(result: Motion, beside: Mapping[str, Motion], robot: Robot) ->
 
 
 def _cumulative(result: Motion, beside: Mapping[str, Motion], standby: float) -> Chart:
-    """Energy from the begin on, of both motions, above `standby` [W]: that would hide all else."""
+    """Energy since the start, of both motions, above `standby` [W], which would hide the rest."""
     lines = []
     for name, m in {**beside, "result": result}.items():
         if m.power is not None:
@@ -166,7 +166,7 @@ def _cumulative(result: Motion, beside: Mapping[str, Motion], standby: float) ->
 
 
 def _progress(records: Sequence[Mapping[str, float]]) -> Chart:
-    """The least loss of a proven answer over the time of the search: it stays until a better one is found."""
+    """Least loss of a proven answer over the time of the search; it stays until a better one is found."""
     seconds, loss = (np.array([row[key] for row in records]) for key in ("seconds", "loss"))
     line = Line("best proven answer", np.repeat(seconds, 2)[1:], np.repeat(loss, 2)[:-1])
     return Chart("Best proven answer while the search ran", "time of the search [s]", "loss [J]", [line])
@@ -219,7 +219,7 @@ def _models(report: Report, document: Mapping[str, Any]) -> None:
 
 
 def assumed(report: Report, document: Mapping[str, Any]) -> None:
-    """The section of what was not given, with sources; and of what is known to end the saving."""
+    """The section of values that were not given, with sources; of friction that ends the saving; of long travel."""
     records = [Assumption(**row) for row in document.get("assumptions", ())]
     if not records:
         return

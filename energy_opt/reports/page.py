@@ -1,4 +1,4 @@
-"""A report in one HTML file that opens from disk: text, tables, plots and the moving arm, nothing to load elsewhere."""
+"""A report in one HTML file that opens from disk: text, tables, plots and the moving arm; nothing is loaded."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from energy_opt.errors import BadInput
 from energy_opt.files import write_text
 from energy_opt.reports.charts import Chart
 
-LEVEL = 5  # of gzip: 6 takes a third longer and saves 0.7 % of a page
+LEVEL = 5  # gzip level: 6 takes a third longer and saves 0.7 % of a page
 ASSETS = Path(__file__).parent / "assets"
 
 
@@ -45,7 +45,7 @@ def plotly() -> str:
 
 @cache
 def three() -> str:
-    """three.js, packed: what is in trimesh's viewer page before that page's own few lines."""
+    """three.js, packed: the part of trimesh's viewer page before that page's own few lines."""
     archive = (_folder("trimesh") / "resources" / "templates" / "viewer.zip").read_bytes()
     with zipfile.ZipFile(io.BytesIO(archive)) as file:
         page = file.read("viewer.html.template").decode("utf-8")
@@ -57,7 +57,7 @@ def three() -> str:
 
 
 def _folder(package: str) -> Path:
-    """Where a package lies, without importing it."""
+    """Folder of a package, without importing it."""
     spec = importlib.util.find_spec(package)
     if spec is None or not spec.submodule_search_locations:
         raise BadInput(f"reports need {package}: pip install {package}")
@@ -99,7 +99,7 @@ class Report:
         return self._add(f"<h2>{html.escape(title)}</h2>")
 
     def headline(self, text: str) -> Report:
-        """Add the sentence that a reader should leave with."""
+        """Add the main sentence of the report."""
         return self._add(f'<p class="headline">{html.escape(text)}</p>')
 
     def text(self, text: str) -> Report:
@@ -107,7 +107,7 @@ class Report:
         return self._add(f"<p>{html.escape(text)}</p>")
 
     def warning(self, text: str) -> Report:
-        """Add a paragraph that is out."""
+        """Add a highlighted paragraph."""
         return self._add(f'<p class="warning">{html.escape(text)}</p>')
 
     def code(self, text: str) -> Report:
@@ -115,7 +115,7 @@ class Report:
         return self._add(f"<pre>{html.escape(text)}</pre>")
 
     def numbers(self, values: Mapping[str, str]) -> Report:
-        """Add the few numbers that matter as large figures, value (with its unit) by name."""
+        """Add the main numbers as large figures, value (with its unit) by name."""
         cells = "".join(
             f"<div><b>{html.escape(value)}</b><span>{html.escape(name)}</span></div>" for name, value in values.items()
         )
@@ -135,7 +135,7 @@ class Report:
         return self._add(f'<div class="wide"><table>\n<tr>{head}</tr>\n{body}</table></div>')
 
     def facts(self, values: Mapping[str, Any]) -> Report:
-        """Add a table of names and values; what has none is left out."""
+        """Add a table of names and values; names without a value are left out."""
         records = "".join(
             f"<tr><td>{html.escape(str(name))}</td><td>{html.escape(shown(value))}</td></tr>\n"
             for name, value in values.items()
@@ -185,7 +185,7 @@ class Report:
         return f"{head}\n<body>\n<h1>{title}</h1>\n{body}\n{self._scripts()}</body>\n</html>\n"
 
     def _scripts(self) -> str:
-        """Data and libraries, packed; and the page's own script. Nothing where there is nothing to draw."""
+        """Packed data and libraries, and the page's own script; empty if there is nothing to draw."""
         if not self._charts and self._player is None:
             return ""
         data = json.dumps({"charts": self._charts, "player": self._player}, allow_nan=False)

@@ -52,7 +52,7 @@ def new_figure(down: int, columns: int, *, width: float = 10.0, height: float = 
 def png(figure: Figure) -> bytes:
     """The figure as a PNG."""
     stream = io.BytesIO()
-    figure.savefig(stream, format="png", bbox_inches="tight", pad_inches=0.1)  # legends stand beside the axes
+    figure.savefig(stream, format="png", bbox_inches="tight", pad_inches=0.1)  # legends are beside the axes
     return stream.getvalue()
 
 
@@ -167,13 +167,14 @@ def plot_move(
         by_effect: energy by effect [J] of each move that is compared, by the move's name.
     """
     figure, axes = new_figure(2, 2)
-    alike = bool((np.isfinite(velocity_limit) == np.isfinite(effort_limit)).all())  # then one legend serves both
+    alike = bool((np.isfinite(velocity_limit) == np.isfinite(effort_limit)).all())  # one legend is enough for both
     speed = labelled(axes[0, 0], "time [s]", "velocity / limit")
     _fractions(speed, time, velocity, velocity_limit, joints, legend=not alike)
     _fractions(labelled(axes[0, 1], "time [s]", "torque / limit"), time, effort, effort_limit, joints)
     lines = [Curve("result", time, power)] + ([baseline] if baseline is not None else [])
     groups = by_effect or {}
-    curves(labelled(axes[1, 0], "time [s]", "power [W]"), lines, legend=len(groups) < 2)  # the bars' names and colours
+    # the bars show the same names and colours
+    curves(labelled(axes[1, 0], "time [s]", "power [W]"), lines, legend=len(groups) < 2)
     bars(labelled(axes[1, 1], "energy [J]", ""), groups)
     if title:
         figure.suptitle(title, fontsize=11)
@@ -191,9 +192,8 @@ def plot_tradeoff(
 ) -> Figure:
     """Energy against duration, split into parts that are stacked, with marked optima.
 
-    Args:
-        duration: (N,) s, rising; points without an answer are left out by the caller.
-        parts: energy (N,) [J] by name, stacked in this order; the first may be negative, the others then stand on it,
+    Args: duration: (N,) s, rising; points without an answer are left out by the caller. parts: energy (N,) [J] by name,
+    stacked in this order; the first may be negative, the others are then stacked on it,
             so that the top is always the total.
         marks: named points (duration [s], energy [J]).
         fastest: shortest feasible duration, s; infeasible: durations marked as such.

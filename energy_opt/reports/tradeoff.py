@@ -26,7 +26,7 @@ def page(
 
     Args:
         motions: trajectories by duration [s].
-        bodies, scene: what the moving arm is drawn with.
+        bodies, scene: bodies for drawing the moving arm.
     """
     report = Report(f"{document['robot']}: energy against duration, {document['mode']}")
     best = document["minimum"]

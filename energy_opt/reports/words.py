@@ -1,4 +1,4 @@
-"""What a certificate says, in the same plain sentences on the console and in reports."""
+"""Text on certificates, in the same plain sentences on the console and in reports."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-ALLOWED = 1e-6  # of a bound, as the certificate counts it
+ALLOWED = 1e-6  # share of a bound: tolerance, as in the certificate
 
 
 def clearance_words(found: Mapping[str, Any]) -> str:
@@ -30,7 +30,7 @@ def clearance_words(found: Mapping[str, Any]) -> str:
 
 
 def goals_words(found: Mapping[str, Any]) -> str:
-    """How a result's goal was chosen, and what that saves against the nearest one; "" where the goal was given."""
+    """How a result's goal was chosen, and its saving against the nearest one; "" if the goal was given."""
     if "candidates" not in found:
         return ""
     near, energy = found["nearest"], found["energy"]["total"]
@@ -74,7 +74,7 @@ def limits_words(certificate: Mapping[str, Any], unit: Callable[[str, str], str]
 
 
 def input_words(document: Mapping[str, Any]) -> str:
-    """The result beside the trajectory that was given, at its duration; empty where none was given."""
+    """The result against the given trajectory, at its duration; empty if none was given."""
     named = {row["name"]: row for row in document["baselines"]}
     given, fastest = named.get("input"), named.get("toppra")
     if given is None or abs(given["duration"] / document["duration"] - 1) > 1e-6:
@@ -119,7 +119,7 @@ def energy_records(columns: Sequence[tuple[float, Mapping[str, Any]]], part: str
 
 
 def _same(values: Sequence[Any], others: Sequence[Any]) -> bool:
-    """Whether two lines of a table of energies say the same: numbers equal but for rounding."""
+    """True if two records of a table of energies are equal except for rounding."""
     alike = [
         a is b or (a is not None and b is not None and math.isclose(a, b, rel_tol=1e-6, abs_tol=1e-6))
         for a, b in zip(values, others, strict=True)
@@ -128,7 +128,7 @@ def _same(values: Sequence[Any], others: Sequence[Any]) -> bool:
 
 
 def yearly(document: Mapping[str, Any]) -> dict[str, str]:
-    """What the saving is worth in a year, by what it is; empty where that was not asked for."""
+    """The saving per year by kind; empty if it was not requested."""
     names = {"kwh": ("energy", " kWh"), "money": ("money", ""), "co2_kg": ("CO2", " kg")}
     found = document.get("per_year") or {}
     return {

@@ -103,7 +103,7 @@ def page(
 
 
 def headline(document: Mapping[str, Any]) -> str:
-    """One sentence: energy, bound, and what was saved."""
+    """One sentence: energy, bound, and saving."""
     total, first = document["energy_total"], document["levers"][0]["energy_total"]
     gap = document["optimality"]["gap_percent"]
     text = f"{total:.6g} J a cycle"

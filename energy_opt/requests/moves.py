@@ -61,7 +61,7 @@ class MoveRequest(
         """The same read back."""
         goals = given.pop("goals", None)
         given = super().read(given)
-        if given.get("path") is not None:  # it says where the move begins and ends
+        if given.get("path") is not None:  # the path determines start and goal
             given |= {"start": None, "goal": None}
         return given if goals is None else {**given, "goal": {"any_of": goals}}
 

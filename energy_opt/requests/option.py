@@ -18,10 +18,10 @@ from typing import Any, ClassVar, Self
 from energy_opt.errors import BadInput, near
 from energy_opt.files import plain as of_json
 
-KINDS = {float: "number", int: "integer", bool: "boolean"}  # of values with a type that JSON schema knows
+KINDS = {float: "number", int: "integer", bool: "boolean"}  # types of JSON schema, by kind of value
 NESTED = ("settings", "cell", "per_year")  # tables in requests of earlier versions, whose keys are options now
-STAMP = ("verb", "version", "command")  # beside a request's own fields in its document
-RENAMED = {"locked": "lock", "ways": "initial_paths"}  # of earlier versions
+STAMP = ("verb", "version", "command")  # entries of a document besides the request's own fields
+RENAMED = {"locked": "lock", "ways": "initial_paths"}  # names of fields in earlier versions, with their present names
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class Request:
     """
 
     verb: ClassVar[str] = ""
-    always: ClassVar[tuple[str, ...]] = ()  # fields that the document names even where they are not given
+    always: ClassVar[tuple[str, ...]] = ()  # fields that the document always contains
 
     stopped: Callable[[], bool] | None = option(None, "ends the work early", internal=True, written=False)
 
@@ -205,6 +205,6 @@ def plain(value: Any) -> Any:
         return value.to_document()
     if isinstance(value, (list, tuple)):
         return [plain(each) for each in value]
-    if hasattr(value, "for_robot"):  # a limit of one's own has no words
+    if hasattr(value, "for_robot"):  # a user's own limit has no text form
         return f"{type(value).__module__}.{type(value).__qualname__}"
     return of_json(value)

@@ -1,4 +1,4 @@
-"""Two questions to a description. What no plan can rest on is refused, the rest is named.
+"""Two checks of a description. Values that no plan can use are refused; doubtful ones are named.
 
 Are masses and inertias those of an arm? Which effort limits are real? A placeholder shows beside the others, and beside
 what gravity takes.
@@ -17,7 +17,7 @@ from energy_opt.robot.limits import unit_of
 
 
 def placed(pose: Pose) -> np.ndarray:
-    """(4, 4) of a description's pose."""
+    """(4, 4) matrix of a description's pose."""
     return pose_of(pose.xyz, pose.rpy)
 
 
@@ -42,26 +42,26 @@ def carriers(description: Description, still: Collection[str] = ()) -> dict[str,
     return out
 
 
-MASSLESS = 1e-6  # [kg] moving mass below which an arm has none
-LIGHTEST = 0.1  # [kg] moving mass below which an arm is worth a warning
-GRAMS = 0.2  # [kg] mass of a link below which its inertia is
-ROUNDED = 1e-3  # share by which the largest principal moment may exceed the sum of the others: rounded files do
-SLIGHT = 0.2  # share up to which it is a warning: an xArm6 as shipped has 16 %
-NOISE = 1e-9  # [kg m^2] that a moment may be negative by
+MASSLESS = 1e-6  # [kg] an arm with a smaller moving mass has no masses
+LIGHTEST = 0.1  # [kg] a smaller moving mass of an arm causes a warning
+GRAMS = 0.2  # [kg] the inertia of a link with a smaller mass is not refused
+ROUNDED = 1e-3  # share by which the largest principal moment may exceed the sum of the others, as in rounded files
+SLIGHT = 0.2  # share up to which this is a warning: an xArm6 as shipped has 16 %
+NOISE = 1e-9  # [kg m^2] a moment may be negative by this much
 
 
 def check_masses(description: Description, still: Collection[str], links: Sequence[Link]) -> list[str]:
-    """What is doubtful of the moving links' masses and inertias, one line each.
+    """Warnings on implausible masses and inertias of the moving links, one line each.
 
-    An inertia that belongs to no body is refused where it matters: on a link that moves, of more than 0.2 kg, by more
-    than a fifth, and not made good by what is fixed to the link.
+    An impossible inertia is refused if it matters: on a moving link of more than 0.2 kg, by more than a fifth, and not
+    compensated by parts that are fixed to the link.
 
     Args:
         still: joints that do not move.
         links: the moving links with all that is fixed to them.
 
     Raises:
-        BadInput: nothing that moves has a mass, or an inertia is that of no body.
+        BadInput: nothing that moves has a mass, or an inertia is impossible.
     """
     carried = carriers(description, still)
     moving = [name for name, on in carried.items() if on]
@@ -100,7 +100,7 @@ def check_masses(description: Description, still: Collection[str], links: Sequen
 
 
 def _excess(inertia: np.ndarray) -> float:
-    """By what share the largest principal moment exceeds the sum of the others; inf where one is negative."""
+    """Share by which the largest principal moment exceeds the sum of the others; inf if one is negative."""
     low, middle, high = np.linalg.eigvalsh(inertia)
     if low < -max(NOISE, ROUNDED * high):
         return np.inf
@@ -108,7 +108,7 @@ def _excess(inertia: np.ndarray) -> float:
 
 
 def _doubtful(links: Sequence[Link]) -> list[str]:
-    """Masses and inertias of whole moving links that cannot be those of real parts; used as they are."""
+    """Warnings on masses and inertias of whole moving links that no real part has; they are used unchanged."""
     out = []
     for k, link in enumerate(links):
         if link.mass <= MASSLESS:
@@ -129,19 +129,20 @@ def _doubtful(links: Sequence[Link]) -> list[str]:
 
 
 def _reach(links: Sequence[Link], k: int, depth: int) -> float:
-    """Summed offsets of the next `depth` joints after link k, m: how far the link may extend."""
+    """Summed offsets [m] of the next `depth` joints after link k, an estimate of the link's extent."""
     children = [c for c, other in enumerate(links) if other.parent == k]
     if depth == 0 or not children:
         return 0.0
     return max(float(np.linalg.norm(links[c].placement[:3, 3])) + _reach(links, c, depth - 1) for c in children)
 
 
-SMALLEST = 1e-6  # [N m or N] weaker than this nothing moves
-EQUAL = 100.0  # limits that are equal on all joints and this many times what gravity ever takes are placeholders
-DOUBTFUL, ABSURD = 100.0, 1e4  # times what holds the arm out straight: named but used, and a placeholder if one alone
-MOST = 0.5  # share of postures: a drive that cannot hold its arm in more of them is another one
+SMALLEST = 1e-6  # [N m or N] a smaller limit counts as none
+EQUAL = 100.0  # equal limits of all joints are placeholders from this multiple of the largest gravity torque on
+# multiples of the torque that holds the arm out straight: from here on a warning, and a placeholder on one joint
+DOUBTFUL, ABSURD = 100.0, 1e4
+MOST = 0.5  # share of postures: a drive that cannot hold its arm in more of them has a wrong limit
 DENSEST = 150.0  # [kg/m^2] mass over squared reach: industrial arms have 10 to 70
-SHORTEST = 0.3  # [m] below it the rule says nothing of use
+SHORTEST = 0.3  # [m] least reach in this rule
 LIGHTEST_OF_SIZE = (
     4.0  # [kg/m^3] mass over cubed length: the lightest arms sold have 5 (Kinova Jaco), most have 10 to 20
 )
@@ -156,15 +157,15 @@ def believed_efforts(
 
     Args:
         effort: stated (n,) [N m or N].
-        given: (n,) those that a limits file states: nobody's number is overruled.
-        gravity: (N, n) what holds the arm in postures all over its range.
-        holding: what holds the whole arm out straight [N m].
+        given: (n,) True for limits of a limits file, which are never replaced.
+        gravity: (N, n) torque that holds the arm in postures all over its range.
+        holding: torque that holds the whole arm out straight [N m].
     """
     out, said = effort.copy(), []
     most = float(np.abs(gravity).max()) or holding
     turning = ~np.asarray(slides, dtype=bool) & ~given
     same = turning.sum() > 1 and bool((effort[turning] == effort[turning][0]).all())
-    short = np.mean(np.abs(gravity) > effort, axis=0)  # share of postures that each joint does not hold
+    short = np.mean(np.abs(gravity) > effort, axis=0)  # share of postures that each joint cannot hold
     one_for_all = same and bool((short[turning] > MOST).any())
     for j, joint in enumerate(joints):
         unit = unit_of("effort", slides[j])
@@ -202,11 +203,11 @@ def believed_efforts(
 
 
 def doubtful_masses(effort: np.ndarray, gravity: np.ndarray, mass: float, reach: float, length: float) -> list[str]:
-    """Lines where an arm of `mass` [kg] is too heavy for its drives, or too heavy or too light for its size.
+    """Warnings if an arm of `mass` [kg] is too heavy for its drives, or too heavy or too light for its size.
 
     Args:
         effort: limits (n,) [N m or N].
-        gravity: (N, n) what holds the arm in postures all over its range.
+        gravity: (N, n) torque that holds the arm in postures all over its range.
         reach: summed offsets of all joints from the base [m].
         length: summed offsets behind the first joint [m]; a column below the arm adds nothing.
     """

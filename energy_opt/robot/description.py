@@ -19,16 +19,16 @@ from energy_opt.robot.xml import number_in, only_child, read_robot_xml, refuse_u
 Vector = tuple[float, float, float]
 
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-TRANSPOSED = ("iyx", "izx", "izy")  # in files in use beside the six, and passed over
+TRANSPOSED = ("iyx", "izx", "izy")  # transposed moments, which some files also have; ignored
 MOVING = ("revolute", "continuous", "prismatic")
 KINDS = (*MOVING, "fixed", "floating", "planar")
 SIZES = {"box": (), "sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius", "length")}
-FARTHEST = 1e4  # [m] no length or position of an arm is larger
-HEAVIEST = 1e6  # [kg] nor any mass, by far
+FARTHEST = 1e4  # [m] largest length or position of an arm
+HEAVIEST = 1e6  # [kg, kg m^2] largest mass or moment
 LINK, JOINT = ("inertial", "collision", "visual"), ("origin", "parent", "child", "axis", "limit", "mimic")
 INERTIAL, COLLISION, SHAPES = ("origin", "mass", "inertia"), ("origin", "geometry"), (*SIZES, "mesh")
 BOUNDS = ("lower", "upper", "velocity", "effort")
-# What counts in one place only: elsewhere it would be passed over
+# Tags that are read in one place only: elsewhere they would be ignored
 STRUCTURE = frozenset({"link", "joint", *LINK, *INERTIAL, *COLLISION, *SHAPES, *JOINT} - {"visual"})
 
 
@@ -100,7 +100,7 @@ class Description:
     """A robot as its URDF says: a tree of links and joints by name, in the order of the file.
 
     Attributes:
-        base: the link that hangs on no other.
+        base: the link without a parent.
     """
 
     path: Path
@@ -161,7 +161,7 @@ def _pose(where: str, element: Element) -> Pose:
 
 def _link(where: str, name: str, link: Element) -> LinkPart:
     """A link: mass and inertia, and collision bodies."""
-    refuse_unread(where, link, LINK, None, STRUCTURE - {"origin"})  # a link has none; some files give it one
+    refuse_unread(where, link, LINK, None, STRUCTURE - {"origin"})  # links have no origin, but some files give them one
     inertial = only_child(where, link, "inertial")
     bodies = [_collision(f"{where}, collision", element) for element in link.findall("collision")]
     return LinkPart(name, None if inertial is None else _inertial(f"{where}, inertial", where, inertial), tuple(bodies))
@@ -252,7 +252,8 @@ def _bounds(where: str, kind: str, limit: Element | None) -> dict[str, float]:
         raise BadInput(f"{where}: <limit> is missing; expected lower, upper, velocity and effort of a {kind} joint")
     at = f"{where}, limit"
     for key in limit.attrib:
-        absent = [name for name in BOUNDS if name not in limit.attrib]  # one of which it may have been meant to be
+        # the attribute may be a misspelling of one of these
+        absent = [name for name in BOUNDS if name not in limit.attrib]
         if key not in BOUNDS and absent and (kind != "continuous" or near(key, absent)):
             hint = near(key, absent) or f"; {', '.join(absent)} missing"
             raise BadInput(f"{at}: attribute {key!r} is not known{hint}")
@@ -266,7 +267,7 @@ def _bounds(where: str, kind: str, limit: Element | None) -> dict[str, float]:
 
 
 def _base(path: Path, links: dict[str, LinkPart], joints: dict[str, JointPart]) -> str:
-    """The link that hangs on no other; every other link hangs on one, and in the end on it."""
+    """The base: the only link without a parent, from which all other links are reached."""
     if not links:
         raise BadInput(f"{path}: no <link>; where xacro wrote it, give xacro the file that uses the robot's macro")
     parent_of: dict[str, str] = {}

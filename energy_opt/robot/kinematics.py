@@ -102,7 +102,7 @@ def pseudo_inertia(mass: float, lever: np.ndarray, inertia: np.ndarray) -> np.nd
 def outermost(links: Sequence[Link]) -> int:
     """Index of the link with most joints between it and the base, the last of several: what "the last joint" means.
 
-    On a chain it is the last; beside one, rods of a linkage do not take its place.
+    On a chain it is the last one; rods of a linkage besides the chain are not chosen.
     """
     depth: list[int] = []
     for link in links:

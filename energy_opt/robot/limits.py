@@ -15,9 +15,9 @@ MoveIt's joint_limits.yaml has limits by joint name, and the scaling factors of 
         has_soft_limits, soft_lower_limit, soft_upper_limit, k_position, k_velocity
         angle_wraparound
 
-A number counts unless its `has_...` says false, which takes the limit away. Limits hold both ways here, so of two sizes
-for the two directions the smaller is taken. A soft range narrows the position's; its gains k_... are the controller's.
-The table may stand by itself, or where ROS parameters have it (robot_description_planning, ros__parameters).
+A number counts unless its `has_...` says false, which takes the limit away. Limits hold in both directions here: of two
+different sizes the smaller one is used. A soft range narrows the position's; its gains k_... are the controller's. The
+table may stand by itself, or where ROS parameters have it (robot_description_planning, ros__parameters).
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ from energy_opt.errors import BadInput, near
 from energy_opt.files import read_yaml
 
 TURNING = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s^2", "jerk": "rad/s^3", "effort": "N m"}
-PLAIN = {"power": "W", "tool_speed": "m/s", "tool_acceleration": "m/s^2"}  # of what is no joint's
+PLAIN = {"power": "W", "tool_speed": "m/s", "tool_acceleration": "m/s^2"}  # quantities that belong to no joint
 
 
 def sliding(unit: str) -> str:
-    """The unit of a sliding joint in place of a turning one's.
+    """The unit for a sliding joint, from that for a turning one.
 
     >>> sliding("N m s/rad"), sliding("rad/s^2"), sliding("W/(N m)^2")
     ('N s/m', 'm/s^2', 'W/N^2')
@@ -55,14 +55,14 @@ def unit_of(kind: str, slides: bool = False) -> str:
     return sliding(unit) if slides else unit
 
 
-ASSUMED_VELOCITY = np.pi  # [rad/s] where no limit is known
-RAMP = 5.0  # [1/s] acceleration over velocity limit where none is known: full speed in no less than 0.2 s
-FASTEST = 50.0  # [rad/s^2] and no more than this: the light arms that do more publish it
-SHARPNESS = 100.0  # [1/s] jerk over acceleration limit where none is known: full acceleration in no less than 0.01 s
-SMALLEST = 1e-6  # in SI units: slower, weaker than this nothing moves
-PLACEHOLDER = 1e4  # a velocity limit of this size or more is no limit
-DOUBTFUL_VELOCITY = 100.0  # [rad/s] a limit from here on is named, but used
-TURNS = 50.0  # [rad] further no joint without limits is turned; eight turns
+ASSUMED_VELOCITY = np.pi  # [rad/s] assumed if no limit is known
+RAMP = 5.0  # [1/s] acceleration over velocity limit if none is known: full speed in no less than 0.2 s
+FASTEST = 50.0  # [rad/s^2] largest assumed limit: light arms with higher limits publish them
+SHARPNESS = 100.0  # [1/s] jerk over acceleration limit if none is known: full acceleration in no less than 0.01 s
+SMALLEST = 1e-6  # least usable limit, in SI units
+PLACEHOLDER = 1e4  # a velocity limit of this size or more counts as none
+DOUBTFUL_VELOCITY = 100.0  # [rad/s] a limit from here on causes a warning, but is used
+TURNS = 50.0  # [rad] largest plausible position of a joint without limits: eight turns
 
 
 @dataclass(frozen=True)
@@ -95,12 +95,12 @@ class Limits:
 def look_like_degrees(
     limits: Limits, position: np.ndarray, beyond: float, slides: Sequence[bool]
 ) -> tuple[int, int] | None:
-    """Row and joint of the first position that only makes sense as degrees, None where positions may be radians.
+    """Row and joint of the first position that only makes sense as degrees, None if positions may be radians.
 
     Args:
         position: (N, n) or (n,), said to be rad.
         beyond: how far outside a limit one must lie [rad], while in degrees all would be inside (or nearly).
-        slides: (n,) the joints that have no angle; they are not looked at.
+        slides: (n,) True for joints without an angle, which are ignored.
     """
     q = np.where(np.asarray(slides), np.clip(0.0, limits.lower, limits.upper), np.atleast_2d(position))
     far = (q < limits.lower - beyond) | (q > limits.upper + beyond) | (np.abs(q) > TURNS)
@@ -144,11 +144,11 @@ def with_assumptions(limits: Limits, joints: Sequence[str], slides: Sequence[boo
     return Limits(lower, upper, velocity, acceleration, jerk, limits.effort), warnings
 
 
-TURN = np.pi  # [rad or m]
+TURN = np.pi  # [rad or m] largest distance from the position nearest to 0
 
 
 def postures(limits: Limits, count: int = 100, seed: int = 0) -> np.ndarray:
-    """(count, n) [rad or m]: the middle of all ranges, then random ones; at most half a turn from what is nearest 0."""
+    """Postures (count, n) [rad or m]: the middle of all ranges, then random ones; near 0 within half a turn."""
     nearest = np.clip(0.0, limits.lower, limits.upper)
     low, high = np.maximum(limits.lower, nearest - TURN), np.minimum(limits.upper, nearest + TURN)
     q = np.random.default_rng(seed).uniform(low, high, (count, len(low)))
@@ -168,7 +168,7 @@ NUMBERS = (
     *("max_deceleration", "soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity"),
 )  # fmt: skip
 WRAPPERS = ("/**", "ros__parameters", "robot_description_planning", "move_group")
-OTHERS = ("cartesian_limits",)  # of other planners' files, in the same place
+OTHERS = ("cartesian_limits",)  # keys of other planners in the same file; ignored
 
 
 def overlay(
@@ -210,7 +210,7 @@ def overlay(
 
 
 def _misspelt(name: str, joints: Sequence[str]) -> str | None:
-    """The joint that a name comes very near to, with the same digits: another number is another joint."""
+    """The joint with a very similar name and the same digits: another number is another joint."""
     digits = [c for c in name if c.isdigit()]
     found = get_close_matches(name, [j for j in joints if [c for c in j if c.isdigit()] == digits], 1, 0.75)
     return found[0] if found else None
@@ -247,10 +247,10 @@ def _document(path: Path) -> tuple[dict[str, float], dict[Any, dict[str, Any]]]:
 def _checked(
     table: Mapping[Any, Any], flags: Sequence[str], numbers: Sequence[str], others: Sequence[str], where: str, at: str
 ) -> dict[str, Any]:
-    """Flags and numbers that a table has; `at` is what is before a key in a message.
+    """Flags and numbers that a table has; `at` is the prefix of a key in messages.
 
     Raises:
-        BadInput: a key is not known, a flag is not true or false, or a number is none.
+        BadInput: a key is not known, a flag is not true or false, or a value is not a number.
     """
     out: dict[str, Any] = {}
     known = (*flags, *numbers, *others)
@@ -272,7 +272,7 @@ def _checked(
 
 
 def _apply(arrays: dict[str, np.ndarray], j: int, row: Mapping[str, Any], where: str) -> None:
-    """Put what one joint's row says into the bounds of joint j."""
+    """Apply one joint's entry of a limits file to the bounds of joint j."""
     low, high = row.get("min_position"), row.get("max_position")
     if row.get("has_position_limits", low is not None or high is not None):
         arrays["lower"][j] = arrays["lower"][j] if low is None else low
@@ -303,7 +303,7 @@ def _apply(arrays: dict[str, np.ndarray], j: int, row: Mapping[str, Any], where:
 
 
 def _size(row: Mapping[str, Any], kind: str, lowest: str | None, where: str) -> float | None:
-    """The bound on a magnitude, from max_<kind> and what means the other direction; None where there is none."""
+    """Bound on a magnitude, from max_<kind> and the key for the other direction; None if there is none."""
     if row.get(f"has_{kind}_limits") is False:
         return None
     largest = row.get(f"max_{kind}")

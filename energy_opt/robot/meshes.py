@@ -11,7 +11,7 @@ from energy_opt.errors import BadInput
 from energy_opt.robot.description import Description
 
 KNOWN_FORMATS = (".stl", ".obj", ".dae", ".ply")
-LARGEST = 100_000_000  # bytes of a mesh; a binary STL of a million triangles has half of that
+LARGEST = 100_000_000  # [bytes] largest mesh file; a binary STL of a million triangles has half of that
 
 
 def mesh_files(
@@ -81,7 +81,7 @@ def _candidates(name: str, urdf: Path, roots: Sequence[Path], given: Sequence[Pa
     elif parts.scheme == "file":
         path = Path(unquote(parts.netloc + parts.path))
         yield urdf.resolve().parent / path
-        for k in range(1, len(path.parts) - 1):  # of another machine: at least its last folder and its name
+        for k in range(1, len(path.parts) - 1):  # from another machine: at least its last folder and its name
             yield from (root.joinpath(*path.parts[k:]) for root in given)
     else:
         yield urdf.resolve().parent / name

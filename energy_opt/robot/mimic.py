@@ -14,9 +14,9 @@ from energy_opt.robot.description import Description
 from energy_opt.robot.kinematics import Coupling, Link
 from energy_opt.robot.limits import PLACEHOLDER, SMALLEST, Limits, unit_of
 
-SAME = 1e-9  # share by which a follower's bound must be tighter than its leader's to count; less is rounding
+SAME = 1e-9  # share by which a follower's bound must be tighter than its leader's to count; smaller ones are rounding
 
-Law = tuple[str, float, float]  # the joint that leads, ratio and offset
+Law = tuple[str, float, float]  # leading joint, ratio and offset
 
 
 def followers(description: Description, locked: Mapping[str, float]) -> tuple[dict[str, float], dict[str, Law]]:

@@ -19,7 +19,7 @@ from energy_opt.robot.checks import inertia_matrix, placed
 from energy_opt.robot.description import MOVING, Description
 from energy_opt.robot.kinematics import Coupling, Follows, Link, PointMass, outermost
 
-FEW = 50  # states: from here on Pinocchio's own loop over many pays for what it takes to set up
+FEW = 50  # [states] from this number on, Pinocchio's own loop over many is worth its setup
 
 
 ONE_JOINT = (
@@ -50,7 +50,7 @@ def _built(description: Description, lock: Mapping[str, float]) -> pin.Model:
         model.addBodyFrame(link, on, at, 0)
         given = description.links[link].inertial
         if given is not None:
-            turn, body = placed(given.pose)[:3, :3], pin.Inertia.Zero()  # which takes inertias of no body, too
+            turn, body = placed(given.pose)[:3, :3], pin.Inertia.Zero()  # it accepts impossible inertias, too
             body.mass, body.lever = given.mass, np.array(given.pose.xyz)
             body.inertia = turn @ inertia_matrix(given.moments) @ turn.T
             model.appendBodyToJoint(on, body, at)
@@ -207,13 +207,13 @@ class RigidBody:
         return self._links
 
     def own_links(self) -> tuple[Link, ...]:
-        """Those of the joints that move by themselves, in their order."""
+        """Links of the independent joints, in their order."""
         return tuple(self._links[k] for k in self.coupling.own)
 
     def with_links(self, mass: np.ndarray, lever: np.ndarray, inertia: np.ndarray) -> RigidBody:
         """The same tree with other links: mass (n,) [kg], centre (n, 3) [m], inertia (n, 3, 3) [kg m^2] about it.
 
-        Links are those of the joints that move by themselves; what follows keeps its own.
+        Links are those of the independent joints; links of followers stay the same.
         """
         model = pin.Model(self._model)
         for j, k in enumerate(self.coupling.own.tolist()):
@@ -319,7 +319,7 @@ class RigidBody:
         self, q: np.ndarray, v: np.ndarray, a: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """dtau/dq, dtau/dv and the mass matrix, (n, n) each, at one state (for a continuous joint, by its angle)."""
-        data, rates = self._model.createData(), self.coupling.rates  # held: what comes back are views of it
+        data, rates = self._model.createData(), self.coupling.rates  # kept alive: the results are views of it
         dq, dv, da = pin.computeRNEADerivatives(self._model, data, self.configuration(q), rates(v), rates(a))
         all_ = (np.array(x) for x in (dq, dv, np.triu(da) + np.triu(da, 1).T))
         dq, dv, da = (self.coupling.joined(self.coupling.joined(x), axis=0) for x in all_)

@@ -1,7 +1,7 @@
 """A robot: its joints, limits and rigid body, and which of their values are assumed.
 
-Some robots are known by name. The rating of an arm's drives measures its size; friction and electrical values that
-nobody has published are scaled by it.
+Some robots are known by name. The rating of an arm's drives measures its size; friction and electrical values that are
+not published are scaled by it.
 """
 
 from __future__ import annotations
@@ -98,9 +98,10 @@ def _installed(file: str) -> Path | None:
     return next((root / file for root in roots if (root / file).is_file()), None)
 
 
-POSES = 64  # postures in which an arm without effort limits is looked at
-ROOM = 1.5  # times the largest torque that holding and accelerating take there; strongest joints have 0.9 to 3.3
-WEAKEST = 0.1  # no joint's rating is below this share of the strongest one's; a UR5e's wrist has 0.19, a Panda's 0.14
+POSES = 64  # postures for estimating the efforts of an arm without limits
+# estimated effort over the largest torque for holding and accelerating there; strongest joints have 0.9 to 3.3
+ROOM = 1.5
+WEAKEST = 0.1  # least rating of a joint over that of the strongest one; a UR5e's wrist has 0.19, a Panda's 0.14
 
 
 @dataclass(frozen=True)
@@ -139,7 +140,7 @@ def rating_of(own: Limits, known: np.ndarray, held: Limits, body: RigidBody) -> 
     missing = effort <= 0
     if missing.any():
         effort = np.where(missing, _estimated(body, held), effort)
-        for slides in (False, True):  # newtons and newton metres do not compare
+        for slides in (False, True):  # newtons and newton metres are not comparable
             alike = np.array(body.slides) == slides
             if alike.any():
                 effort[alike & missing] = np.maximum(effort, WEAKEST * effort[alike].max())[alike & missing]
@@ -174,13 +175,13 @@ class Robot:
     Attributes:
         name: its name in the catalogue, or the URDF file's stem.
         limits: after all overlays and assumptions.
-        unlocked: the joints that would move by themselves if none were locked that is not locked by default.
+        unlocked: the independent joints if only those are locked that are locked by default.
         warnings: one line for each limit or inertia that is missing, zero or a placeholder, with what is assumed.
         description: links, joints and collision bodies as they are in the file.
         rated: what its drives are rated for, which a user's lower limits do not change.
         sources: where each joint's "velocity", "acceleration", "jerk" and "effort" limit comes from: "urdf", "limits"
             (the user's file), "published" or "assumed".
-        locked: joints that stay where they are, with their positions; those that follow one of them too.
+        locked: joints that do not move, with their positions, including followers of such joints.
     """
 
     name: str
@@ -202,7 +203,7 @@ class Robot:
         return self.description.path
 
     def named_in(self, folder: Path) -> str:
-        """What a document in `folder` names it by: its name in the catalogue, else a copy of its URDF there.
+        """Name of the robot for a document in `folder`: its name in the catalogue, else a copy of its URDF there.
 
         The copy names its collision meshes by absolute paths.
         """
@@ -211,7 +212,7 @@ class Robot:
             return self.name
         try:
             meshes = mesh_files(self.description)
-        except BadInput:  # meshes are missing: here as there
+        except BadInput:  # meshes are missing in the copy as in the original
             meshes = {}
         write_text(folder / self.urdf.name, plain_urdf(self.description, meshes))
         return self.urdf.name
@@ -249,7 +250,7 @@ class Robot:
 
 
 def robot_named(name: str, folder: Path, allow_outside: bool = False) -> str:
-    """What a document in `folder` means by a robot's name: one of the catalogue, or the path of a URDF.
+    """The robot that a document in `folder` names: a name in the catalogue, or the path of a URDF.
 
     Raises:
         BadInput: a URDF outside of the folder, which has to be allowed.
@@ -320,7 +321,7 @@ def _stated(description: Description, links: Sequence[Link]) -> Limits:
 
 
 def _sources(steps: Sequence[Limits]) -> dict[str, tuple[str, ...]]:
-    """Who has the last word on each joint's limits: `steps` are the URDF's, then published, the user's, assumed."""
+    """Source of each joint's limits: the last of `steps` (URDF, published, the user's, assumed) that changes them."""
     out = {}
     for kind in ("velocity", "acceleration", "jerk", "effort"):
         values = [getattr(step, kind) for step in steps]

@@ -67,7 +67,7 @@ def tool_of(body: RigidBody, words: str | None = None) -> Tool:
 
 @dataclass(frozen=True)
 class Srdf:
-    """What an SRDF file says that concerns us.
+    """Content of an SRDF file, as far as it is used.
 
     Attributes:
         disabled: pairs of links (in alphabetical order) that are not checked against each other, with the reason given.
@@ -127,7 +127,7 @@ def read_srdf(path: Path) -> Srdf:
         for joint in state.iter("joint"):
             words = of(joint, "value").split()
             where = f"{path}: group_state {state.get('name')}, joint {of(joint, 'name')}"
-            if len(words) == 1:  # joints of several degrees of freedom are none of an arm's
+            if len(words) == 1:  # joints with several degrees of freedom do not belong to an arm
                 joints[of(joint, "name")] = finite_number(words[0], where, "a position [rad or m]")
     return Srdf(
         str(path),
@@ -139,7 +139,7 @@ def read_srdf(path: Path) -> Srdf:
 
 
 def semantics(robot: Robot, file: Path | None = None) -> Srdf:
-    """What `file` says of the robot; without one, the SRDF beside a robot by name; an empty one where there is none.
+    """Content of the SRDF `file`; by default that of a robot by name; empty if there is none.
 
     Raises:
         BadInput: the file cannot be read, or it names links and none of them is the robot's.

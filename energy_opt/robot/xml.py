@@ -14,10 +14,10 @@ from pathlib import Path
 from energy_opt.errors import BadInput
 from energy_opt.files import read_text
 
-LARGEST = 20_000_000  # bytes; the largest description of a robot that is known is a tenth of it
+LARGEST = 20_000_000  # [bytes] largest file; the largest known description of a robot has a tenth of this
 SMALLEST = 1e-290  # a smaller number is 0: readers written in C refuse numbers below 2.2e-308
-SIMILAR = 0.75  # a tag so near to one that is read is a slip; "material" and "inertial" come to 0.62
-# Elements in use, most of them of simulators, with poses and shapes that are not the arm's: passed over
+SIMILAR = 0.75  # similarity from which an unknown tag counts as misspelt; "material" and "inertial" have 0.62
+# Elements with poses and shapes that are not the arm's, most of them of simulators: ignored
 FOREIGN = ("origin", "anchor", "contact", "surface", "self_filter", "collision_checking",
            "self_collision_checking")  # fmt: skip
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
@@ -49,7 +49,7 @@ def read_robot_xml(path: Path) -> ElementTree.Element:
 
 
 def _of_xacro(element: ElementTree.Element) -> bool:
-    """Is this one of xacro's own elements, or does it hold an expression that xacro has not replaced yet?"""
+    """True for one of xacro's own elements, or an element with an expression that xacro has not replaced."""
     own = isinstance(element.tag, str) and "xacro" in element.tag
     return own or any("${" in value or "$(" in value for value in element.attrib.values())
 
@@ -111,12 +111,12 @@ def only_child(where: str, element: ElementTree.Element, tag: str) -> ElementTre
 
 
 def _content(element: ElementTree.Element) -> str:
-    """What an element says, whatever its white space and the order of its attributes."""
+    """Content of an element, independent of white space and of the order of attributes."""
     return repr([(e.tag, sorted((k, v.split()) for k, v in e.attrib.items())) for e in element.iter()])
 
 
 def _no_shift(element: ElementTree.Element) -> bool:
-    """Is it a place at its default, whatever its name: only xyz and rpy, all of them 0?"""
+    """True for a place at its default, whatever its name: only xyz and rpy, all of them 0."""
     values = [word for text in element.attrib.values() for word in text.split()]
     zero = bool(values) and all(re.fullmatch(r"[-+]?0+(\.0*)?", word) for word in values)
     return zero and element.attrib.keys() <= {"xyz", "rpy"} and len(element) == 0
@@ -130,13 +130,13 @@ def refuse_unread(
     elsewhere: frozenset[str] = frozenset(),
     within: bool = True,
 ) -> None:
-    """Refuse what would be passed over in silence though its author meant it to count.
+    """Refuse elements and attributes that would be ignored although their author meant them to count.
 
     Args:
-        children: tags that are read here; a tag that comes near to one of them is a slip.
-        attributes: those that are read; None where others may be there.
+        children: tags that are read here; a similar tag counts as misspelt.
+        attributes: those that are read; None to allow others.
         elsewhere: tags that are read at another place only.
-        within: unknown children may not hold places, shapes or masses either.
+        within: True if unknown children must not contain places, shapes or masses either.
 
     Raises:
         BadInput: names the child or the attribute.

@@ -1,6 +1,6 @@
-"""Schedules of cells: when every step of every robot begins, how long it takes, and in which mode a robot waits.
+"""Schedules of cells: start and duration of every step of every robot, and the modes in which robots wait.
 
-Energy of a step over its duration is a convex curve, waits choose between modes, robots share a periodic cycle. This is
+A step's energy over its duration is a convex curve, waits choose between modes, robots share a periodic cycle. This is
 a mixed-integer program; `solve.py` returns a schedule and a lower bound on the energy of all schedules.
 """
 

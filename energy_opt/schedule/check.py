@@ -1,4 +1,4 @@
-"""Does a schedule keep lags and exclusions? Recomputed from starts and durations, without the program that made it."""
+"""Check of lags and exclusions, recomputed from starts and durations, independent of the program that found them."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import numpy as np
 
 from energy_opt.schedule.problem import Problem, Run
 
-CLOSE = 1e-6  # [s]
+CLOSE = 1e-6  # [s] tolerance
 
 
 def keeps(problem: Problem, starts: Sequence[np.ndarray], durations: Sequence[np.ndarray]) -> bool:
-    """Are all lags and exclusions kept by starts and durations [s] of every ring's steps?"""
+    """True if starts and durations [s] of every ring's steps keep all lags and exclusions."""
     cycle = problem.cycle_time
     for lag in problem.lags:
         (a, i), (b, j) = lag.begin, lag.end

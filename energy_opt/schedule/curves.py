@@ -41,7 +41,7 @@ class Polynomial:
 
 @dataclass(frozen=True)
 class Hull:
-    """The lower convex hull of points (duration, energy), linear between them: what solved trajectories reach.
+    """The lower convex hull of points (duration, energy), linear between them: energies of solved trajectories.
 
     Attributes:
         durations: (K,) [s], ascending; energies: (K,) [J].
@@ -55,7 +55,7 @@ class Hull:
         """The hull of points in any order (Andrew's monotone chain); of equal durations the cheaper one counts."""
         least: list[tuple[float, float]] = []
         for d, e in sorted(points):
-            if least and d <= least[-1][0] * (1 + SAME):  # a line through both would be steep beyond all numbers
+            if least and d <= least[-1][0] * (1 + SAME):  # the line through both would be extremely steep
                 least[-1] = least[-1][0], min(least[-1][1], e)
             else:
                 least.append((d, e))
@@ -75,7 +75,7 @@ class Hull:
         return float(np.interp(duration, self.durations, self.energies))
 
     def slope(self, duration: float) -> float:
-        """Slope [W] of the piece that holds the duration."""
+        """Slope [W] of the piece that contains the duration."""
         if len(self.durations) < 2:
             return 0.0
         k = int(np.clip(np.searchsorted(self.durations, duration) - 1, 0, len(self.durations) - 2))

@@ -1,4 +1,4 @@
-"""What is scheduled: rings of moves and waits, time lags between them, and zones that one robot at a time may use."""
+"""The scheduling problem: rings of moves and waits, time lags between them, and zones for one robot at a time."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class Mode:
     """A mode in which a robot waits.
 
     Attributes:
-        name: for results; power: while it lasts [W].
+        name: for results; power: while waiting [W].
         least: shortest duration, entry and exit included [s].
         enter, leave: seconds [s] and energy [J] of entry and exit.
     """
@@ -41,7 +41,9 @@ class Mode:
 
 @dataclass(frozen=True)
 class Move:
-    """A motion. Its duration [s] lies in [least, most]; `curve` gives its energy; today it takes `as_is`, if known."""
+    """A motion. Its duration [s] is in [least, most]; `curve` gives its energy; `as_is` is its present duration, if
+    known.
+    """
 
     name: str
     least: float
@@ -52,7 +54,7 @@ class Move:
 
 @dataclass(frozen=True)
 class Wait:
-    """A stay at one place. Its duration [s] lies in [least, most]; one of `modes` is chosen."""
+    """A stay at one place. Its duration [s] is in [least, most]; one of `modes` is chosen."""
 
     name: str
     least: float
@@ -78,7 +80,7 @@ class Ring:
     """The steps of one robot, in order; the first follows the last, one cycle later.
 
     Attributes:
-        groups: parts of it whose order is free. Where one is the whole ring, the first block that may be stays first.
+        groups: parts of it whose order is free. If one is the whole ring, its first possible block stays first.
     """
 
     name: str
@@ -113,7 +115,7 @@ class Run:
     """Consecutive steps of a ring, as an interval of time.
 
     Attributes:
-        ring, first, last: indices; `last` is smaller than `first` where the run passes the end of the ring.
+        ring, first, last: indices; `last` is smaller than `first` if the run passes the end of the ring.
         part: shares of the duration of `first` at which the interval begins and ends; None for the whole run.
     """
 
@@ -142,7 +144,9 @@ class Problem:
     exclusions: tuple[Exclusion, ...] = ()
 
     def in_order(self, orders: Sequence[Sequence[int]]) -> Problem:
-        """The problem with the steps of every ring in another order, which is then fixed; indices are of steps."""
+        """The problem with the steps of every ring in another, then fixed, order; `orders` contains indices of
+        steps.
+        """
         place = [{k: new for new, k in enumerate(order)} for order in orders]
         rings = tuple(Ring(ring.name, tuple(ring.steps[k] for k in order))
                       for ring, order in zip(self.rings, orders, strict=True))  # fmt: skip
@@ -179,17 +183,17 @@ class Problem:
 
     @property
     def as_listed(self) -> Problem:
-        """The problem in the order in which its steps are listed, as far as the groups allow it."""
+        """The problem with its steps in the listed order, as far as the groups allow it."""
         return self.in_order([listed(ring) for ring in self.rings])
 
 
 def listed(ring: Ring) -> list[int]:
-    """Indices of a ring's steps in the order of its list; in groups a block is put off until it may be done."""
+    """Indices of a ring's steps in the order of its list; in groups a block is delayed until it is allowed."""
     return in_blocks(len(ring.steps), ring.groups, [possible(group, range(len(group.blocks))) for group in ring.groups])
 
 
 def possible(group: Group, wanted: Sequence[int]) -> list[int]:
-    """The order of a group's blocks that is nearest to the wanted one: a block is put off until it may be done."""
+    """The order of a group's blocks nearest to the wanted one: a block is delayed until it is allowed."""
     left, out = list(wanted), []
     while left:
         free = [j for j in left if not any(i in left for i, k in group.before if k == j)]

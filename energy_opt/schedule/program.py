@@ -7,8 +7,8 @@ follows the last one cycle later; lags; of two runs that exclude each other one 
 
     end_1 + gap <= start_2 + C h,    end_2 + gap <= start_1 + C (1 - h).
 
-Blocks of a group lie between its begin and its end, which are apart by the sum of their durations; of two of them a
-binary y says which comes first:
+Blocks of a group lie between its begin and its end, whose distance is the sum of their durations; for two of them a
+binary y decides which comes first:
 
     end_1 <= start_2 + C (1 - y),    end_2 <= start_1 + C y.
 
@@ -26,17 +26,17 @@ import numpy as np
 from energy_opt.schedule.problem import Group, Move, Problem, Run, possible
 
 Terms = dict[int, float]  # coefficients by variable
-FEASIBLE = 1e-9  # tolerance of HiGHS on constraints and integers: seconds are held to a nanosecond
+FEASIBLE = 1e-9  # tolerance of HiGHS on constraints and integers: times are accurate to a nanosecond
 
 
 @dataclass(frozen=True)
 class Found:
-    """What HiGHS found.
+    """The result of HiGHS.
 
     Attributes:
-        x: (variables,) values; None where there is no solution.
-        bound: no solution costs less [J].
-        impossible: it was shown that there is none.
+        x: (variables,) values; None without a solution.
+        bound: lower bound of all solutions [J].
+        impossible: True if it was proven that there is no solution.
     """
 
     x: np.ndarray | None
@@ -70,7 +70,7 @@ class Program:
         self._exclusions()
 
     def solve(self, seconds: float, gap: float) -> Found:
-        """The program as it is now, by HiGHS: within `seconds` [s], to a relative `gap`."""
+        """Solve the present program with HiGHS, within `seconds` [s], to a relative `gap`."""
         import highspy
 
         solver = highspy.Highs()
@@ -156,16 +156,17 @@ class Program:
                 self.constraints.append((terms, length, length))
 
     def _begin(self, r: int, group: Group) -> int:
-        """The variable of a group's begin; where the first robot's cycle begins with it, that is 0."""
+        """The variable of a group's begin; fixed at 0 if the first robot's cycle begins with it."""
         far = self._far
         fixed = 0.0 if r == 0 and group.blocks[0][0] == 0 else far
         return self._variable(-fixed, fixed)
 
     def _group(self, r: int, group: Group, follows: dict[int, int], begins: dict[int, int]) -> None:
-        """The blocks of a group between its begin and its end.
+        """Add the blocks of a group between its begin and its end.
 
         Args:
-            follows: the variable of what begins when a step ends, by step; the step before the group is added.
+            follows: by step, the variable of the time at which its successor begins; the step before the group is
+                added.
             begins: the variable of the begin of every group of the ring, by its first step.
         """
         cycle, count = self.problem.cycle_time, len(self.problem.rings[r].steps)
@@ -174,7 +175,7 @@ class Program:
         blocks = [self._run(Run(r, *block)) for block in group.blocks]
         spent = _sum(*(_sum(end, _minus(start)) for start, end in blocks))
         known = set(group.before)
-        if last - first + 1 == count:  # a ring has no first block: it begins with the first that may be
+        if last - first + 1 == count:  # a ring has no first block: it begins with the first possible one
             root = possible(group, range(len(blocks)))[0]
             known |= {(root, j) for j in range(len(blocks)) if j != root}
             self.constraints.append((spent, cycle, cycle))
@@ -196,7 +197,7 @@ class Program:
 
     @cached_property
     def _far(self) -> float:
-        """Starts are not farther from 0 than this [s], as far as lags over several cycles need it."""
+        """Bound of all starts [s], large enough for lags over several cycles."""
         cycle = self.problem.cycle_time
         fixed = ((lag.length, lag.height) for lag in self.problem.lags if lag.height is not None)
         return cycle * (len(self.problem.rings) + 1) + sum(abs(length - cycle * height) for length, height in fixed)
@@ -212,7 +213,7 @@ class Program:
             height: float = lag.height or 0
             if lag.height is None:
                 terms = _sum(terms, {self._cycles(): cycle})
-                height = np.floor(lag.length / cycle)  # whole cycles that the lag itself has
+                height = np.floor(lag.length / cycle)  # whole cycles within the lag itself
             if lag.within is not None:
                 self.constraints.append((terms, -np.inf, lag.within - cycle * height))
             if lag.begin_ends:
@@ -231,7 +232,7 @@ class Program:
                 self.constraints.append((terms, pair.gap - length, np.inf))
 
     def _run(self, run: Run) -> tuple[Terms, Terms]:
-        """Begin and end of a run (the end in the cycle that its begin is in)."""
+        """Begin and end of a run (the end in the same cycle as the begin)."""
         start: Terms = {self.start[run.ring, run.first]: 1.0}
         if run.part is not None:
             lengths = self.duration[run.ring, run.first]

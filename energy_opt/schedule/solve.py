@@ -1,8 +1,8 @@
 """A schedule of least energy, with a lower bound: outer approximation of convex curves by tangents.
 
-The program with tangents is solved to a bound; its modes and cycle counts are then held, tangents are added at the
-durations that it chose until the program without integers agrees with the curves; both repeat until bound and schedule
-meet (Duran and Grossmann, Mathematical Programming 36, 1986).
+The program with tangents gives a bound; its modes and cycle counts are then fixed, and tangents are added at the chosen
+durations until the program without integers agrees with the curves; both repeat until bound and schedule meet (Duran
+and Grossmann, Mathematical Programming 36, 1986).
 """
 
 from __future__ import annotations
@@ -16,25 +16,25 @@ from energy_opt.errors import Infeasible
 from energy_opt.schedule.problem import Exclusion, Lag, Move, Problem, Ring, Wait, in_blocks, possible
 from energy_opt.schedule.program import Program
 
-SMALL = 1e-9  # of a curve's energy: a tangent nearer than this to the curve adds nothing
-EARLIEST = 5.0  # [s] for moving starts forward, which changes no energy
-ROUNDED = 1e-7  # [s] by which a robot's longest wait may differ there: durations add up to the cycle but for rounding
-EXPLAINED = 10.0  # [s] for finding out which constraints are in conflict
-UNDECIDED = "solve time"  # limit of an `Infeasible` that says only that none was found in time
-ROUNDS = 100  # of added tangents; each halves the remaining error at least
+SMALL = 1e-9  # relative: a tangent nearer than this to the curve is not added
+EARLIEST = 5.0  # [s] time limit for moving starts forward, which changes no energy
+ROUNDED = 1e-7  # [s] by which a robot's longest wait may then change, because the sum of durations is rounded
+EXPLAINED = 10.0  # [s] time limit for finding the conflicting constraints
+UNDECIDED = "solve time"  # `limit` of an `Infeasible` that means only that none was found in time
+ROUNDS = 100  # most rounds of adding tangents; each at least halves the remaining error
 
 
 @dataclass(frozen=True)
 class Schedule:
-    """When every step begins, how long it takes, in which mode a robot waits.
+    """Start and duration of every step, and the modes of waits.
 
     Attributes:
-        problem: what was scheduled, with the steps of every ring in the order in which they are done.
+        problem: the scheduled problem, with the steps of every ring in their final order.
         starts, durations: (steps,) [s] for every ring; starts count from the first step of the first ring.
         modes: for every ring the name of the mode of each step; "" for a move.
         energies: (steps,) [J] for every ring.
-        bound: J that no schedule of these curves goes below.
-        seconds: that solving took.
+        bound: J, a lower bound over all schedules of these curves.
+        seconds: time of solving.
     """
 
     problem: Problem
@@ -60,9 +60,9 @@ def solve(problem: Problem, *, seconds: float = 60.0, gap: float = 1e-6, explain
     """The schedule of least energy.
 
     Args:
-        seconds: when to stop at the latest [s]; the gap that is left is then in the result.
+        seconds: time limit [s]; the remaining gap is in the result.
         gap: relative distance of energy and bound at which to stop.
-        explain: where there is no schedule, look for the lags and exclusions that are in conflict, which takes time.
+        explain: if there is no schedule, find the conflicting lags and exclusions, which takes time.
 
     Raises:
         Infeasible: no schedule keeps the cycle time, the lags and the zones; or none was found in `seconds`: its limit
@@ -113,7 +113,7 @@ def _polished(program: Program, x: np.ndarray, deadline: float) -> Schedule:
 
 
 def _refine(program: Program, x: np.ndarray) -> bool:
-    """Add a tangent wherever a curve lies above the energy in `x`; was any added?"""
+    """Add a tangent wherever a curve is above the energy in `x`; True if any was added."""
     added = False
     for at, e in program.energy.items():
         move = program.problem.rings[at[0]].steps[at[1]]
@@ -143,7 +143,7 @@ def _schedule(program: Program, x: np.ndarray) -> Schedule:
                 length[k] = np.clip(length[k], step.least, step.most)
                 named.append("")
                 energy[k] = step.curve.value(float(length[k]))
-        # Starts follow from the durations exactly; a wait takes what rounding leaves over.
+        # starts follow exactly from the durations; the rounding error goes into a wait
         length, energy = length[orders[r]], energy[orders[r]]
         starts.append(x[program.start[r, orders[r][0]]] + np.concatenate([[0.0], np.cumsum(length)[:-1]]))
         durations.append(length)
@@ -155,7 +155,7 @@ def _schedule(program: Program, x: np.ndarray) -> Schedule:
 
 
 def _order(program: Program, x: np.ndarray, r: int) -> list[int]:
-    """The order in which a ring's steps are done: blocks by their starts, what takes no time first."""
+    """The order of a ring's steps: blocks by their starts, those without duration first."""
     ring = program.problem.rings[r]
 
     def when(block: tuple[int, int]) -> tuple[float, float]:
@@ -167,7 +167,7 @@ def _order(program: Program, x: np.ndarray, r: int) -> list[int]:
 
 
 def _earliest(schedule: Schedule) -> Schedule:
-    """The same durations and modes with every robot as early as it can be, from 0 on."""
+    """The same durations and modes with every robot as early as possible, from 0 on."""
     program = Program(held(schedule))
     program.cost = [0.0] * len(program.cost)
     for (_, step), variable in program.start.items():
@@ -233,7 +233,7 @@ def _why(impossible: bool, problem: Problem, seconds: float, explain: bool) -> I
 
 
 def _conflict(problem: Problem) -> list[Lag | Exclusion]:
-    """Lags and exclusions that no schedule keeps together, of which none can be left out, as far as time allows."""
+    """A minimal set of lags and exclusions that no schedule keeps together, as far as time allows."""
     begin, kept = monotonic(), problem
     for one in (*problem.lags, *problem.exclusions):
         lags = tuple(lag for lag in kept.lags if lag is not one)

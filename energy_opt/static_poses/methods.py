@@ -4,7 +4,7 @@
     Method 2   p = p0 + r |g(q)|^2             ordinary least squares over poses, g the gravity torque
 
 Intervals are Student's, from the spread of the poses' mean powers about the line. Each pose counts once, however long
-it was held, since what separates poses from the line is not the meter's noise alone.
+it was held, since the meter's noise is not the only reason for a pose's distance from the line.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from energy_opt.power import PowerModel
 from energy_opt.results import Found
 from energy_opt.robot import PointMass, RigidBody
 
-FEWEST_READINGS = 5  # of a standstill, or as many as take `LONG` where the meter is slow
-FEWEST = 3  # poses that Method 2 needs for an interval
-SAME_POSE = 0.02  # [rad] poses nearer than this in every joint are one pose
+FEWEST_READINGS = 5  # least readings of a standstill, or as many as take `LONG` if the meter is slow
+FEWEST = 3  # least poses for an interval by Method 2
+SAME_POSE = 0.02  # [rad] poses that differ by less in every joint are one pose
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Identification(Found):
     Attributes:
         standby: overhead of Method 1, W; its 95 % interval `standby_ci95` (None for a single pose).
         line: Method 2 as {standby, r_over_kt2, ci95, r_squared}, or None where the poses do not determine it.
-        word: why Method 2 is refused, or what to mind about it; empty where all is well.
+        word: why Method 2 is refused, or a caution about it; otherwise empty.
         request: what was asked, with version and command line, as identify.json has it.
     """
 
@@ -107,7 +107,7 @@ class Identification(Found):
 
 
 def poses_of(measured: MeasuredSet, payload: PointMass | None = None) -> list[Pose]:
-    """The static poses of a set; standstills within motion runs where it has no static run."""
+    """The static poses of a set; if it has no static run, the standstills within motion runs."""
     body = measured.robot.body
     static = [r for r in measured.runs if r.kind == "static" and len(r.power)]
     out = []
@@ -197,7 +197,7 @@ def identify(robot: str, poses: Sequence[Pose]) -> Identification:
 
 
 def _distinct(positions: np.ndarray) -> int:
-    """How many poses differ by more than `SAME_POSE` in some joint from all before them."""
+    """Number of poses that differ by more than `SAME_POSE` in some joint from all before them."""
     kept: list[np.ndarray] = []
     for q in positions:
         if all(np.abs(q - other).max() > SAME_POSE for other in kept):

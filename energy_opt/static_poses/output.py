@@ -1,4 +1,4 @@
-"""What `identify` leaves behind: identify.json, the models of both methods, a plot and a page."""
+"""Output of `identify`: identify.json, the models of both methods, a plot and a page."""
 
 from __future__ import annotations
 

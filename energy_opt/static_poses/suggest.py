@@ -1,4 +1,4 @@
-"""Static poses that would determine Method 2 best: within limits, and as far apart in gravity torque as can be."""
+"""Static poses that would determine Method 2 best: within limits, and with gravity torques as different as possible."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from energy_opt.errors import BadInput
 from energy_opt.robot import PointMass, Robot
 
 DRAWN = 4000
-MOST = 1000  # poses to record: days
-MARGIN = 0.05  # of a joint's range kept from its limits
-SPAN = np.pi  # [rad] taken for joints without limits
-SHARE = 0.9  # of the effort limit that holding a pose may take
+MOST = 1000  # most poses: recording more would take days
+MARGIN = 0.05  # share of a joint's range kept free at each limit
+SPAN = np.pi  # [rad] largest position of joints without limits
+SHARE = 0.9  # largest share of the effort limit for holding a pose
 
 
 @dataclass(frozen=True)
 class Suggestion:
-    """Poses (N, n) rad, their |gravity torque|^2 (N,) (N m)^2, and what they are worth.
+    """Poses (N, n) rad, their |gravity torque|^2 (N,) (N m)^2, and their expected accuracy.
 
     `width` is the 95 % half-width of r_over_kt2 [W/(N m)^2] to expect per watt of spread about the line.
     """
@@ -43,7 +43,7 @@ def suggest(
     load the ones farthest from those already chosen are taken.
 
     Args:
-        free: whether the arm touches nothing at a pose (n,); None where that does not matter.
+        free: True if the arm touches nothing at a pose (n,); None to skip this check.
 
     Raises:
         BadInput: fewer than 3 or more than `MOST` poses are asked for, or not so many can be held;

@@ -17,11 +17,11 @@ import numpy as np
 
 from energy_opt.virtual_arm.plant import Plant, Special
 
-MOVING = 1e-3  # [rad/s] a joint that is faster moves
+MOVING = 1e-3  # [rad/s] a faster joint counts as moving
 
 
 def _growth(t: np.ndarray, time_constant: float) -> np.ndarray:
-    """What has grown by set time t [s], from 0 to 1."""
+    """Share of the final growth reached at set time t [s], from 0 to 1."""
     return -np.expm1(-t / time_constant)
 
 
@@ -72,7 +72,7 @@ def electrical_power(plant: Plant, t: np.ndarray, v: np.ndarray, torque: np.ndar
 
 
 def _linked(t: np.ndarray, bus: np.ndarray, capacity: float) -> np.ndarray:
-    """What the supply gives (N,) [W] where a link takes what comes back, up to `capacity` [J], and gives it first."""
+    """Power (N,) [W] from the supply if a DC link stores returned energy, up to `capacity` [J], and is used first."""
     out, held = np.empty_like(bus), 0.0
     for k, (p, h) in enumerate(zip(bus, np.gradient(t), strict=True)):
         given = min(held, p * h) if p > 0 else 0.0
@@ -103,10 +103,10 @@ def reading(plant: Plant, time: np.ndarray, power: np.ndarray, step: float) -> n
     return plant.number("meter_gain", "gain", 1.0) * power
 
 
-REST_SPEED = 1e-3  # [rad/s] below this dry friction goes to zero in proportion to v
+REST_SPEED = 1e-3  # [rad/s] below this, dry friction falls to zero in proportion to v
 
 
-# Friction torque (n,) [N m] by speed v and rigid-body torque tau, of each effect: the parameters and the law of these.
+# Friction torque (n,) [N m] by speed v and rigid-body torque tau: parameters and law of each effect.
 DRY: dict[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
     "coulomb_friction": (("tau_c",), lambda v, tau, tau_c: tau_c),
     "stribeck_friction": (("tau_s", "v_s"), lambda v, tau, tau_s, v_s: tau_s * np.exp(-np.square(v / v_s))),
@@ -142,7 +142,7 @@ class JointLaws:
         return sum(law(v, tau, *values) for law, values in self._dry) / np.sqrt(v * v + REST_SPEED**2) + viscous
 
     def known(self, q: np.ndarray, tau: np.ndarray) -> np.ndarray | float:
-        """Torque that the motor must add and the controller knows of, N m, shape (n,): springs and gear losses."""
+        """Known torque (n,) [N m] that the motor must add and the controller compensates: springs and gear losses."""
         out: np.ndarray | float = 0.0
         if self._spring:
             stiffness, rest = self._spring
@@ -150,7 +150,7 @@ class JointLaws:
         return out + self._gear_mean[0] * tau if self._gear_mean else out
 
     def unknown(self, q: np.ndarray, v: np.ndarray, travel: np.ndarray) -> np.ndarray | float:
-        """Torque that the motor must add and the controller learns of only by its error: the specials, N m, (n,)."""
+        """Torque (n,) [N m] that the motor must add and the controller does not know: the specials."""
         out: np.ndarray | float = 0.0
         for special in self.specials:
             out = out + special.added_torque(q, v, travel)

@@ -25,14 +25,14 @@ from energy_opt.virtual_arm.plant import Plant
 if TYPE_CHECKING:
     from energy_opt.robot import Robot
 
-STEP = 1e-3  # [s]
-SETTLING = 0.4  # [s] before a motion, for the controller to come to rest
-BANDWIDTH = 100.0  # [rad/s] of the tracking controller, critically damped
-REST_HEADING = 2e-3  # [rad/s] a joint slower than this has no direction yet
-NOMINAL_INERTIA = 0.5  # [kg m^2] that its gains count on beside the arm's own
+STEP = 1e-3  # [s] time step
+SETTLING = 0.4  # [s] time before a motion in which the controller settles
+BANDWIDTH = 100.0  # [rad/s] bandwidth of the critically damped tracking controller
+REST_HEADING = 2e-3  # [rad/s] a slower joint has no direction yet
+NOMINAL_INERTIA = 0.5  # [kg m^2] inertia that the gains assume besides the arm's own
 
-# Stands in until the true inertia is written into the compiled model: MuJoCo refuses inertia that no rigid body can
-# have, which some published URDFs hold, and must not take short cuts for a centred or aligned inertia here.
+# Replaced by the true inertia in the compiled model: MuJoCo refuses inertias that no rigid body can have, which
+# some published URDFs contain, and must not simplify for a centred or aligned inertia here.
 PLACEHOLDER = {
     "mass": 1.0, "ipos": [0.1, 0.2, 0.3], "iquat": [0.8, 0.4, 0.2, 0.4], "inertia": [0.3, 0.25, 0.2],
     "fullinertia": np.full(6, np.nan), "explicitinertial": True,
@@ -43,7 +43,7 @@ Inertial = tuple[float, np.ndarray, np.ndarray]  # mass [kg], its centre (3,) [m
 
 
 def import_mujoco() -> Any:
-    """The mujoco module; BadInput with the way to get it where it is absent."""
+    """The mujoco module; BadInput with installation advice if it is missing."""
     try:
         import mujoco
     except ImportError:
@@ -53,7 +53,7 @@ def import_mujoco() -> Any:
 
 @dataclass(frozen=True)
 class Played:
-    """What truly happened in one run, at the middle of each time step.
+    """The true motion of one run, at the middle of each time step.
 
     Attributes:
         time: (N,) s, from 0.
@@ -206,7 +206,7 @@ class MujocoArm:
             u = push - pull * v
             if j >= 0:
                 us[j] = u
-            # On the rigid body: the motor's torque less what the joint and its rotor take.
+            # Torque on the rigid body: the motor's torque less that of joint and rotor.
             tau = u - known - unknown - friction * v - self.armature * (v - before) / STEP
         qs[-1], vs[-1] = q, v
         error = np.abs(position - qs[:-1]).max(axis=0)
@@ -220,7 +220,7 @@ class MujocoArm:
         return Played(time, (qs[1:] + qs[:-1]) / 2, (vs[1:] + vs[:-1]) / 2, us, error)
 
     def hold(self, position: np.ndarray, duration: float) -> Played:
-        """Stand still at a pose, (n,) rad: settled first, then the settled torque throughout."""
+        """Hold a pose (n,) [rad]: the settled torque throughout."""
         steps = round(duration / STEP)
         few = self.play(np.tile(position, (2, 1)), np.zeros((2, len(position))))
         records = (np.repeat(x[-1:], steps, axis=0) for x in (few.position, few.torque))

@@ -1,7 +1,7 @@
-"""The plant of a virtual arm: a power model that is true by decree, and specials that the library does not know.
+"""The plant of a virtual arm: a power model that defines the true effects, and specials that the library does not know.
 
-Specials test that `diagnose` says so. A plant file lists them in [[special]] tables. Per-joint parameters take one
-number or one per joint.
+Specials test that `diagnose` reports unknown effects. A plant file lists them in [[special]] tables. Per-joint
+parameters take one number or one per joint.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from energy_opt.power.model import model_from_document
 
 @dataclass(frozen=True)
 class Special:
-    """Base of the specials; each adds to a joint's motor torque or to the arm's power, or to neither here."""
+    """Base of the specials; each adds to the motor torque of joints or to the arm's power."""
 
     name: ClassVar[str] = ""
 
     def added_torque(self, q: np.ndarray, v: np.ndarray, travel: np.ndarray) -> np.ndarray | float:
-        """Added motor torque, N m; q, v (n,), `travel` (n,) is the way since each joint last turned back, rad."""
+        """Added motor torque, N m; q, v (n,), `travel` (n,) is the travel since each joint last reversed, rad."""
         return 0.0
 
     def added_power(self, t: np.ndarray) -> np.ndarray | float:
@@ -49,7 +49,7 @@ class Cogging(Special):
 
 @dataclass(frozen=True)
 class SpeedRipple(Special):
-    """amplitude * sin(2 pi v / period): torque that waves with speed, as resonances do; [N m], [rad/s]."""
+    """amplitude * sin(2 pi v / period): torque that oscillates with speed, as resonances do; [N m], [rad/s]."""
 
     amplitude: Any
     period: Any = 0.35
@@ -62,7 +62,7 @@ class SpeedRipple(Special):
 
 @dataclass(frozen=True)
 class Backlash(Special):
-    """After a joint has turned back, the drive closes its play: extra torque that fades over `gap` rad of travel.
+    """After a joint has reversed, the drive closes its play: extra torque that fades over `gap` rad of travel.
 
     torque * exp(-travel / gap) * tanh(v / 0.01 rad/s), per joint [N m], [rad].
     """
@@ -136,7 +136,7 @@ def special_to_row(special: Special) -> dict[str, Any]:
     return {"name": special.name, **{f.name: getattr(special, f.name) for f in fields(special)}}
 
 
-# Effects that the forward simulation has laws of its own for; all others it would have to ignore.
+# Effects for which the forward simulation has laws of its own; others are refused.
 PLAYED = frozenset(
     (
         *("armature", "base_tilt", "copper_loss", "coulomb_friction", "gear_efficiency", "gravity_spring"),
@@ -150,10 +150,10 @@ PLAYED = frozenset(
 
 @dataclass(frozen=True)
 class Plant:
-    """What a virtual arm is made of.
+    """The true drives of a virtual arm.
 
     Attributes:
-        model: the effects of CONTRACT.md with their true values.
+        model: effects of the library with their true values.
         specials: effects outside the library.
     """
 

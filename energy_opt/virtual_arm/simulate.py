@@ -1,4 +1,4 @@
-"""Playing motions on a virtual arm, and writing what its instruments saw as a measured set."""
+"""Playback of motions on a virtual arm, and output of its instruments' readings as a measured set."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Reference:
 
     @property
     def static(self) -> bool:
-        """Whether nothing moves in it."""
+        """True if no joint moves."""
         return bool(np.ptp(self.position, axis=0).max() < 1e-9)
 
     def at(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -61,24 +61,24 @@ class Reference:
 
 
 def pose(name: str, position: np.ndarray, duration: float) -> Reference:
-    """Standing at `position` (n,) for `duration` s."""
+    """A reference that holds `position` (n,) for `duration` [s]."""
     two = np.tile(position, (2, 1))
     return Reference(name, np.array([0.0, duration]), two, np.zeros_like(two))
 
 
 def reference_of(trajectory: Trajectory, name: str) -> Reference:
-    """What the arm is asked to do by a trajectory."""
+    """The reference for a trajectory."""
     return Reference(name, trajectory.time, trajectory.position, trajectory.velocity)
 
 
 LOG_FORMAT = "energy-opt/log/1"
-SLOWEST = 1e-3  # [Hz] of readings
+SLOWEST = 1e-3  # [Hz] least rate of readings
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Instruments:
-    """How a run is seen.
+    """Instruments of a run.
 
     Attributes:
         rate: encoder samples per second, Hz.
@@ -119,7 +119,7 @@ class Instruments:
 
 @dataclass(frozen=True)
 class Run:
-    """One run as it was: what was played and the power that was really drawn.
+    """One true run: the motion played, and the true power.
 
     Attributes:
         file: its file in the set.
@@ -135,7 +135,7 @@ class Run:
 
     @property
     def duration(self) -> float:
-        """How long it took, rest included, s."""
+        """Duration, rest included, s."""
         return STEP * len(self.power)
 
     @property
@@ -228,7 +228,7 @@ def _clock(length: float, rate: float, jitter: float, offset: float, rng: np.ran
 def _write_run(
     folder: Path, run: Run, plant: Plant, joints: Sequence[str], seen: Instruments, rng: np.random.Generator
 ) -> dict[str, str]:
-    """Write a run's files; returns what its entry in log.toml says of a power file."""
+    """Write a run's files; returns the entry of a power file for log.toml."""
     played = run.played
     length = float(played.time[-1])
     times = _clock(length, seen.rate, seen.jitter, 0.0, rng)

@@ -1,4 +1,4 @@
-"""One arm of a cell: its steps as a job, the energy of every move over its duration, and what waiting takes."""
+"""One arm of a cell: its steps as a job, the energy of every move over its duration, and the power of waiting."""
 
 from __future__ import annotations
 
@@ -35,20 +35,23 @@ from energy_opt.workcell.curves import ADDED, mode_of
 from energy_opt.workcell.file import MOTORS, RobotTable, StepTable, WorkCell, step_name
 from energy_opt.workcell.motion import Part, at_rest
 
-SLOWER = (1.0, 1.15, 1.35, 1.6, 2.0, 2.5, 3.2, 4.2, 6.0)  # durations, in shortest ones, at which even slowing is priced
-SOLVED = (1.0, 1.6, 3.2)  # and those at which a move is optimized before the first schedule; tight cells need 1
-BLEND, ROOM = 4e-3, 1.05  # [s] over which the acceleration rises at a move's ends, and that in jerk-limited ramps
-WITHIN = 1.001  # times the shortest duration: programs round times to nanoseconds, and limits are kept by all files
-USED = dict.fromkeys(("velocity", "acceleration", "jerk", "effort"), 0.9999)  # of limits: programs round numbers, too
-AT_ENDS = 1e-6  # [rad/s^2] of acceleration at a move's ends that counts as none
+# durations of evenly slowed moves to evaluate, as multiples of the shortest
+SLOWER = (1.0, 1.15, 1.35, 1.6, 2.0, 2.5, 3.2, 4.2, 6.0)
+SOLVED = (1.0, 1.6, 3.2)  # durations at which moves are optimized before the first schedule; tight cells need 1
+# [s] least rise time of the acceleration at a move's ends, and its factor over that of jerk-limited ramps
+BLEND, ROOM = 4e-3, 1.05
+WITHIN = 1.001  # times the shortest duration: programs round times to nanoseconds, and all files must hold the limits
+# shares of limits to use, because programs round numbers too
+USED = dict.fromkeys(("velocity", "acceleration", "jerk", "effort"), 0.9999)
+AT_ENDS = 1e-6  # [rad/s^2] a smaller acceleration at a move's ends counts as zero
 
 
 class Arm:
     """An arm of a cell, ready to be scheduled.
 
     Args:
-        table: what the job file says of it; path: the job file, beside which other files lie.
-        load: makes a robot out of its name or URDF.
+        table: its table in the job file; path: the job file, the base of other files' paths.
+        load: loads a robot from its name or URDF.
 
     Raises:
         BadInput: a fault in its steps. Infeasible: a pose touches something, or a move has no free path.
@@ -76,7 +79,7 @@ class Arm:
             chosen = Posed(self.job, model, settings, self.request).estimated()[0]
             self.table = at_positions(self.table, {k: chosen[k] for k in self.job.open})
             self.job = self.job.at(chosen)
-        if cell.supply is not None:  # what brakes is lost in a resistor, unless another arm takes it
+        if cell.supply is not None:  # braking energy is lost in a resistor, unless another arm uses it
             model = model.replaced(Regeneration(efficiency=0.0))
         self.worker = Worker(self.job, model, settings, Cells(self.job, self.request), stopped, USED)
         self.worker.check_poses()
@@ -89,7 +92,7 @@ class Arm:
         self.modes = {mode.name: mode for mode in (*cell.mode, *table.mode)}
 
     def _move(self, leg: Leg) -> ArmMove:
-        """A leg's move; one that is done in several arrangements of the steps is worked on once.
+        """A leg's move; a move that several arrangements of the steps share is prepared once.
 
         Raises:
             Infeasible: no free path, or it takes longer than it may.
@@ -108,7 +111,7 @@ class Arm:
                     shortest_duration=shortest,
                 )
             self._known[key] = ArmMove(leg.steps[0], initial, timing, shortest, longest)
-        return replace(self._known[key], place=leg.steps[0])  # what is known of it is shared
+        return replace(self._known[key], place=leg.steps[0])  # all arrangements share its answers
 
     def arranged(self, steps: Sequence[StepTable]) -> Arm:
         """The arm with its steps in another order, or with further ones, ready to be scheduled.
@@ -119,19 +122,19 @@ class Arm:
         return self.listing(steps).ready()
 
     def among(self, steps: Sequence[StepTable]) -> Arm:
-        """The arm with those of its steps alone that are named among `steps`; itself where all are."""
+        """The arm with only those of its steps that are named in `steps`; itself if all are."""
         names = {step.name for step in steps}
         kept = [step for step in self.table.step if step.name in names]
         return self if len(kept) == len(self.table.step) else self.arranged(kept)
 
     def own_answers(self) -> Arm:
-        """The arm with answers to its moves that no other arrangement of its steps shares."""
+        """A copy of the arm whose answers to its moves are not shared with other arrangements of its steps."""
         out = copy(self)
         out.moves = [replace(move, answers=dict(move.answers)) for move in self.moves]
         return out
 
     def listing(self, steps: Sequence[StepTable]) -> Arm:
-        """The arm with these steps, not yet `ready`; what is known of its moves is kept.
+        """The arm with these steps, not yet `ready`; known answers to its moves are kept.
 
         Raises:
             Infeasible: a pose of the tool has no joint positions.
@@ -148,7 +151,7 @@ class Arm:
         return out
 
     def ready(self) -> Arm:
-        """The arm with its moves priced.
+        """The arm with its moves evaluated.
 
         Raises:
             Infeasible: a pose touches something, or a move has no free path.
@@ -163,14 +166,14 @@ class Arm:
 
     @property
     def cell(self) -> Cell | None:
-        """Body and scene of the first step's; None where nothing is checked."""
+        """Body and scene of the first step; None if nothing is checked."""
         return self.worker.cells.of(self.job.steps[0])
 
     def slow(self) -> None:
-        """Price every move's first path, slowed evenly to several durations, where that has not been done.
+        """Evaluate every move's first path, slowed evenly to several durations, if not yet done.
 
         Raises:
-            Infeasible: at none of these durations the move keeps its limits.
+            Infeasible: the move keeps its limits at none of these durations.
         """
         for move in self.moves:
             if not move.slowed:
@@ -197,7 +200,7 @@ class Arm:
         return self.worker.judged(move.leg, trajectory.averaged(self._blend), source)
 
     def optimize(self, move: ArmMove, duration: float) -> bool:
-        """Optimize a move at a duration [s] where that has not been done; was anything done?"""
+        """Optimize a move at a duration [s] if not yet done; True if anything was done."""
         if move.was_tried(duration):
             return False
         move.tried.add(duration)
@@ -208,7 +211,7 @@ class Arm:
             if np.abs(answer.trajectory.acceleration[[0, -1]]).max() > AT_ENDS:
                 answer = self.worker.stepped(move.leg, move.timing, duration - self._blend)
                 answer = self._blended(move, answer.trajectory, answer.source)
-        except Infeasible:  # it is too short for this move; others are known
+        except Infeasible:  # too short for this move; others are known
             self._slowed(move, duration)
             return True
         if answer.status != "solved":
@@ -223,8 +226,8 @@ class Arm:
 
         Args:
             optimized: curves of optimized moves, else of evenly slowed ones.
-            lossless: all that is braked is used again; no supply takes less.
-            hold: durations [s] that moves keep, by the index of their step.
+            lossless: all braking energy is used again, so no supply draws less.
+            hold: fixed durations [s] of moves, by the index of their step.
         """
         moves = {move.place: move for move in self.moves}
         steps: list[Move | Wait] = []
@@ -237,7 +240,7 @@ class Arm:
                 known = move.answers if optimized else move.slowed
                 taken = partial(self._lossless, step) if lossless else _taken
                 points = [(d, taken(answer)) for d, answer in known.items()]
-                if hold is not None:  # what that motion takes, which may lie above the hull
+                if hold is not None:  # the energy of that motion, which may be above the hull
                     points = [(hold[k], taken(known[nearest(known, hold[k])]))]
                 curve = Hull.of(points)
                 least, most = float(curve.durations[0]), float(curve.durations[-1])
@@ -247,7 +250,7 @@ class Arm:
         return Ring(self.name, tuple(steps))
 
     def modes_at(self, k: int) -> tuple[Mode, ...]:
-        """The modes in which the arm may wait at the end of step k; held by its motors first.
+        """The modes in which the arm may wait at the end of step k; the first is being held by its motors.
 
         Raises:
             BadInput: none of those that the step lists is possible there.
@@ -268,22 +271,22 @@ class Arm:
 
     @property
     def names(self) -> list[str]:
-        """The name of every step, as its ring has it."""
+        """The name of every step, as in its ring."""
         return [step_name(k, step) for k, step in enumerate(self.table.step)]
 
     @property
     def postures(self) -> list[str]:
-        """Names of the poses in which the arm may wait: its own, and those that a mode names (not its steps)."""
+        """Names of the poses in which the arm may wait: its own, and those that a mode names (without its steps)."""
         named = (pose for mode in self.modes.values() if mode.posture != "any" for pose in mode.posture)
         return [pose for pose in dict.fromkeys([*self.table.poses, *named]) if pose not in self.names]
 
     def _pose(self, k: int) -> object:
-        """What the file calls the pose of the arm after step k."""
+        """The file's name of the arm's pose after step k."""
         steps = self.table.step
         return next((s.to for s in (*reversed(steps[: k + 1]), *reversed(steps)) if s.to is not None), None)
 
     def powers(self, part: Part, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Power (M,) [W] at the drives' DC link, negative where they brake, and all other power (M,) [W].
+        """Power (M,) [W] at the drives' DC link, negative while they brake, and all other power (M,) [W].
 
         Args:
             at: seconds (M,) after the step's start.
@@ -297,7 +300,7 @@ class Arm:
         return power - rest, rest
 
     def _feeding_of(self, step: Step) -> Scorer:
-        """Counts all that is fed back: what a link makes of it is decided outside."""
+        """A scorer that counts all regenerated power: the use of it in the link is computed elsewhere."""
         if step.payload not in self._feeding:
             model = self.worker.scorers.of(step).model.replaced(Regeneration(efficiency=1.0))
             self._feeding[step.payload] = Scorer(self.job.robot, model)
@@ -307,7 +310,7 @@ class Arm:
         return self._feeding_of(step).energy(answer.trajectory).total
 
     def step_of(self, name: str) -> Step:
-        """The step that a ring calls `name`; of a wait that was added, the one before it."""
+        """The step with a ring's `name`; for an added wait, the step before it."""
         steps = dict(zip((step.name for step in self.job.steps), self.job.steps, strict=True))
         return steps[name] if name in steps else steps[name.removeprefix(ADDED.format(""))]
 

@@ -1,4 +1,4 @@
-"""A move of an arm in a cell: what is known of its energy over its duration, and where to look next."""
+"""A move of an arm in a cell: its known energies over the duration, and where to optimize next."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class ArmMove:
 
     Attributes:
         place: index of its step in the robot's table; leg, timing: its first path and that path's fastest timing.
-        answers: what is known by now, trajectories by duration [s].
+        answers: best known trajectories by duration [s].
         tried: durations [s] at which it was optimized.
     """
 
@@ -34,14 +34,14 @@ class ArmMove:
     tried: set[float] = field(default_factory=set)
 
     def was_tried(self, duration: float) -> bool:
-        """Was it optimized at a duration [s]?"""
+        """True if it was optimized at a duration [s]."""
         return any(abs(duration / tried - 1) < SAME for tried in self.tried)
 
     def beside(self, duration: float, worth: float) -> list[float]:
-        """Durations [s] between a known one and the next on either side at which more than `worth` [J] may be saved.
+        """Durations [s] between a known one and its neighbours at which more than `worth` [J] may be saved.
 
         Energy is convex over the duration: between two optimized durations it lies above the lines through their
-        neighbours, as far as these are optimized.
+        neighbours, if these are optimized too.
         """
         hull = Hull.of([(d, answer.energy.total) for d, answer in self.answers.items()])
         d, e = hull.durations, hull.energies
@@ -60,5 +60,5 @@ class ArmMove:
 
 
 def nearest(known: dict[float, Any], duration: float) -> float:
-    """The key of `known` that is nearest to a duration [s]."""
+    """The key of `known` nearest to a duration [s]."""
     return min(known, key=lambda d: abs(d - duration))

@@ -2,8 +2,8 @@
 
 An arrangement is estimated by the schedule of its arm alone, with evenly slowed moves. That is also a bound: no cell
 with it takes less than the sum of these. Combinations of arrangements are scheduled in the order of their bounds, until
-none that is left can be better. Groups with few orders are tried out entirely; of larger ones a bounded search keeps
-the best that it meets.
+none of the others can be better. Groups with few orders are enumerated; for larger ones a bounded search keeps the best
+orders it finds.
 """
 
 from __future__ import annotations
@@ -20,18 +20,19 @@ from energy_opt.schedule.problem import Group, in_blocks, possible
 from energy_opt.workcell.arm import Arm
 from energy_opt.workcell.file import StepTable, groups_of
 
-ORDERS = 720  # orders of an arm's groups that are all estimated: six steps
-MET = 300  # estimates of a bounded search
-KEPT = 24  # arrangements of an arm that are combined with others', and combinations that are scheduled
-AWAY = 4  # orders of an arm in which waiting elsewhere is tried, the best first
-CHEAPER = 0.98  # share of the power at the best of its own poses, above which an arm does not go elsewhere to wait
-SECONDS = 5.0  # for the schedule of one arm, and of a combination
-CLOSE = 1e-6  # relative: energies nearer than this are equal
+ORDERS = 720  # most orders of an arm's groups to enumerate: six steps
+MET = 300  # most estimates of a bounded search
+KEPT = 24  # most arrangements of an arm to combine with others', and most combinations to schedule
+AWAY = 4  # orders of an arm, the best first, in which waiting elsewhere is tried
+# an arm goes elsewhere to wait only if this takes less than this share of the power at the best of its own poses
+CHEAPER = 0.98
+SECONDS = 5.0  # [s] for the schedule of one arm, and of a combination
+CLOSE = 1e-6  # relative: energies that differ by less are equal
 
 
 @dataclass(frozen=True)
 class Arranged:
-    """An arm in an arrangement, and what its own cycle takes at least [J]."""
+    """An arm in an arrangement, and the least energy of its own cycle [J]."""
 
     arm: Arm
     energy: float
@@ -49,7 +50,7 @@ def arrangements(arm: Arm, orders: bool, stopped: Callable[[], bool]) -> list[Ar
     """Arrangements of an arm's steps, the cheapest first; with `orders` also in other orders than the file's.
 
     Args:
-        stopped: asked before every estimate; True ends the search.
+        stopped: called before every estimate; True ends the search.
     """
     if not orders:
         found = _estimated(lambda: listed(arm))
@@ -68,7 +69,7 @@ def arrangements(arm: Arm, orders: bool, stopped: Callable[[], bool]) -> list[Ar
         return float("inf") if found is None else found.energy
 
     first = tuple(tuple(possible(group, range(len(group.blocks)))) for group in groups)
-    look(first)  # also where none of the orders is better
+    look(first)  # in any case, even if the search finds no better order
     every = product(*map(_orders, groups))
     few = list(islice(every, ORDERS + 1))
     if len(few) <= ORDERS:
@@ -86,11 +87,11 @@ def cheapest(
     choices: Sequence[Sequence[Arranged]],
     problem_of: Callable[[Sequence[Arm | None]], Problem],
 ) -> tuple[tuple[Arm | None, ...], Schedule] | None:
-    """The combination of arrangements, one of every arm, whose schedule takes least; None where none is possible.
+    """The combination of arrangements, one of every arm, of least scheduled energy; None if none is possible.
 
     Args:
-        arms: by robot; None for one that is known by its curves.
-        choices: arrangements of every arm, by robot, the cheapest first; empty for one known by its curves.
+        arms: by robot; None for one with only curves.
+        choices: arrangements of every arm, by robot, the cheapest first; empty for one with only curves.
         problem_of: the scheduling problem of arms.
     """
     places = [k for k, arm in enumerate(arms) if arm is not None]
@@ -98,7 +99,7 @@ def cheapest(
     if not all(of):
         return None
     best: tuple[tuple[Arm | None, ...], Schedule] | None = None
-    others: float | None = None  # what robots known by their curves take at least [J]
+    others: float | None = None  # [J] least energy of the robots with only curves
     open_, seen, tried = [(sum(c[0].energy for c in of), (0,) * len(of))], {(0,) * len(of)}, 0
     while open_ and tried < KEPT:
         bound, pick = heappop(open_)
@@ -127,7 +128,7 @@ def cheapest(
 
 
 def _estimated(make: Callable[[], Arm]) -> Arranged | None:
-    """An arm in an arrangement with the energy of its cycle alone; None where it is not possible."""
+    """An arm in an arrangement with the energy of its cycle alone; None if it is not possible."""
     with suppress(Infeasible):
         return _alone(make())
     return None
@@ -156,7 +157,7 @@ def _search(
     look: Callable[[tuple[tuple[int, ...], ...]], float],
     spent: Callable[[], bool],
 ) -> None:
-    """Move one block at a time to where it lowers the energy most, until none does or enough has been looked at."""
+    """Move one block at a time to where it lowers the energy most, until none does or the budget is spent."""
     now, energy = first, look(first)
     while not spent():
         near = list(_neighbours(groups, now))
@@ -167,7 +168,7 @@ def _search(
 
 
 def _neighbours(groups: Sequence[Group], now: tuple[tuple[int, ...], ...]) -> Iterator[tuple[tuple[int, ...], ...]]:
-    """Orders in which one block has another place, or a stretch of blocks is done backwards."""
+    """Orders in which one block has another place, or a sequence of blocks is reversed."""
     for g, group in enumerate(groups):
         order = now[g]
         for i, j in product(range(len(order)), repeat=2):
@@ -179,7 +180,7 @@ def _neighbours(groups: Sequence[Group], now: tuple[tuple[int, ...], ...]) -> It
 
 
 def _elsewhere(arm: Arm) -> list[Arranged]:
-    """The arm with a further step: to a pose in which waiting takes less than at each of its own, before a move."""
+    """The arm with one step added before a move: to a pose in which waiting takes less power than at its own poses."""
     steps = arm.table.step
     least = min(min(mode.power for mode in arm.modes_at(k)) for k, step in enumerate(arm.job.steps) if step.stop)
     out = []

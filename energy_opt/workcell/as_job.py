@@ -19,7 +19,7 @@ from energy_opt.workcell.file import PoseTable, RobotTable, StepTable, WorkCell,
 
 
 def explicit_steps(table: RobotTable) -> list[StepTable]:
-    """The robot's steps, each with its name and its payload, so that they can be put in another order."""
+    """The robot's steps, each with its name and its payload, so that they can be reordered."""
     out, payload = [], table.payload
     for k, step in enumerate(table.step):
         payload = payload if step.payload is None else step.payload
@@ -32,7 +32,7 @@ def at_positions(table: RobotTable, chosen: Mapping[int, np.ndarray]) -> RobotTa
     steps, poses, home = list(table.step), dict(table.poses), table.home
     for k, q in chosen.items():
         alone = isinstance(steps[k].to, str) and sum(step.to == steps[k].to for step in steps) == 1
-        at = {} if alone else {"to": q.tolist()}  # a name that modes may speak of stays
+        at = {} if alone else {"to": q.tolist()}  # keep a name that modes may use
         if alone:
             poses[str(steps[k].to)] = q.tolist()
         steps[k] = steps[k].model_copy(update={**at, "pose": None, "free": None, "pose_tolerance": None})
@@ -65,10 +65,10 @@ def job_of(
 
 
 def check_workcell(path: Path, load: Callable[[str], Robot], allow_outside: bool = False) -> list[str]:
-    """Every fault of a job file of format 2, one line each; empty where it is usable.
+    """Every fault of a job file of format 2, one line each; empty if it is usable.
 
     Args:
-        load: makes a robot out of its name or of the path of its URDF.
+        load: loads a robot from its name or from the path of its URDF.
         allow_outside: URDFs and scenes may lie outside the file's folder.
     """
     try:

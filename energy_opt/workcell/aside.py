@@ -1,8 +1,8 @@
-"""A move that makes way for other arms in their motion, where no shift of times keeps the arms apart.
+"""A move around other arms in their motion, for cells in which no shift of times keeps the arms apart.
 
-The schedule is held. A first curve that keeps clear of the others is looked for among bends and delays of the move as
-it is; from there the reshaping goes on, with the others' bodies at every place where they are at that instant, and as
-early and as late as they may be. What comes of it is proven with the whole cycle, like every plan.
+The schedule is fixed. A first curve that keeps clear of the others is searched among bends and delays of the move; from
+there the reshaping continues, with the others' bodies at every place where they are at that instant, and as early and
+late as they may be. The result is proven with the whole cycle, like every plan.
 """
 
 from __future__ import annotations
@@ -29,14 +29,15 @@ from energy_opt.workcell.arm_move import ArmMove
 from energy_opt.workcell.between import TwoArms, side_by_side
 from energy_opt.workcell.motion import Part, PeriodicMotion, at_rest
 
-PLACES = 48  # of a first curve that are looked at
-TRIED, DRAWN = 500, 200  # bends and delays of a move; so many of them from nothing, the others from the best
-SHARE = 0.4  # of the joints that are bent at a time
-BENDS = (0.1, 0.2, 0.4, 0.7)  # [rad, m] standard deviations of what a joint is bent by
-DELAY = 0.25  # share of a move by which its middle is put off at most
-KEPT = 0.004  # [m] more than is asked for that a first curve keeps; the search may give some of it up
-FASTER = 1.5  # times a speed limit that a first curve may reach; the search brings it down
-FINISHED = 3  # first curves from which the search goes on
+PLACES = 48  # places of a first curve to check
+# most bends and delays of a move; the first DRAWN start from the move itself, the others from the best so far
+TRIED, DRAWN = 500, 200
+SHARE = 0.4  # share of the joints that are bent at a time
+BENDS = (0.1, 0.2, 0.4, 0.7)  # [rad, m] standard deviations of a joint's bends
+DELAY = 0.25  # largest delay of a move's middle, as a share of the move
+KEPT = 0.004  # [m] additional clearance of a first curve; the search may use some of it
+FASTER = 1.5  # times a speed limit that a first curve may reach; the search reduces it
+FINISHED = 3  # first curves from which the search continues
 
 Other = tuple[Cell, PeriodicMotion, np.ndarray | None]  # another arm, its motion, and `TwoArms.clearance` from it
 
@@ -44,10 +45,10 @@ Other = tuple[Cell, PeriodicMotion, np.ndarray | None]  # another arm, its motio
 def aside(
     arm: Arm, move: ArmMove, start: float, duration: float, others: Sequence[Other], jitter: float, seed: int = 0,
 ) -> Answer | None:  # fmt: skip
-    """The move with the least energy that is found among others' motions; None where nothing clear was found.
+    """The move with the least energy found among others' motions; None if nothing clear was found.
 
     Args:
-        start, duration: when the move is done [s].
+        start, duration: time and duration of the move [s].
         others: the other arms.
         jitter: how early or late every arm may be [s].
     """
@@ -83,8 +84,10 @@ def aside(
 
 
 def _clear_lines(cell: MovingCell, known: Trajectory, duration: float, limits: Limits, seed: int) -> list[Line]:
-    """First curves that keep clear: the move with a delay and with bends, in its middle and of opposite signs in its
-    halves. They are drawn at random, the smallest first, and then around what comes nearest to being clear."""
+    """Clear first curves: the move with a delay and with bends, in its middle and of opposite signs in its halves.
+
+    They are drawn at random, the smallest first, and then around the one nearest to being clear.
+    """
     rng = np.random.default_rng(seed)
     u = np.linspace(0, 1, PLACES)
     share = (known.time - known.time[0]) / known.duration
@@ -121,7 +124,7 @@ def _clear_lines(cell: MovingCell, known: Trajectory, duration: float, limits: L
 
 
 def others_during(own: Cell, others: Sequence[Other], start: float, duration: float, jitter: float) -> Others:
-    """The bodies of other arms during a move, each in time, and as early and late as both arms may be apart."""
+    """The bodies of other arms during a move, over time, at the largest lead and lag between both arms too."""
     late = (0.0,) if jitter == 0 else (0.0, -2 * jitter, 2 * jitter)
     inward = np.linalg.inv(own.request.base_pose)
     bodies: list[Body] = []

@@ -1,9 +1,9 @@
-"""The proof that two robots never touch: both move, for ever, and each may be early or late.
+"""The proof that two robots never touch: both move periodically, and each may be early or late.
 
-Both arms are put together as one tree with the joints of both, whose motion is that of the two side by side. If each is
+Both arms are combined into one tree with the joints of both, whose motion is that of the two side by side. If each is
 early or late by up to J, one is ahead of the other by any d in [-2 J, 2 J]: relative to the first, the second is where
-it would be d seconds later. The bisection of `cell.proof` proves an interval of time; here an interval of d is proved
-with it, as the second arm is let go as far as it can get within half of that interval. Where that does not suffice the
+it would be d seconds later. The bisection of `cell.proof` proves an interval of time; here an interval of d is proven
+with it, by allowing the second arm any position that it can reach within half of that interval. If that fails, the
 interval of d is halved.
 """
 
@@ -21,19 +21,19 @@ from energy_opt.cell.proof import prove
 from energy_opt.robot.kinematics import Follows, Kinematics, Link
 from energy_opt.workcell.motion import PeriodicMotion
 
-SHORTEST = 2e-4  # [s] an interval of lateness below is not halved again
+SHORTEST = 2e-4  # [s] shorter intervals of lateness are not halved again
 
 
 @dataclass(frozen=True)
 class Between:
-    """What is known of two robots' distance over the whole cycle.
+    """The distance of two robots over the whole cycle.
 
     Attributes:
-        robots: indices of the two; pair: names of the bodies that come nearest.
+        robots: indices of the two; pair: names of the nearest bodies.
         verdict: "proven", "colliding" or "undecided".
-        lower_bound: what they keep apart at least [m], where proven; min_distance: the least that was measured, of
-            `pair`; wanted: what that pair is to keep [m].
-        time: of that or of the collision [s]; late: how much the second robot is then ahead of the first [s].
+        lower_bound: proven least distance [m]; min_distance: the least measured one, of `pair`; wanted: required
+            distance of that pair [m].
+        time: of that or of the collision [s]; late: lead of the second robot over the first then [s].
     """
 
     robots: tuple[int, int]
@@ -51,7 +51,7 @@ class TwoArms:
     """The bodies of two arms in one frame, and the pairs of one with the other.
 
     Args:
-        clearance: (A, B) [m] that each body of the first keeps from each of the second; None for what cells ask for.
+        clearance: (A, B) [m] that each body of the first keeps from each of the second; None for the cells' clearance.
     """
 
     def __init__(self, one: Cell, two: Cell, clearance: np.ndarray | None = None) -> None:
@@ -86,7 +86,7 @@ class TwoArms:
         """These arms for poses (N, n) of both in which they may rest at the same time.
 
         A pair of bodies that is nearer than twice its clearance in some of them keeps half of its least distance there.
-        Poses in which the arms touch do not count: these cannot be taken at the same time.
+        Poses in which the arms touch are ignored: they cannot occur at the same time.
         """
         scene, pairs, wanted = Scenery(self.bodies, poses), len(self.bodies.pairs), self.wanted
         at, pair = np.repeat(np.arange(len(poses)), pairs), np.tile(np.arange(pairs), len(poses))
@@ -109,7 +109,7 @@ class TwoArms:
 
 
 def _own(cell: Cell) -> list[Body]:
-    """The bodies of the arm and what it carries, without what is around."""
+    """The bodies of the arm and its payload, without the scene."""
     return [body for k, body in enumerate(cell.bodies.all) if k < cell.links or body.joint >= 0]
 
 
@@ -130,10 +130,10 @@ def placed_links(cell: Cell, shift: int) -> list[Link]:
 
 
 class _Loose(MotionCurve):
-    """A curve of which the joints from `count` on may be early or late by `slack` [s]."""
+    """A curve whose joints from `count` on may be early or late by `slack` [s]."""
 
     def loosened(self, count: int, slack: float) -> _Loose:
-        """This curve, with that slack."""
+        """This curve with a slack."""
         self._count, self._slack = count, slack
         speed = 5 * np.abs(np.diff(self._bernstein, axis=0)).max(axis=0) / np.diff(self.time)[:, None]
         self._speed = speed[:, count:]
@@ -156,11 +156,11 @@ class _Loose(MotionCurve):
 def prove_apart(
     arms: TwoArms, robots: tuple[int, int], one: PeriodicMotion, two: PeriodicMotion, jitter: float
 ) -> Between:
-    """Do two robots keep apart over their whole cycle, each up to `jitter` [s] early or late?"""
+    """Prove that two robots keep apart over their whole cycle, each up to `jitter` [s] early or late."""
     count, wanted = len(arms.bodies.pairs), arms.wanted
     least: Between | None = None
     bound = np.inf
-    # first without slack, in the middle and at both ends: collisions show there at once
+    # first without slack, in the middle and at both ends: this finds collisions quickly
     for late in dict.fromkeys((0.0, -2 * jitter, 2 * jitter)):
         proof = prove(arms.bodies, side_by_side(arms, one, two, late, 0.0), wanted)
         worst = proof.touches[0] if proof.touches else proof.least
@@ -194,8 +194,10 @@ def prove_apart(
 
 
 def side_by_side(arms: TwoArms, one: PeriodicMotion, two: PeriodicMotion, late: float, slack: float) -> _Loose:
-    """Both motions on common times, the second ahead by `late` and loose by `slack` [s], a little over one cycle of the
-    first."""
+    """Both motions on common times over slightly more than one cycle of the first.
+
+    The second is ahead by `late` and loose by `slack` [s].
+    """
     begin, end = one.begin - slack, one.begin + one.cycle + slack
     times = np.unique(
         np.concatenate([[begin, end], one.sample_times(begin, end), two.sample_times(begin + late, end + late) - late])

@@ -11,19 +11,19 @@ from energy_opt.schedule import Exclusion, Lag, Mode, Move, Polynomial, Problem,
 from energy_opt.workcell.file import ModeTable, RobotTable, StepTable, WorkCell, groups_of, step_name
 
 ADDED = "wait after {}"
-SHORTEST = 1e-3  # [s] a curve with negative powers of the duration is not evaluated below
+SHORTEST = 1e-3  # [s] shorter durations are not evaluated, because a curve may have negative powers of the duration
 
 
 def mode_of(table: ModeTable, power: float | None = None) -> Mode:
-    """A mode as the schedule uses it; `power` [W] in place of its own."""
+    """A mode for the schedule; `power` [W] replaces its own."""
     return Mode(table.name, table.power if power is None else power, table.least, table.enter, table.leave)
 
 
 def modes_at(cell: WorkCell, robot: RobotTable, step: StepTable) -> tuple[Mode, ...]:
-    """The modes that are possible in a wait of a robot that is known by its curves.
+    """The modes that are possible in a wait of a robot with only curves.
 
-    A robot's own mode takes the place of the cell's of the same name. A mode with postures is possible in the waits
-    that these name, and where a wait lists it among its `modes` or gives its power.
+    A robot's own mode replaces the cell's of the same name. A mode with postures is possible in the waits that these
+    name, and if a wait lists it among its `modes` or gives its power.
     """
     named = {*(step.modes or ()), *step.power, step.name}
     tables = {mode.name: mode for mode in (*cell.mode, *robot.mode)}.values()
@@ -34,7 +34,7 @@ def modes_at(cell: WorkCell, robot: RobotTable, step: StepTable) -> tuple[Mode, 
 
 
 def ring_of(cell: WorkCell, robot: RobotTable) -> Ring:
-    """The ring of a robot that is known by its curves alone.
+    """The ring of a robot with only curves.
 
     Raises:
         BadInput: a curve that is not convex over its durations.
@@ -83,7 +83,7 @@ def _lags(cell: WorkCell, rings: Mapping[str, Ring]) -> list[Lag]:
             before = at(step.after)
             if (
                 step.lag is not None
-            ):  # from the end of the one to the start of the other, a whole number of cycles later
+            ):  # from the end of one step to the start of the other, a whole number of cycles later
                 out.append(Lag(before, (r, k), step.lag[0], None, begin_ends=True, most=step.lag[1]))
                 continue
             # Without a lag: after the other has ended, and before it begins again.
@@ -92,7 +92,7 @@ def _lags(cell: WorkCell, rings: Mapping[str, Ring]) -> list[Lag]:
 
 
 def _exclusions(cell: WorkCell, rings: Mapping[str, Ring]) -> list[Exclusion]:
-    """Runs of consecutive steps in one zone, of different robots, two by two, apart by the jitter of both."""
+    """Pairs of runs of consecutive steps in one zone, of different robots, kept apart by the jitter of both."""
     zoned: dict[str, list[Run]] = {}
     for r, robot in enumerate(cell.robot):
         ring = rings[robot.name]
@@ -112,8 +112,11 @@ def _exclusions(cell: WorkCell, rings: Mapping[str, Ring]) -> list[Exclusion]:
 
 
 def zones_of(robot: RobotTable, ring: Ring) -> list[str | None]:
-    """The zone that every step of a ring is in. A wait that was added stays in the zone of the step before it; what
-    was added to wait elsewhere leaves that zone, unless the step after it is in the same."""
+    """The zone of every step of a ring.
+
+    An added wait stays in the zone of the step before it; an added move to wait elsewhere leaves that zone, unless the
+    step after it is in the same.
+    """
     own = {step_name(k, step): step.zone for k, step in enumerate(robot.step)}
     out: list[str | None] = []
     zone = own.get(ring.steps[-1].name)
@@ -128,10 +131,11 @@ def zones_of(robot: RobotTable, ring: Ring) -> list[str | None]:
 
 
 def step_places(robot: RobotTable, ring: Ring) -> list[int]:
-    """Where a robot's own steps are in its ring, which may hold further waits."""
+    """Places of a robot's own steps in its ring, which may contain further waits."""
     names = [step.name for step in ring.steps]
     out: list[int] = []
     for k, step in enumerate(robot.step):
         name = step_name(k, step)
-        out.append(names.index(name) if name in names else out[-1])  # a pose that is passed belongs to the step before
+        # a pose that is only passed belongs to the step before
+        out.append(names.index(name) if name in names else out[-1])
     return out

@@ -18,13 +18,13 @@ from energy_opt.schedule import Group
 from energy_opt.schema import Name, Number, Table, parse
 
 FORMAT = "energy-opt/job/2"
-LONGEST = 1e7  # [s] of a cycle and a wait: more is a slip of units
+LONGEST = 1e7  # [s] longest cycle and wait: longer ones are probably in wrong units
 
 Seconds = Annotated[Number, Field(ge=0, le=LONGEST)]
 Span = tuple[Seconds, Seconds]
-MOTORS = "motors"  # the mode in which the motors of a known arm hold it; its power model says what that takes
+MOTORS = "motors"  # the mode of being held by a known arm's motors; its power follows from the power model
 OF_ARMS = {"free", "pose_tolerance", "mode", "min_duration", "max_duration", "stop"}  # keys of a known arm's moves
-FOREIGN = {  # keys that do not belong to a step, by what it does
+FOREIGN = {  # keys that do not belong to a step, by its kind
     "to": {"duration"},
     "pose": {"duration"},
     "wait": {*OF_ARMS, "duration", "as_is"},
@@ -46,7 +46,7 @@ class ModeTable(Table):
 
 
 class PoseTable(Table):
-    """A pose of the tool in the frame of the robot's base or of an object, and what of it is free."""
+    """A pose of the tool in the frame of the robot's base or of an object, with its freedom."""
 
     pose: PoseNumbers
     free: list[Name] = []
@@ -59,7 +59,7 @@ Places = dict[Name, list[Number] | Name | PoseTable | dict[str, Number]]
 class StepTable(Table):
     """One step of a robot: a move of a known arm (`to` or `pose`), one known by its `curve`, or a `wait`.
 
-    `as_is` is how long a move takes today [s], for the lever of that name.
+    `as_is` is a move's present duration [s], for the lever of that name.
     """
 
     name: Name | None = None
@@ -109,7 +109,7 @@ class StepTable(Table):
 
     @property
     def moves(self) -> bool:
-        """Is it a move of a known arm?"""
+        """True if it is a move of a known arm."""
         return self.to is not None or self.pose is not None
 
     @property
@@ -121,7 +121,7 @@ class StepTable(Table):
 
 
 class RobotTable(Table):
-    """A robot of the cell: its arm and where it is, or only curves; its own modes; its steps, which form a ring."""
+    """A robot of the cell: its arm and base, or only curves; its own modes; its steps, which form a ring."""
 
     name: Name
     robot: Name | None = None
@@ -188,14 +188,14 @@ class WorkCell(Table):
 
 
 def step_name(number: int, step: StepTable) -> str:
-    """The name of a step; `step 3` where it has none."""
+    """The name of a step; `step 3` if it has none."""
     return step.name or f"step {number + 1}"
 
 
 def groups_of(robot: RobotTable) -> list[Group]:
     """The steps of a robot that may be done in any order, in blocks: a move with `any_order`, and the waits after it.
 
-    A wait with a range of durations that follows the last of them stays where it is, unless it is marked too. Steps
+    A wait with a range of durations that follows the last of them keeps its place, unless it is marked too. Steps
     that are passed without stopping are one block with the next. `after` between two steps of one group orders their
     blocks.
     """
@@ -241,7 +241,7 @@ def load_workcell(path: Path) -> WorkCell:
 
 
 def workcell_of(document: Mapping[str, Any], path: Path) -> WorkCell:
-    """A cell from a document that was read; `path` names it in messages. Else as `load_workcell`."""
+    """A cell from its document; `path` names it in messages. Otherwise as `load_workcell`."""
     if document.get("format") != FORMAT:
         raise BadInput(f"{path}: format = {document.get('format')!r}; expected {FORMAT!r}")
     cell = parse(WorkCell, document, str(path))
@@ -251,7 +251,7 @@ def workcell_of(document: Mapping[str, Any], path: Path) -> WorkCell:
 
 
 def _wrong_names(cell: WorkCell) -> list[str]:
-    """Names that two have, or that nothing has."""
+    """Faults of duplicate and unknown names."""
     faults = []
     names = [robot.name for robot in cell.robot]
     faults += [f"robot: two robots are named {name!r}" for name in sorted({n for n in names if names.count(n) > 1})]

@@ -1,10 +1,10 @@
-"""What each lever saves, one after the other, at the same cycle time.
+"""The saving of each lever, one after the other, at the same cycle time.
 
-as_is   every move as long as the file says that it takes today, else as fast as it can be, waits at full readiness
-        (the first mode that a wait has)
+as_is   every move in its present duration by the file, else as fast as possible; waits at full readiness (the first
+        mode of a wait)
 speeds  durations of the moves chosen
 modes   modes of the waits chosen, too
-order   the order of steps chosen, too, where a group of them leaves it free
+order   the order of steps chosen, too, if a group of them leaves it free
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def with_lever(levers: Levers | None, name: str, schedule: Schedule) -> Levers:
 
 
 def pull(problem: Problem, *, seconds: float) -> Levers:
-    """Schedule a problem with one lever after the other, but for the order of steps.
+    """Schedule a problem with one lever after the other, except the order of steps.
 
     Args:
         seconds: for the answer [s]; the others take at most a quarter of that each.
@@ -65,8 +65,8 @@ def pull(problem: Problem, *, seconds: float) -> Levers:
             steps.append(("as_is", solve(_each(fast, _ready), seconds=brief)))
             alone, relaxed = (("modes", solve(fast, seconds=brief)),), change is _longer
             break
-    before = [] if relaxed else [schedule for _, schedule in steps]  # possible with the next lever, too
-    with suppress(Infeasible):  # where a wait's first mode is impossible for so long
+    before = [] if relaxed else [schedule for _, schedule in steps]  # also possible with the next lever
+    with suppress(Infeasible):  # infeasible if a wait's first mode is impossible for so long
         before = [min([solve(_each(problem, _ready), seconds=brief), *before], key=_energy)]
         steps.append(("speeds", before[0]))
     return Levers((*steps, ("modes", min([best, *before], key=_energy))), alone, relaxed)

@@ -1,4 +1,4 @@
-"""When two steps of two arms may not meet: a guess from samples, which the proof then confirms or widens."""
+"""Times at which two steps of two arms may not meet: a guess from samples, which the proof confirms or widens."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from energy_opt.cell.bodies import Scenery
 from energy_opt.workcell.between import TwoArms
 from energy_opt.workcell.motion import Part
 
-SAMPLES = 40  # of each of the two motions
-MARGIN = 0.01  # [m] poses nearer than this count as touching
+SAMPLES = 40  # samples of each of the two motions
+MARGIN = 0.01  # [m] nearer poses count as touching
 STEP = 1 / (SAMPLES - 1)
 Shares = tuple[float, float]
 
 
 def meeting(arms: TwoArms, one: Part, two: Part) -> tuple[Shares | None, Shares | None]:
-    """The parts of two steps that may not be done at the same time, as shares of the steps' durations.
+    """The parts of two steps that may not happen at the same time, as shares of the steps' durations.
 
-    None represents a whole step: one that waits, or where samples find nothing near.
+    None represents a whole step: for a wait, or if samples find nothing near.
     """
     waits = [np.ptp(part.trajectory.position, axis=0).max() == 0 for part in (one, two)]
     shares = [np.array([0.5]) if wait else np.linspace(0, 1, SAMPLES) for wait in waits]
@@ -37,7 +37,7 @@ def meeting(arms: TwoArms, one: Part, two: Part) -> tuple[Shares | None, Shares 
 
 
 def _near(arms: TwoArms, q: np.ndarray) -> np.ndarray:
-    """Which configurations (N, n) of the two have a pair of bodies nearer than `MARGIN`, (N,) of bool."""
+    """(N,) True for configurations (N, n) of the two arms with a pair of bodies nearer than `MARGIN`."""
     scene = Scenery(arms.bodies, q)
     pairs = len(arms.bodies.pairs)
     k, p = np.repeat(np.arange(len(q)), pairs), np.tile(np.arange(pairs), len(q))

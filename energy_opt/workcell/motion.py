@@ -1,4 +1,4 @@
-"""A robot's motion over its whole cycle, repeated for ever."""
+"""A robot's motion over its whole cycle, repeated periodically."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from energy_opt.cell.curve import MotionCurve
 from energy_opt.motion.trajectory import Trajectory
 
-SAME = 1e-9  # [s] times nearer than this are one
+SAME = 1e-9  # [s] times that differ by less are the same
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Part:
 
 
 def at_rest(trajectory: Trajectory) -> Trajectory:
-    """A motion from rest to rest whose velocity and acceleration are 0 at its ends, to the last bit."""
+    """A motion from rest to rest with velocity and acceleration of exactly 0 at its ends."""
     velocity, acceleration = trajectory.velocity.copy(), trajectory.acceleration.copy()
     velocity[[0, -1]] = acceleration[[0, -1]] = 0.0
     return Trajectory(trajectory.joints, trajectory.time, trajectory.position, velocity, acceleration)
@@ -41,14 +41,14 @@ class PeriodicMotion:
             curve = MotionCurve(t.time, t.position, t.velocity, t.acceleration)
             k = np.arange(len(t.time) - 1)
             pieces.append(curve.cut(k, np.zeros(len(k)), np.ones(len(k))))
-            scale = part.duration / t.duration  # 1 but for rounding
+            scale = part.duration / t.duration  # 1, except for rounding
             times.append(part.start + (t.time[:-1] - t.time[0]) * scale)
         self.begin = self.parts[0].start
         self.time = np.append(np.concatenate(times), self.begin + cycle)
         self.bernstein = np.concatenate(pieces, axis=1)  # (6, pieces, n)
 
     def trajectory(self) -> Trajectory:
-        """The cycle as one trajectory from time 0 on; at a join the samples of what begins there."""
+        """The cycle as one trajectory from time 0 on; at a join the samples of the following part."""
         samples, times = [], []
         for k, part in enumerate(self.parts):
             t, last = part.trajectory, k == len(self.parts) - 1
@@ -70,7 +70,7 @@ class PeriodicMotion:
         return times[(times >= begin) & (times <= end)]
 
     def pieces(self, time: np.ndarray) -> np.ndarray:
-        """Bernstein coefficients (6, M - 1, n) between times (M,), none of which is farther apart than a piece."""
+        """Bernstein coefficients (6, M - 1, n) between times (M,), whose spacing is at most that of the pieces."""
         middle = (time[:-1] + time[1:]) / 2
         shift = self.cycle * np.floor((middle - self.begin) / self.cycle)
         k = np.clip(np.searchsorted(self.time, middle - shift, side="right") - 1, 0, len(self.time) - 2)

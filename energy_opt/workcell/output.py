@@ -1,4 +1,4 @@
-"""What a cell's schedule leaves: job.json and a page."""
+"""The output of a cell's schedule: job.json and a page."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from energy_opt.workcell.program import RobotFile
 from energy_opt.workcell.run import CellResult
 
 FORMAT = "energy-opt/job-result/2"
-ABOUT = ("verdict", "lower_bound", "min_distance", "pair", "time", "late", "pairs")  # of two robots' distance
-SETTLED = 1e-2  # gap up to which a schedule counts as solved
+ABOUT = ("verdict", "lower_bound", "min_distance", "pair", "time", "late", "pairs")  # keys of a distance
+SETTLED = 1e-2  # largest gap of a schedule that counts as solved
 
 
 def document(result: CellResult) -> dict[str, Any]:
-    """job.json: energies in J, times in s; a step's start counts from the first step of the first robot."""
+    """The content of job.json: energies in J, times in s; starts count from the first step of the first robot."""
     schedule, cell = result.schedule, result.cell
     robots = [
         {
@@ -88,7 +88,7 @@ def document(result: CellResult) -> dict[str, Any]:
 
 
 def _lever(name: str, energy: float, result: CellResult) -> dict[str, Any]:
-    """A lever with what it was computed for: `moves` are "curves", "evenly_slowed" (not kept apart) or "optimized"."""
+    """A lever; `moves` says for which moves: "curves", "evenly_slowed" (not kept apart) or "optimized"."""
     solved = name in ("paths", "supply")
     arms = any(arm is not None for arm in result.arms)
     return {"name": name, "energy_total": energy,
@@ -96,7 +96,7 @@ def _lever(name: str, energy: float, result: CellResult) -> dict[str, Any]:
 
 
 def _clearance(result: CellResult) -> dict[str, Any] | None:
-    """Between robots; None where there are no two arms."""
+    """The clearance between robots; None without two arms."""
     found = result.clearance
     if not found:
         return None
@@ -116,7 +116,7 @@ def _clearance(result: CellResult) -> dict[str, Any] | None:
 
 
 def _supply(result: CellResult) -> dict[str, Any] | None:
-    """Energy and losses with supplies of their own and with the one of the file."""
+    """Energy and losses with each robot's own supply and with that of the file."""
     if result.own is None or result.supply is None:
         return None
     both = {f"{name}{of}": getattr(drawn, name) for name in ("energy", "lost", "peak")
@@ -127,11 +127,11 @@ def _supply(result: CellResult) -> dict[str, Any] | None:
 def found_of(
     result: CellResult, request: Mapping[str, Any], worth: PerYear | None = None, written: Sequence[RobotFile] = ()
 ) -> dict[str, Any]:
-    """job.json.
+    """The content of job.json.
 
     Args:
-        worth: how often the cycle runs in a year, where what it saves against the cycle as it is is stated for one.
-        written: what `write_programs` wrote.
+        worth: cycles per year, if the saving over the cycle as it is is to be stated per year.
+        written: the files of `write_programs`.
     """
     found = {**document(result), "written": [row.document() for row in written], "request": plain(request)}
     if worth is not None:
@@ -149,7 +149,7 @@ def write(
     worth: PerYear | None = None,
     written: Sequence[RobotFile] = (),
 ) -> dict[str, Any]:
-    """Write report.html and job.json, this last; returns the document, that of `found_of`."""
+    """Write report.html and, last, job.json; returns the document, that of `found_of`."""
     found = found_of(result, request, worth, written)
     page(found, power_of(result), scene_of(result)).write(Path(out) / "report.html")
     write_json(Path(out) / "job.json", found)

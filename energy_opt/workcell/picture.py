@@ -1,4 +1,4 @@
-"""What the page of a cell shows of its motion: all arms in one scene, and the power of all over the cycle."""
+"""The pictures on a cell's page: all arms in one scene, and the power of all over the cycle."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from energy_opt.workcell.between import placed_links
 from energy_opt.workcell.run import CellResult
 from energy_opt.workcell.supply import Supply
 
-FRAMES = 300  # of the cycle; between them the player interpolates
+FRAMES = 300  # frames of the cycle; the player interpolates between them
 COLOURS = ("#2f74c0", "#e07b28", "#2e9a60", "#8a5cc2", "#b0394f", "#5d7f8c")
 
 
 def power_of(result: CellResult) -> tuple[np.ndarray, np.ndarray]:
-    """Power (N,) [W] of all robots over the cycle, at times (N,) [s]; a robot known by curves draws its mean."""
+    """Power (N,) [W] of all robots over the cycle, at times (N,) [s]; a robot with only curves draws its mean."""
     supplied = result.supply or Supply(result.cell, result.arms).drawn(result.schedule, False)
     return supplied.time, supplied.power
 
 
 def scene_of(result: CellResult) -> dict[str, Any] | None:
-    """All arms over the cycle, as the page's player takes them; None where no arm has bodies."""
+    """All arms over the cycle, for the page's player; None if no arm has bodies."""
     time = np.linspace(0, result.cell.cycle_time, FRAMES)
     links: list[Link] = []
     positions: list[np.ndarray] = []
@@ -48,7 +48,7 @@ def scene_of(result: CellResult) -> dict[str, Any] | None:
 
 
 def _placed(solid: Solid, base: np.ndarray, shift: int) -> Solid:
-    """A body of an arm in the tree of all: one that moves by its joint's number, one fixed by its base's pose."""
+    """A body of an arm in the common tree: a moving one by its joint's number, a fixed one by its base's pose."""
     if solid.joint >= 0:
         return replace(solid, joint=solid.joint + shift)
     return replace(solid, vertices=solid.vertices @ base[:3, :3].T + base[:3, 3])

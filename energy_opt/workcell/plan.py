@@ -1,12 +1,12 @@
-"""Arms in one cycle: fronts, schedule and proof between the arms, one after the other until all agree.
+"""Arms in one cycle: moves, schedule and proof between the arms, repeated until all agree.
 
-arrange      every move slowed evenly; candidates: orders of steps and poses to wait in by what they then take
+arrange      every move slowed evenly; candidates: orders of steps and poses to wait in, ranked by their energy
 price        every move of a candidate optimized at a few durations
-schedule     durations, modes and starts of least energy on the lower hull of what is known
-refine       optimize every move at the duration that it got; again while the cycle's energy changes by 0.1 %
-prove        every two arms, for the whole cycle and for lateness; where two touch, the times at which their steps
-             may not meet become a constraint, and the schedule is made again with the durations that are known;
-             where there is none, one of the two moves is led around the other arm in its motion
+schedule     durations, modes and starts of least energy on the lower hull of known energies
+refine       optimize every move at its scheduled duration; repeated while the cycle's energy changes by 0.1 %
+prove        every two arms, for the whole cycle and for lateness; if two touch, the times at which their steps
+             may not meet become a constraint, and scheduling is repeated with the known durations; if there is no
+             such schedule, one of the two moves is led around the moving other arm
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from energy_opt.workcell.motion import PeriodicMotion
 from energy_opt.workcell.stage import Candidate, Stage
 
 SETTLED = 1e-3  # relative change of the cycle's energy that ends refining
-REFINED = 6  # schedules whose durations are optimized
-AROUND = 6  # moves that are led around others
-LONGER = (1.1, 1.25, 1.5, 2.0, 3.0)  # times the cycle time that are looked at where it is too short
-SHIFTED = 30  # schedules that are tried until no two arms touch
+REFINED = 6  # most schedules whose durations are optimized
+AROUND = 6  # most moves that are led around others
+LONGER = (1.1, 1.25, 1.5, 2.0, 3.0)  # multiples of the cycle time to try if it is too short
+SHIFTED = 30  # most schedules to try until no two arms touch
 
 
 @dataclass(frozen=True)
@@ -42,9 +42,9 @@ class Planned:
     """A cell's plan.
 
     Attributes:
-        schedule: with durations at which every move is known.
-        clearance: every two arms.
-        motions: of every arm over its cycle; None for a robot that is known by its curves alone.
+        schedule: with durations at which every move is solved.
+        clearance: of every two arms.
+        motions: of every arm over its cycle; None for a robot with only curves.
         around: moves that go around another arm, as `robot.step`.
     """
 
@@ -88,7 +88,7 @@ class Planning(Stage):
         """The plan of least energy in which no two arms touch, and the levers of its arrangement.
 
         Candidates are estimated by evenly slowed moves. Here each is scheduled with optimized ones; they are planned in
-        the order of these energies, until none that is left takes less than a plan.
+        the order of these energies, until none of the others takes less than a plan.
 
         Raises:
             Infeasible: no schedule keeps cycle time, lags, zones and the arms apart; names the two steps.
@@ -121,7 +121,7 @@ class Planning(Stage):
         return best[2], with_lever(best[3], "paths", best[2].schedule)
 
     def slower(self, r: int, name: str, duration: float) -> Planned | None:
-        """The plan in which a robot's step takes a duration [s] at least; None where there is none."""
+        """The plan in which a robot's step takes at least `duration` [s]; None if there is none."""
         before = self.arms, dict(self.exclusions), dict(self.least)
         step = next(step for step in self.problem(True).rings[r].steps if step.name == name)
         if duration <= step.most:
@@ -159,7 +159,7 @@ class Planning(Stage):
         return found
 
     def _around(self, found: Planned) -> Planned | None:
-        """The plan with moves that make way for other arms in their motion; None where none was found."""
+        """The plan with moves around other arms in their motion; None if none was found."""
         around: list[str] = []
         self.arms = tuple(None if arm is None else arm.own_answers() for arm in self.arms)
         for turn in range(AROUND):
@@ -175,7 +175,7 @@ class Planning(Stage):
         return None
 
     def _make_way(self, between: Between, found: Planned, turn: int) -> str | None:
-        """Lead one of two moves that touch around all other arms; its name, or None where neither finds a way."""
+        """Lead one of two touching moves around all other arms; its name, or None if neither is possible."""
         time = between.time or 0.0
         both = [(between.robots[0], time), (between.robots[1], time + between.late)]
         for r, at in both if turn % 2 == 0 else reversed(both):
@@ -198,7 +198,7 @@ class Planning(Stage):
         return None
 
     def _priced(self, schedule: Schedule) -> Schedule:
-        """A schedule with the energies of the moves as they are now."""
+        """A schedule with the moves' present energies."""
         energies = [energy.copy() for energy in schedule.energies]
         for r, (arm, ring) in enumerate(zip(self.arms, schedule.problem.rings, strict=True)):
             names = [step.name for step in ring.steps]
@@ -213,7 +213,7 @@ class Planning(Stage):
         return solve(self.problem(True, hold), seconds=self.seconds, gap=1e-5)
 
     def _refined(self) -> Schedule:
-        """A schedule whose moves are all optimized at the durations that they have."""
+        """A schedule whose moves are all optimized at their scheduled durations."""
         for k in range(REFINED):
             self.progress("schedule", 0.5 + 0.4 * k / REFINED)
             schedule = self._scheduled()
@@ -222,8 +222,11 @@ class Planning(Stage):
         return self._scheduled(self._durations(schedule))
 
     def _optimize(self, schedule: Schedule) -> bool:
-        """Optimize every move at the duration that it has in a schedule; where it is, between this and the next ones
-        where that may save more than its share of `SETTLED`. Was anything done?"""
+        """Optimize every move at its scheduled duration; True if anything was done.
+
+        If it already is, optimize between this duration and its neighbours where that may save more than its share of
+        `SETTLED`.
+        """
         moves = [
             (arm, move, durations[move.place])
             for arm, durations in zip(self.arms, self._durations(schedule), strict=True)
@@ -267,7 +270,7 @@ class Planning(Stage):
         return Planned(schedule, tuple(clearance), motions)
 
     def _keep_apart(self, between: Between, found: Planned) -> None:
-        """Add the times at which the two steps that touch may not meet."""
+        """Add the times at which the two touching steps may not meet."""
         a, b = between.robots
         one, two = found.motions[a], found.motions[b]
         assert one is not None
@@ -282,14 +285,14 @@ class Planning(Stage):
         first, second = (Run(r, k, k, part) for r, k, part in zip((a, b), (i, j), runs, strict=True))
         if known is not None:
             first, second = _wider(known.first, first), _wider(known.second, second)
-            if (first, second) == (known.first, known.second):  # it did not suffice: the steps never meet at all
+            if (first, second) == (known.first, known.second):  # it did not suffice: exclude the whole steps
                 first, second = Run(a, i, i), Run(b, j, j)
         self.exclusions[key] = Exclusion(first, second, 2 * self.cell.jitter)
 
     def _collision(
         self, found: Planned, between: Between, wanted: dict[tuple[int, int, int, int], Exclusion]
     ) -> Infeasible:
-        """What is said where neither times nor paths keep two arms apart: the steps, the time, and what would help."""
+        """The error that neither times nor paths keep two arms apart, with the steps, the time, and a remedy."""
         a, b = between.robots
         time = between.time or 0.0
         one, two = found.motions[a], found.motions[b]

@@ -1,4 +1,4 @@
-"""A cell's plan for its controllers: one file a robot, read back and judged."""
+"""A cell's plan for its controllers: one file per robot, read back and judged."""
 
 from __future__ import annotations
 
@@ -21,29 +21,29 @@ from energy_opt.workcell.file import MOTORS, WorkCell
 from energy_opt.workcell.motion import PeriodicMotion
 from energy_opt.workcell.run import CellResult
 
-BRIEF = 1e-7  # [s] shorter waits are rounding
+BRIEF = 1e-7  # [s] shorter waits are rounding errors
 
 
 @dataclass(frozen=True)
 class RobotFile:
-    """What was written for a robot; `start` is when its cycle begins [s] after that of the first robot."""
+    """A file of a robot; `start` is the begin of its cycle [s] after that of the first robot."""
 
     robot: str
     start: float
     written: Written
 
     def document(self) -> dict[str, Any]:
-        """As job.json has it."""
+        """Its record in job.json."""
         return {"robot": self.robot, "starts_at": self.start, **self.written.document()}
 
 
 def formats_of(
     cell: WorkCell, names: Sequence[str], path: Path, load: Callable[[str], Robot], allow_outside: bool
 ) -> dict[str, list[Format]]:
-    """The formats of these names for every arm of a cell, by the robot's name: those that are for such an arm.
+    """The formats of these names that fit each arm of a cell, by the robot's name.
 
     Raises:
-        BadInput: one is not known, or is for no arm of the cell.
+        BadInput: one is unknown, or fits no arm of the cell.
     """
     known = {
         table.name: load(robot_named(table.robot, path.parent, allow_outside)).n
@@ -92,7 +92,7 @@ def write_programs(
 
 
 def _parts(arm: Arm, motion: PeriodicMotion, modes: dict[str, str]) -> list[Part]:
-    """Moves and waits in order, each with what is carried and the mode in which the arm waits."""
+    """Moves and waits in order, each with its payload and the mode of waiting."""
     out = []
     for part in motion.parts:
         if part.duration < BRIEF:
@@ -111,7 +111,7 @@ def _parts(arm: Arm, motion: PeriodicMotion, modes: dict[str, str]) -> list[Part
 
 
 def _judging(arm: Arm, motion: PeriodicMotion) -> CycleJudging:
-    """What judges an arm's cycle: every stretch under the payload of its steps."""
+    """The judge of an arm's cycle: every part under the payload of its step."""
     limits = joint_limits(arm.job.robot.limits)
     return CycleJudging.of(
         (part.duration, Judging(arm.worker.scorers.of(arm.step_of(part.name)), limits, arm.cell))

@@ -1,4 +1,4 @@
-"""A cell from its file to a plan: schedule, motions, proof between arms, and what each lever saves."""
+"""A cell from its file to a plan: schedule, motions, proof between arms, and the saving of each lever."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ class CellResult:
     """The plan of a cell.
 
     Attributes:
-        cell: as it was asked for.
+        cell: the request.
         planned: the answer: schedule, motions, clearance between arms.
         levers: schedules with one lever after the other.
-        arms: by robot; None for one that is known by its curves alone.
-        own: what the robots draw from supplies of their own; supply: from the one that the file describes.
-            None where no arm is known.
-        bound: J that no schedule of these curves goes below.
+        arms: by robot; None for one with only curves.
+        own: power drawn from supplies of the robots' own; supply: from the one in the file. None without a
+            known arm.
+        bound: J, a lower bound over all schedules of these curves.
         interrupted: stopped early.
     """
 
@@ -46,17 +46,17 @@ class CellResult:
 
     @property
     def schedule(self) -> Schedule:
-        """When every step begins and how long it takes."""
+        """Start and duration of every step."""
         return self.planned.schedule
 
     @property
     def clearance(self) -> tuple[Between, ...]:
-        """Every two arms."""
+        """The clearance of every two arms."""
         return self.planned.clearance
 
     @property
     def energy(self) -> float:
-        """J of the whole cycle, from the shared supply where there is one."""
+        """Energy [J] of the whole cycle, from the shared supply if there is one."""
         shared = self.cell.supply is not None and self.supply is not None
         return self.supply.energy if shared and self.supply is not None else self.schedule.energy
 
@@ -67,7 +67,7 @@ class CellResult:
 
     @property
     def solved(self) -> bool:
-        """Are all arms proven to keep apart?"""
+        """True if all arms are proven to keep apart."""
         return not self.interrupted and all(between.verdict == "proven" for between in self.clearance)
 
 
@@ -86,13 +86,13 @@ def run_workcell(
     """Plan a cell for least energy.
 
     Args:
-        path: the job file, beside which other files lie.
-        load: makes a robot out of its name or of the path of its URDF.
-        model_of: the power model of a robot, from what the file says of it (None: nothing).
-        request: body and cell, without the bases, which the file says.
-        seconds: for each schedule [s]; a gap that is left then is in the result.
-        stopped: asked between solves; True ends the work with the best so far.
-        progress: called with what is being done and the share of the work that is done.
+        path: the job file, the base of other files' paths.
+        load: loads a robot from its name or from the path of its URDF.
+        model_of: the power model of a robot, from its entry in the file (None: no entry).
+        request: body and cell, without the bases, which are in the file.
+        seconds: for each schedule [s]; the remaining gap is in the result.
+        stopped: called between solves; True ends the work with the best so far.
+        progress: called with the present task and the finished share of the work.
 
     Raises:
         BadInput: a fault of the file. Infeasible: no schedule keeps cycle time, lags, zones, limits of the supply, and

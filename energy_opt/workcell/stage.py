@@ -1,4 +1,4 @@
-"""A cell's arms in an arrangement of their steps, as a scheduling problem; and what each lever saves."""
+"""A cell's arms in an arrangement of their steps, as a scheduling problem, with the saving of each lever."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from energy_opt.workcell.levers import Levers, pull, with_lever
 
 @dataclass(frozen=True)
 class Candidate:
-    """An arrangement of the arms' steps, and what each lever saves in it with evenly slowed moves."""
+    """An arrangement of the arms' steps, with the saving of each lever for evenly slowed moves."""
 
     arms: tuple[Arm | None, ...]
     levers: Levers
@@ -27,7 +27,7 @@ class Stage:
     """A cell's arms, and the times at which they may not meet.
 
     Args:
-        arms: by robot; None for a robot that is known by its curves alone.
+        arms: by robot; None for a robot with only curves.
     """
 
     def __init__(
@@ -41,16 +41,18 @@ class Stage:
         self.cell, self.arms, self.seconds = cell, tuple(arms), seconds
         self.progress, self.stopped = progress, stopped
         self.exclusions: dict[tuple[int, int, int, int], Exclusion] = {}
-        self.least: dict[tuple[int, str], float] = {}  # durations [s] that moves of a robot must have, for the supply
+        self.least: dict[tuple[int, str], float] = {}  # [s] least durations of moves of a robot, for the supply
 
     @property
     def moving(self) -> bool:
-        """Is any arm known, not by its curves alone?"""
+        """True if any robot has an arm, not only curves."""
         return any(arm is not None for arm in self.arms)
 
     def candidates(self) -> list[Candidate]:
-        """The arrangement of the file, and those that cost least with evenly slowed moves: where arms may go elsewhere
-        to wait, in other orders of the steps, and in these orders where they stay.
+        """The arrangement of the file, and those of least energy with evenly slowed moves.
+
+        These are: arms that may go elsewhere to wait, other orders of the steps, and these orders without going
+        elsewhere.
 
         Raises:
             Infeasible: no schedule keeps cycle time, lags and zones.
@@ -100,7 +102,7 @@ class Stage:
         return found
 
     def _cheapest(self, given: Sequence[Arm | None], orders: bool) -> tuple[tuple[Arm | None, ...], Schedule] | None:
-        """The arrangement that costs least, where there is more than one, with its schedule."""
+        """The arrangement of least energy with its schedule, if there is more than one."""
         choices = [[] if arm is None else arrangements(arm, orders, self.stopped) for arm in given]
         if not orders and all(len(choice) < 2 for choice in choices):
             return None
@@ -119,8 +121,10 @@ class Stage:
         lossless: bool = False,
         anywhere: bool = False,
     ) -> Problem:
-        """The scheduling problem with all that is known now; `anywhere`: without what keeps arms apart and what the
-        supply asks for."""
+        """The scheduling problem in the present state.
+
+        `anywhere`: without the constraints that keep arms apart and those of the supply.
+        """
         rings: dict[str, Ring] = {}
         for k, (robot, arm) in enumerate(zip(self.cell.robot, self.arms if arms is None else arms, strict=True)):
             held = None if hold is None else hold[k]
@@ -133,9 +137,9 @@ class Stage:
         return problem_of(self.cell, rings, () if anywhere else tuple(self.exclusions.values()))
 
     def bound(self, lossless: bool) -> float:
-        """J that no schedule of these curves goes below, wherever the arms are and whatever supply they share.
+        """A lower bound [J] over all schedules of these curves, wherever the arms are and whatever supply they share.
 
         Args:
-            lossless: a supply that loses nothing; else each robot has its own, which loses all that is braked.
+            lossless: a supply that loses nothing; else each robot has its own, which loses all braking energy.
         """
         return solve(self.problem(True, lossless=lossless, anywhere=True), seconds=self.seconds).bound

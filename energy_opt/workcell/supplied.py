@@ -1,4 +1,4 @@
-"""A plan within the limits of its supply: other starts first, then slower moves where the power peaks."""
+"""A plan within the limits of its supply: other starts first, then slower moves at the power's peaks."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from energy_opt.schedule.check import keeps
 from energy_opt.workcell.plan import Planned, Planning
 from energy_opt.workcell.supply import FINE, Supplied, Supply
 
-SLOWER = 1.2  # times its duration that a move takes at least in the next plan
-SLOWED = 24  # plans with slower moves
+SLOWER = 1.2  # factor of a move's duration in the next plan
+SLOWED = 24  # most plans with slower moves
 
 
 def supplied(planning: Planning, planned: Planned) -> tuple[Planned, Supplied]:
-    """The plan with starts, and where needed slower moves, with which the supply keeps its limits; what it draws.
+    """The plan with starts, and slower moves if needed, that keep the supply's limits; and the power it draws.
 
     Raises:
-        Infeasible: none was found; says how large the least peak is that was found, when, and in which moves.
+        Infeasible: none was found; gives the least peak found, its time, and its moves.
     """
     least: tuple[float, Infeasible] | None = None
     for _ in range(SLOWED):
@@ -33,7 +33,7 @@ def supplied(planning: Planning, planned: Planned) -> tuple[Planned, Supplied]:
         if least is None or drawn.price < least[0]:
             least = drawn.price, _fault(planned.schedule, moves, drawn)
         if planning.bound(lossless=True) > (drawn.bound or np.inf) * planning.cell.cycle_time:
-            break  # its mean is above it
+            break  # its mean is above the limit
         rings = planned.schedule.problem.rings
         slower = (
             planning.slower(r, rings[r].steps[k].name, SLOWER * float(planned.schedule.durations[r][k]))
@@ -65,7 +65,7 @@ def _fault(schedule: Schedule, moves: list[tuple[int, int]], drawn: Supplied) ->
 
 
 def _shifted(planning: Planning, planned: Planned) -> Planned:
-    """The plan with starts at which the supply draws less, where the arms keep apart."""
+    """The plan with starts at which the supply draws less, if the arms keep apart."""
     supply = Supply(planning.cell, planning.arms)
 
     def apart(schedule: Schedule) -> bool:
@@ -80,7 +80,7 @@ def _shifted(planning: Planning, planned: Planned) -> Planned:
 
 
 def from_zero(schedule: Schedule) -> Schedule:
-    """The schedule from the first step of the first robot on, other robots not before it where lags allow it."""
+    """The schedule from the first step of the first robot on, with other robots not earlier if lags allow it."""
     cycle = schedule.problem.cycle_time
     starts = [own - schedule.starts[0][0] for own in schedule.starts]
     for r, own in enumerate(starts):

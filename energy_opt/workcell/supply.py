@@ -1,12 +1,12 @@
-"""What the robots of a cell draw from their supply: each from its own DC link, or all from one that they share.
+"""The power that the robots of a cell draw: each from its own DC link, or all from a shared one.
 
-Power that a braking arm gives back charges the capacity C of its link; what does not fit is lost in a resistor. With b
-the power at the drives of all that share a link, S the energy stored there:
+Power that a braking arm returns charges the capacity C of its link; the rest is lost in a resistor. With b the power at
+the drives of all that share a link, S the energy stored there:
 
     drawn = max(b dt - S, 0) / dt,    lost = max(S - b dt - C, 0),    S <- min(max(S - b dt, 0), C).
 
-A shared link lets one arm's braking feed another's motion at that moment. So whole robots are shifted in the cycle, and
-then the starts of moves within the waits beside them, for the least energy drawn and for the bound of the peak.
+With a shared link, one arm's braking can feed another's motion at that moment. So whole robots are shifted in the
+cycle, and then the starts of moves within the neighbouring waits, for the least energy drawn and for the peak's bound.
 """
 
 from __future__ import annotations
@@ -21,26 +21,26 @@ from energy_opt.schedule.check import keeps
 from energy_opt.workcell.arm import Arm
 from energy_opt.workcell.file import MOTORS, SupplyTable, WorkCell
 
-STEP, FINE = 5e-3, 1e-3  # [s] of the grid on which powers are added, while starts are shifted and in the result
-CYCLES = 3  # after which the state of the store repeats
-SHIFTS = (0.4, -0.4, 0.1, -0.1, 0.025, -0.025)  # [s] that a start is moved by
-ROUNDS = 4  # over all moves
-PHASES = 48  # of the cycle by which a whole robot is shifted, and of these the best that are proven
+STEP, FINE = 5e-3, 1e-3  # [s] time steps of the power sums, while starts are shifted and in the result
+CYCLES = 3  # cycles after which the state of the store repeats
+SHIFTS = (0.4, -0.4, 0.1, -0.1, 0.025, -0.025)  # [s] shifts of a start to try
+ROUNDS = 4  # most sweeps over all moves
+PHASES = 48  # shifts of a whole robot to try, in parts of the cycle; the best PROVEN of them are proven
 PROVEN = 4
-NOTHING = 1e-9  # relative: a price that falls by less is not lower
-ROOM = 0.99  # share of the bound of power that shifting aims at: the finer grid sees higher peaks
-COSTLY = 1e3  # [J/W, J/J] price of a watt above the bound, and of what no resistor takes: no joule is worth it
+NOTHING = 1e-9  # relative: a price counts as lower only if it falls by more
+ROOM = 0.99  # share of the power bound that shifting aims at: the finer grid finds higher peaks
+COSTLY = 1e3  # [J/W, J/J] price of a watt above the bound, and of a joule that no resistor takes
 
 
 @dataclass(frozen=True)
 class Supplied:
-    """What the cell draws in a cycle.
+    """The power that a cell draws in a cycle.
 
     Attributes:
-        time: (N,) [s]; power: (N,) all that is drawn [W].
-        energy: [J]; lost: what resistors take [J].
-        peak: the largest power [W], of means over a step of the grid; bound: what was asked for.
-        resistor: may what does not fit into the link be lost?
+        time: (N,) [s]; power: (N,) total power drawn [W].
+        energy: [J]; lost: energy lost in resistors [J].
+        peak: the largest power [W], of means over a step of the grid; bound: its limit.
+        resistor: may energy that does not fit into the link be lost?
     """
 
     time: np.ndarray
@@ -57,22 +57,22 @@ class Supplied:
 
     @property
     def peak_time(self) -> float:
-        """When that is [s]."""
+        """Time of the peak [s]."""
         return float(self.time[np.argmax(self.power)])
 
     @property
     def valid(self) -> bool:
-        """Is the bound of power kept, and does a link without a resistor hold all that is braked?"""
+        """True if the power's bound is kept, and a link without a resistor stores all braking energy."""
         return (self.bound is None or self.peak <= self.bound) and self.overflow == 0
 
     @property
     def overflow(self) -> float:
-        """What is braked and fits nowhere [J]."""
+        """Braking energy that can be neither stored nor lost [J]."""
         return 0.0 if self.resistor else self.lost
 
     @property
     def price(self) -> float:
-        """What shifting minimises [J]."""
+        """The objective of shifting [J]."""
         above = 0.0 if self.bound is None else max(0.0, self.peak - ROOM * self.bound)
         return self.energy + COSTLY * (above + self.overflow)
 
@@ -81,7 +81,7 @@ class Supply:
     """The supply of a cell's arms.
 
     Args:
-        arms: by robot; None for one of which only energies are known: it draws their mean.
+        arms: by robot; None for one with only curves: it draws its mean power.
         step: of the grid [s].
     """
 
@@ -94,7 +94,7 @@ class Supply:
         self._moves: dict[tuple[int, str, float], tuple[np.ndarray, np.ndarray]] = {}
 
     def drawn(self, schedule: Schedule, shared: bool) -> Supplied:
-        """What a schedule draws, from links of each robot's own or from one that is `shared`."""
+        """The power drawn by a schedule, from each robot's own link or from one that is `shared`."""
         bus, rest = (np.zeros((len(self.arms), len(self.time))) for _ in range(2))
         for r, ring in enumerate(schedule.problem.rings):
             for k in range(len(ring.steps)):
@@ -128,8 +128,10 @@ class Supply:
             into[inside] += np.interp(done, share, values)
 
     def heaviest(self, schedule: Schedule, found: Supplied) -> list[tuple[int, int]]:
-        """Moves (robot, step) to which it is due that a schedule is not valid, those with the largest share first: of
-        the power at its peak, or of the energy braked."""
+        """Moves (robot, step) that make a schedule invalid, those with the largest share first.
+
+        The share is of the power at its peak, or of the braking energy.
+        """
         shares = {}
         for r, ring in enumerate(schedule.problem.rings):
             for k, step in enumerate(ring.steps):
@@ -142,10 +144,10 @@ class Supply:
         return sorted((move for move, share in shares.items() if share > 0), key=lambda move: -shares[move])
 
     def in_phase(self, schedule: Schedule, apart: Callable[[Schedule], bool]) -> Schedule:
-        """The schedule with whole robots later in the cycle, where the supply draws less.
+        """The schedule with whole robots shifted later in the cycle, if the supply draws less.
 
         Args:
-            apart: do the arms keep apart? Asked of few schedules.
+            apart: do the arms keep apart? Called for few schedules.
         """
         best, price = schedule, self.drawn(schedule, self.table.shared).price
         for r in range(1, len(schedule.starts)):
@@ -162,7 +164,7 @@ class Supply:
         return best
 
     def shifted(self, schedule: Schedule) -> Schedule:
-        """The schedule with starts moved within the waits beside them, where the shared supply draws less."""
+        """The schedule with starts moved within the neighbouring waits, if the shared supply draws less."""
         best, price = schedule, self.drawn(schedule, self.table.shared).price
         for _ in range(ROUNDS):
             before = price
@@ -185,7 +187,7 @@ class Supply:
 
 
 def _moved(schedule: Schedule, r: int, one: int, two: int, count: int, shift: float) -> Schedule | None:
-    """The wait `one` longer by `shift` [s], the wait `two` shorter by it; None where that breaks something."""
+    """The wait `one` longer by `shift` [s], the wait `two` shorter by it; None if that breaks a constraint."""
     ring = schedule.problem.rings[r]
     starts, lengths, energies = (x[r].copy() for x in (schedule.starts, schedule.durations, schedule.energies))
     for k, by in ((one, shift), (two, -shift)):
@@ -214,7 +216,9 @@ def _moved(schedule: Schedule, r: int, one: int, two: int, count: int, shift: fl
 
 
 def _link(bus: np.ndarray, step: float, capacity: float) -> tuple[np.ndarray, float]:
-    """Power (N,) [W] that a link of `capacity` [J] draws under drives' power `bus` (N,) [W]; lost in a cycle [J]."""
+    """Power (N,) [W] that a link of `capacity` [J] draws under the drives' power `bus` (N,) [W]; energy lost per
+    cycle [J].
+    """
     if capacity <= 0:
         return bus.clip(0), float(-bus.clip(max=0).sum() * step)
     stored, drawn, lost = 0.0, np.zeros_like(bus), 0.0

@@ -1,4 +1,4 @@
-"""A scene as one text that travels to workers: all that its files held, meshes included."""
+"""A scene as one text for worker processes: all contents of its files, meshes included."""
 
 from __future__ import annotations
 

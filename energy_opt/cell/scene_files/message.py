@@ -61,7 +61,7 @@ def _no_octomap(world: Mapping[str, Any]) -> None:
 
 
 class _Frames:
-    """The frame that poses stand in; all of a scene in one, or the file says how others stand in it."""
+    """Frames of the poses: one for all of a scene, or several that the file relates to each other."""
 
     def __init__(self, reading: Reading, document: Mapping[str, Any]) -> None:
         self.known: dict[str, np.ndarray] = {}
@@ -104,7 +104,7 @@ def _operation(value: Any) -> int:
 
 
 def _apply(reading: Reading, entry: Mapping[str, Any], frames: _Frames) -> None:
-    """Do with the object what its operation says."""
+    """Apply the operation of an object."""
     operation = _operation(entry.get("operation"))
     if operation == REMOVE:
         if not entry.get("id"):
@@ -151,7 +151,7 @@ def _pose(reading: Reading, value: Any, what: str) -> np.ndarray:
 
 
 def _poses(reading: Reading, entry: Mapping[str, Any], key: str, count: int) -> list[np.ndarray]:
-    """One pose for each of `count` shapes; where none are given they stand at the object's own."""
+    """One pose for each of `count` shapes; the object's own if none are given."""
     given = sequence(entry.get(key), key)
     if len(given) not in (0, count):
         raise BadInput(f"{len(given)} {key} for {count} shapes")
@@ -202,7 +202,7 @@ def _triangle(row: Any) -> Sequence[int]:
 
 
 def _allowed(matrix: Mapping[str, Any]) -> AllowedPairs:
-    """moveit_msgs/AllowedCollisionMatrix: a symmetric matrix over names, and entries for whatever is not in it."""
+    """moveit_msgs/AllowedCollisionMatrix: a symmetric matrix over names, and defaults for other names."""
     names = [name_of(item, "entry_names") for item in sequence(matrix.get("entry_names"), "entry_names")]
     matched = sequence(matrix.get("entry_values"), "entry_values")
     if len(matched) != len(names):

@@ -21,16 +21,16 @@ from energy_opt.cell.scene import SIZES, Kind, SceneObject, Shape
 from energy_opt.errors import BadInput, near
 from energy_opt.files import inside
 
-FARTHEST = 10_000.0  # [m] no size or position of a cell is larger: beyond it a length is a slip of the unit
-MOST_SHAPES = 100_000  # in a scene
-MOST_TRIANGLES = 1_000_000  # in all meshes of a scene
+FARTHEST = 10_000.0  # [m] largest size or position in a cell: larger ones are in another unit
+MOST_SHAPES = 100_000  # most shapes in a scene
+MOST_TRIANGLES = 1_000_000  # most triangles in all meshes of a scene
 ZERO_QUATERNION = 1e-3  # a quaternion shorter than this has no direction
-UNIT_QUATERNION = 0.01  # off unit length by more than this, a quaternion is worth a warning
+UNIT_QUATERNION = 0.01  # difference from unit length above which a quaternion causes a warning
 
 
 @dataclass
 class Reading:
-    """What has been read of a scene file so far, and what was wrong with it.
+    """Content of a scene file read so far, and its faults.
 
     Attributes:
         path: the file; meshes are looked for in its folder.
@@ -50,7 +50,7 @@ class Reading:
 
     @contextmanager
     def at(self, where: str) -> Iterator[None]:
-        """A part of the file: what is wrong in it becomes one fault, and reading goes on after it."""
+        """A part of the file: an error in it becomes one fault, and reading continues after it."""
         try:
             yield
         except BadInput as error:
@@ -195,12 +195,12 @@ def name_of(value: Any, key: str) -> str:
 
 
 def unknown_key(key: Any, known: Iterable[str]) -> str:
-    """What to say of a key that nobody knows."""
+    """Message for an unknown key."""
     names = list(known)
     return f"unknown key {brief(key)}" + (near(str(key), names) or f"; known are {', '.join(names)}")
 
 
-LARGEST = 100_000_000  # bytes; a binary STL of a million triangles has half of that
+LARGEST = 100_000_000  # [bytes] largest mesh file; a binary STL of a million triangles has half of that
 MESH_SUFFIXES = (".stl", ".obj")
 
 
@@ -234,6 +234,6 @@ def _load(path: Path, name: str) -> tuple[np.ndarray, np.ndarray]:
         return np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=np.int64)
     except OSError as error:
         raise BadInput(f"{name}: {error.strerror}") from None
-    except Exception as error:  # what a reader of meshes raises on a faulty file is no closed list
+    except Exception as error:  # mesh readers raise many kinds of exceptions on faulty files
         words = " ".join(str(error).split())[:200]
         raise BadInput(f"{name}: not a mesh that can be read ({words or type(error).__name__})") from None

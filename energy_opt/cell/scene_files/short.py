@@ -8,7 +8,7 @@ objects:
 poses:                                 # of the tool, in the scene's frame or in that of an object
   pick: {pose: "part: 0, 0, 0.12, 3.14, 0, 0", free: [rz]}
 
-The .scene text (`saveGeometryToStream`) is read as written since objects have poses and as written before.
+The .scene text (`saveGeometryToStream`) is read in its present form, in which objects have poses, and in its older one.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def _shape(reading: Reading, entry: Mapping[str, Any]) -> Shape:
 
 
 def _scale(value: Any) -> np.ndarray:
-    """(3,) from one factor or three; none of them zero, and turned inside out no more than the file."""
+    """Scale (3,) from one factor or three, all above 0."""
     factors = vector(value, "xyz", "scale") if isinstance(value, (list, tuple)) else [number(value, "scale")] * 3
     if min(factors) <= 0:
         raise BadInput("scale is not above 0")
@@ -114,7 +114,7 @@ TEXT_SIZES = {"box": 3, "sphere": 1, "cylinder": 2, "cone": 2}
 
 
 def read_text_scene(reading: Reading, text: str) -> None:
-    """Take the objects of the text; what follows a fault is not read."""
+    """Read the objects of the text, up to the first fault."""
     lines = _Lines(text)
     where = "row 1"
     try:
@@ -144,7 +144,7 @@ class _Lines:
         self._words: list[str] = []
 
     def line(self) -> str:
-        """The next line; nothing may be left of the one before."""
+        """The next line; no word of the line before may remain."""
         if self._words:
             raise BadInput(f"{self._words[-1][:40]!r} is left over")
         if self.row >= len(self._lines):
@@ -168,7 +168,7 @@ class _Lines:
         return self._words.pop()
 
     def numbers(self, count: int, what: str) -> list[float]:
-        """So many finite numbers."""
+        """`count` finite numbers."""
         out = []
         for _ in range(count):
             word = self.word()

@@ -1,4 +1,4 @@
-"""Ways: free paths from start to goal where the straight line is not free."""
+"""Initial paths: free paths from start to goal if the straight line is not free."""
 
 from energy_opt.motion.initial_paths.find import Free, Way, find_paths
 

@@ -1,4 +1,4 @@
-"""First paths: the straight line where it is free, else bent lines of our own, else a sampling planner's."""
+"""First paths: the straight line if it is free, else our own bent lines, else a sampling planner's."""
 
 from __future__ import annotations
 
@@ -14,27 +14,28 @@ from energy_opt.motion.initial_paths.polyline import Rounding, between, length, 
 from energy_opt.motion.path import JointPath, straight
 
 Source = Literal["straight", "given", "own", "ompl"]
-VIAS = 150  # seeded points through which lines of our own may bend
-PAIRS = 400  # of such points that are tried two at a time
-OWN = 4  # lines of our own that may fail their proof, or be one with others, before a planner is asked
-ATTEMPTS = 12  # of a planner at a first way
-FIRST = 20_000  # poses that each of them may look at: a second or two
-EDGES = (1.0, 2.5)  # [rad] of its trees' sides, in turns: out of a cage the short ones lead sooner, else the long
-FURTHER = 10_000  # and each at a further way, once there is one
-TRIES = 150  # cuts that are tried on a way
-SAME = 0.15  # ways whose middles are all nearer than this [rad] are one
-ROUNDS = 40  # times that corners are made tighter before a way is given up
+VIAS = 150  # seeded points through which our own lines may bend
+PAIRS = 400  # most pairs of such points to try
+OWN = 4  # own lines that may fail their proof, or repeat others, before a planner is asked
+ATTEMPTS = 12  # most attempts of a planner at a first path
+FIRST = 20_000  # most poses that each attempt may check: a second or two
+# [rad] edge lengths of the planner's trees, in turn: short ones leave a cage sooner, long ones are faster otherwise
+EDGES = (1.0, 2.5)
+FURTHER = 10_000  # the same for each attempt at a further path
+TRIES = 150  # shortcuts to try on a path
+SAME = 0.15  # [rad] paths that differ by less at all inner places are the same
+ROUNDS = 40  # most times that corners are tightened before a path is given up
 
 
 class Free(Protocol):
-    """What ways keep clear of: the body and the cell, asked pose by pose and, in the end, for a proof."""
+    """The obstacle check for paths: the body and the cell, first pose by pose, then by a proof."""
 
     def clear(self, q: np.ndarray) -> bool:
-        """Whether the pose q (n,) is free with the margin that ways should have."""
+        """True if the pose q (n,) is free with the margin of paths."""
         ...
 
     def unproven(self, path: JointPath) -> float | None:
-        """Where along the path (s) its freedom could not be proven; None where all of it is proven."""
+        """A place along the path (s) that could not be proven free; None if all of it is proven."""
         ...
 
 
@@ -43,9 +44,9 @@ class Way:
     """A free path.
 
     Attributes:
-        source: what it comes from.
-        seconds: what finding it took, all searches before it included.
-        length: how long its bent line takes at the joints' speed limits, s.
+        source: how it was found.
+        seconds: time to find it, with all searches before it.
+        length: duration of its bent line at the joints' speed limits, s.
     """
 
     path: JointPath
@@ -56,7 +57,7 @@ class Way:
 
 @dataclass(frozen=True)
 class Ends:
-    """The ends of a way, (n,) [rad], bounds of the poses that it may pass, and the joints' speed limits."""
+    """The ends of a path, (n,) [rad], bounds of its poses, and the joints' speed limits."""
 
     start: np.ndarray
     goal: np.ndarray
@@ -66,7 +67,7 @@ class Ends:
 
     @staticmethod
     def of(start: np.ndarray, goal: np.ndarray, lower: np.ndarray, upper: np.ndarray, velocity: np.ndarray) -> Ends:
-        """With bounds narrowed to half a turn beyond the ends: no way is the shorter for winding a joint up."""
+        """With bounds narrowed to half a turn beyond the ends: further turns never shorten a path."""
         least, most = np.minimum(start, goal), np.maximum(start, goal)
         return Ends(
             start, goal, np.minimum(np.maximum(lower, least - np.pi), least),
@@ -75,27 +76,29 @@ class Ends:
 
 
 class Looks:
-    """Poses looked at so far, and lines between them."""
+    """Checks of poses and of lines between them, with a count of poses."""
 
     def __init__(self, free: Free, step: np.ndarray) -> None:
         self._free, self._step = free, step
         self.poses = 0
 
     def clear(self, q: np.ndarray) -> bool:
-        """Whether the pose q (n,) is free with the margin that paths should have; counts the poses looked at."""
+        """True if the pose q (n,) is free with the margin of paths; counts the checked poses."""
         self.poses += 1
         return self._free.clear(q)
 
     def line(self, a: np.ndarray, b: np.ndarray) -> bool:
-        """Whether the straight line between two free poses is free, as far as poses along it tell."""
+        """True if the straight line between two free poses is free at the poses checked along it."""
         return all(self.clear(q) for q in between(a, b, self._step))
 
     def proven_line(self, a: np.ndarray, b: np.ndarray) -> bool:
-        """Whether it is, all of it. Poses alone would do between obstacles, but cutting corners goes for the edges."""
+        """True if all of the line is proven free. Poses alone may miss contacts, since shortcuts run along
+        obstacles' edges.
+        """
         return self.line(a, b) and self._free.unproven(straight(a, b)) is None
 
     def budget(self, poses: int) -> Callable[[], bool]:
-        """True once so many more poses have been looked at."""
+        """A function that is True once so many more poses have been checked."""
         last = self.poses + poses
         return lambda: self.poses >= last
 
@@ -103,12 +106,13 @@ class Looks:
 def find_paths(
     free: Free, ends: Ends, step: np.ndarray, *, planner: str = "auto", seed: int = 0, count: int = 1
 ) -> list[Way]:
-    """Up to `count` proven ways, the shortest first; the straight line alone where it is free.
+    """Up to `count` proven paths, the shortest first; only the straight line if it is free.
 
     Args:
-        step: (n,) [rad] how far apart each joint's poses are looked at along a line.
-        planner: "auto" and "ompl" ask OMPL where our own lines find nothing ("auto": if it is installed), "none" not.
-        seed: of all random choices; the same gives the same ways.
+        step: (n,) [rad] spacing of the checked poses along a line, for each joint.
+        planner: "auto" and "ompl" ask OMPL if our own lines find nothing ("auto": only if it is installed), "none" does
+            not.
+        seed: of all random choices; the same seed gives the same paths.
     """
     began = time.perf_counter()
     line = straight(ends.start, ends.goal)
@@ -130,7 +134,7 @@ def find_paths(
 
 
 def _bent(search: Looks, ends: Ends, planner: str, seed: int, count: int) -> Iterator[tuple[Source, np.ndarray]]:
-    """Bent lines, free as far as poses along them tell: ours, and where these are too few, a planner's."""
+    """Bent lines that are free at the poses checked along them: our own, then, if these are too few, a planner's."""
     for k, points in enumerate(_own(search, ends, seed)):
         if k == OWN + count:
             break
@@ -159,7 +163,7 @@ def _bent(search: Looks, ends: Ends, planner: str, seed: int, count: int) -> Ite
 
 
 def _own(search: Looks, ends: Ends, seed: int) -> Iterator[np.ndarray]:
-    """Lines through one seeded point, or through two: one seen from the start and one seen from the goal."""
+    """Lines through one seeded point, or through two: one visible from the start and one from the goal."""
     random = np.random.default_rng(seed)
     middle, half = (ends.start + ends.goal) / 2, np.abs(ends.goal - ends.start) / 2
     from_start, from_goal = [], []
@@ -187,7 +191,7 @@ def _own(search: Looks, ends: Ends, seed: int) -> Iterator[np.ndarray]:
 def _way(
     search: Looks, free: Free, ends: Ends, points: np.ndarray, source: Source, seed: int, began: float
 ) -> Way | None:
-    """The bent line shortened, its corners rounded as far as the proof allows; None where it cannot be proven."""
+    """The bent line shortened, its corners rounded as far as the proof allows; None if it cannot be proven."""
     points = without_needless(points, search.proven_line)
     points = shortened(points, search.proven_line, ends.velocity, seed, TRIES)
     points = without_needless(merged(points, search.proven_line), search.proven_line)
@@ -205,6 +209,6 @@ def _way(
 
 
 def _alike(a: Way, b: Way) -> bool:
-    """Whether two ways are the same but for details."""
+    """True if two paths differ only slightly."""
     s = np.linspace(0, 1, 9)[1:-1]
     return bool(np.abs(a.path(s) - b.path(s)).max() < SAME)

@@ -1,4 +1,4 @@
-"""Ways from OMPL's RRTConnect: the only module that imports ompl, which the extra `plan` installs."""
+"""Paths from OMPL's RRTConnect: the only module that imports ompl, which the extra `plan` installs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 
 def installed() -> bool:
-    """Whether OMPL is there."""
+    """True if OMPL is installed."""
     return importlib.util.find_spec("ompl") is not None
 
 
@@ -25,17 +25,17 @@ def rrt_connect(
     seed: int,
     side: float,
 ) -> np.ndarray | None:
-    """A bent line (K, n) from start to goal whose sides are free; None where `enough` came first.
+    """A bent line (K, n) from start to goal whose edges are free; None if `enough` came first.
 
-    The same arguments give the same line: OMPL's generator is seeded before anything draws from it, and `enough` is
-    best a count of poses, not of seconds.
+    The same arguments give the same line: OMPL's generator is seeded before its first use, and `enough` should count
+    poses, not seconds.
 
     Args:
         lower, upper: (n,) [rad] bounds of the poses that are drawn; start and goal lie within.
         clear: whether a pose is free; line: whether the straight line between two free poses is.
         enough: when to give up.
         seed: 0 or above.
-        side: the longest that a tree's side may be, by the joints' Euclidean norm [rad].
+        side: longest edge of the tree, by the joints' Euclidean norm [rad].
     """
     import ompl.base as ob
     import ompl.geometric as og
@@ -50,8 +50,8 @@ def rrt_connect(
     def pose(state: Any) -> np.ndarray:
         return np.array([state[j] for j in range(n)])
 
-    ou.setLogLevel(ou.LOG_NONE)  # it prints to stdout
-    ou.RNG.setSeed(seed + 1)  # 0 is none of its seeds
+    ou.setLogLevel(ou.LOG_NONE)  # otherwise OMPL prints to stdout
+    ou.RNG.setSeed(seed + 1)  # OMPL does not accept 0
     space, bounds = ob.RealVectorStateSpace(n), ob.RealVectorBounds(n)
     for j in range(n):
         bounds.setLow(j, float(lower[j]))

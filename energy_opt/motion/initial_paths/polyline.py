@@ -1,4 +1,4 @@
-"""Bent lines in joint space: shortened between seeded places, and their corners rounded to a path that can be timed."""
+"""Bent lines in joint space: shortened by seeded shortcuts, and their corners rounded to a path that can be timed."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ import numpy as np
 
 from energy_opt.motion.path import JointPath, straight
 
-NEAR = 0.45  # of the shorter side of a corner: how far rounding may begin before it
-CLOSE = 0.2  # [rad] corners nearer than this slow a motion down, for they leave no room to round them
-SLOWEST = 0.05  # of the path's mean |dq/ds|: below it a corner turns back on itself and cannot be rounded
+NEAR = 0.45  # share of a corner's shorter edge: largest reach of its rounding
+CLOSE = 0.2  # [rad] corners nearer than this slow a motion down, because they leave no room for rounding
+SLOWEST = 0.05  # share of the path's mean |dq/ds|: below it a corner turns back on itself and cannot be rounded
 
 
 def length(points: np.ndarray, velocity: np.ndarray) -> float:
-    """How long a bent line (K, n) takes at the joints' speed limits (n,), s: what paths are compared by."""
+    """Duration [s] of a bent line (K, n) at the joints' speed limits (n,), by which paths are compared."""
     return float(np.max(np.abs(np.diff(points, axis=0)) / velocity, axis=1).sum())
 
 
 def between(a: np.ndarray, b: np.ndarray, step: np.ndarray) -> Iterator[np.ndarray]:
-    """Poses on the line from a to b, both left out, no further apart than `step` (n,) [rad]; the middle first.
+    """Poses on the line from a to b, without these, at most `step` (n,) [rad] apart; the middle first.
 
-    Coarse before fine: what is in the way is found early.
+    Coarse before fine, so that obstacles are found early.
     """
     count = int(np.ceil(np.max(np.abs(b - a) / step)))
     stride = 1
@@ -36,12 +36,12 @@ def between(a: np.ndarray, b: np.ndarray, step: np.ndarray) -> Iterator[np.ndarr
 def shortened(
     points: np.ndarray, line: Callable[[np.ndarray, np.ndarray], bool], velocity: np.ndarray, seed: int, tries: int
 ) -> np.ndarray:
-    """The bent line (K, n) with detours cut off: by the straight line between two of its places, or in one joint alone.
+    """The bent line (K, n) with detours cut off: by the straight line between two of its places, or in only one joint.
 
     Args:
         line: whether the straight line between two poses is free.
-        velocity: (n,) speed limits; a cut is kept where the line takes less time by them.
-        tries: seeded attempts at a cut.
+        velocity: (n,) speed limits; a shortcut is kept if it reduces the line's duration.
+        tries: seeded attempts at a shortcut.
     """
     random = np.random.default_rng(seed)
     for k in range(tries):
@@ -60,9 +60,9 @@ def shortened(
 
 
 def _cut(points: np.ndarray, places: np.ndarray, joint: int | None) -> tuple[np.ndarray, range] | None:
-    """The line cut between two places (shares of its length); in one joint, which then goes evenly, or in all.
+    """The line cut between two places (shares of its length): in one joint, which then moves evenly, or in all.
 
-    Returns the new line and the numbers of its sides that are new; None where both places lie on one side.
+    Returns the new line and the numbers of its new edges; None if both places lie on one edge.
     """
     lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
     at = np.concatenate([[0.0], np.cumsum(lengths)])
@@ -80,7 +80,7 @@ def _cut(points: np.ndarray, places: np.ndarray, joint: int | None) -> tuple[np.
 
 
 def without_needless(points: np.ndarray, line: Callable[[np.ndarray, np.ndarray], bool]) -> np.ndarray:
-    """The bent line less the corners that can be left out."""
+    """The bent line without corners that can be left out."""
     k = 1
     while k < len(points) - 1:
         if line(points[k - 1], points[k + 1]):
@@ -92,7 +92,7 @@ def without_needless(points: np.ndarray, line: Callable[[np.ndarray, np.ndarray]
 
 
 def merged(points: np.ndarray, line: Callable[[np.ndarray, np.ndarray], bool]) -> np.ndarray:
-    """The bent line with corners that are close together made one in their middle, where that is free."""
+    """The bent line with corners that are close together replaced by one in their middle, if that is free."""
     k = 1
     while k < len(points) - 2:
         middle = (points[k] + points[k + 1]) / 2
@@ -108,12 +108,12 @@ def merged(points: np.ndarray, line: Callable[[np.ndarray, np.ndarray], bool]) -
 
 
 class Rounding:
-    """A path along a bent line whose corners are rounded, each within a reach that can be made smaller.
+    """A path along a bent line whose corners are rounded, each within a reach that can be reduced.
 
     The path is the cubic spline whose control points are the bent line at the Greville abscissae of its knots
-    (Schoenberg's approximation): it keeps to the line exactly, at even speed, wherever four neighbouring control points
-    lie on one side; with knots at l - w, l - w/3, l + w/3, l + w around a corner at l it leaves the line only between
-    l - w and l + w, and stays in the triangle there. It is C^2, as timing wants it.
+    (Schoenberg's approximation): it follows the line exactly, at even speed, wherever four neighbouring control points
+    lie on one edge; with knots at l - w, l - w/3, l + w/3, l + w around a corner at l it leaves the line only between
+    l - w and l + w, and stays in the triangle there. It is C^2, as timing requires.
     """
 
     def __init__(self, points: np.ndarray) -> None:
@@ -138,7 +138,7 @@ class Rounding:
         return JointPath(breaks, np.stack(powers))
 
     def tighter(self, s: float) -> bool:
-        """Halve the reach of the corner that the path at s belongs to; False where it belongs to none."""
+        """Halve the reach of the corner that the path at s belongs to; False if it belongs to none."""
         near = np.abs(self.at[1:-1] - s * self.at[-1]) / np.maximum(self.reach, 1e-12)
         if not near.size or near.min() > 1.0 + 1e-9:
             return False
@@ -147,7 +147,7 @@ class Rounding:
 
     @staticmethod
     def regular(path: JointPath) -> bool:
-        """Whether the path goes on everywhere: at no corner it turns back on itself."""
+        """True if the path turns back on itself at no corner."""
         s = np.unique(np.concatenate([path.knots[:-1] + f * np.diff(path.knots) for f in (0, 0.25, 0.5, 0.75)]))
         speed = np.linalg.norm(path(s, 1), axis=1)
         return bool(speed.min() > SLOWEST * speed.mean())

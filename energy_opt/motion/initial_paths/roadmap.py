@@ -1,12 +1,12 @@
-"""Ways that are cheap: the shortest ones in nets of seeded poses, by what it costs to be where they lead.
+"""Initial paths of low cost: shortest paths in roadmaps of seeded poses, weighted by the cost of being there.
 
-A move in a given time with a cost per second P(q) and one that grows with the speed squared goes, at its best, along
-geodesics of Jacobi's metric, sqrt(P + E) |dq|, at a speed in proportion to sqrt(P + E): what is costly is passed fast,
-and a detour is worth its while where it is cheap to be. Inertia is left out: these ways are starts, no answers.
+A move in a given time with a cost per second P(q), and one that grows with the speed squared, is best along geodesics
+of Jacobi's metric, sqrt(P + E) |dq|, at a speed in proportion to sqrt(P + E): costly regions are passed fast, and a
+detour through cheap regions can pay. Inertia is neglected: these paths are starts, not answers.
 
-A net's poses lie along a line that is free, along one that is cheap but not free (an optimum found without regard to
-what is around), and about both. Its edges are looked at when a shortest way first asks for them, as in a lazy
-probabilistic roadmap (R. Bohlin and L. E. Kavraki, Path planning using lazy PRM, ICRA 2000).
+A roadmap's poses lie along a free line, along a cheap line that is not free (an optimum found without bodies), and
+around both. Its edges are checked when a shortest path first uses them, as in a lazy probabilistic roadmap (R. Bohlin
+and L. E. Kavraki, Path planning using lazy PRM, ICRA 2000).
 """
 
 from __future__ import annotations
@@ -17,32 +17,36 @@ import numpy as np
 
 from energy_opt.motion.initial_paths.find import Ends, Looks
 
-ALONG, AROUND = 60, 1500  # poses along each line, and strewn about both
-SPREAD = (0.1, 0.25, 0.5, 0.9)  # [rad] how far from them
-NEIGHBOURS = 12  # of each pose
-EASE = (0.3, 3.0)  # E, as a share of the median of P, in turns: detours that go far for what is cheap, and short ones
-AWAY, COSTLIER = 0.6, 2.0  # [rad] about a way that was found, edges count so many times as much in the next net
-SEARCHES = 600  # shortest ways looked at before a net is given up
-DENSE = 0.05  # [rad] between poses of a way
-RAMP = 0.25  # share of a way's time in which it comes to speed, and in which it stops
-SMOOTH = 0.02  # and of that over which corners are averaged (standard deviation)
-SAMPLES = 400  # of a way evenly in time
+ALONG, AROUND = 60, 1500  # poses along each line, and scattered around both
+SPREAD = (0.1, 0.25, 0.5, 0.9)  # [rad] standard deviations of the scatter
+NEIGHBOURS = 12  # neighbours of each pose
+# E as a share of the median of P, in turn: a small share allows long cheap detours, a large one only short ones
+EASE = (0.3, 3.0)
+# edges within AWAY [rad] of a path found have their weight times COSTLIER in the next roadmap
+AWAY, COSTLIER = 0.6, 2.0
+SEARCHES = 600  # most shortest paths to check in one roadmap
+DENSE = 0.05  # [rad] largest spacing of a path's poses
+RAMP = 0.25  # share of a path's time to accelerate, and to stop
+SMOOTH = 0.02  # share of a path's time: standard deviation of the smoothing of corners
+SAMPLES = 400  # poses of a path, evenly in time
 
-Rate = Callable[[np.ndarray], np.ndarray]  # (M, n) poses -> (M,) what it costs to be there, by the second
+Rate = Callable[[np.ndarray], np.ndarray]  # (M, n) poses -> (M,) cost per second of being there
 
 
 def cheap_paths(
     looks: Looks, ends: Ends, rate: Rate, lines: Sequence[np.ndarray], seed: int, count: int
 ) -> Iterator[np.ndarray]:
-    """Up to `count` ways from start to goal, poses (SAMPLES, n) evenly in time; none near to those before, if it can.
+    """Up to `count` paths from start to goal, poses (SAMPLES, n) evenly in time; each far from those before, if
+    possible.
 
-    They are free as far as poses along their edges tell, corners and what smooths them aside.
+    They are free at the poses checked along their edges, apart from corners and smoothing.
 
     Args:
-        looks: what poses and lines between them are looked at by.
-        rate: what it costs to be somewhere, zero or above.
-        lines: (M, n) poses each, from start to goal; nets are laid about the first, best a free one, and each in turn.
-        seed: of the nets.
+        looks: checks poses and lines between them.
+        rate: cost per second of being somewhere, zero or above.
+        lines: (M, n) poses each, from start to goal; roadmaps are built around the first, preferably a free one, and
+            each of the others in turn.
+        seed: of the roadmaps.
     """
     found: list[np.ndarray] = []
     for k in range(count):
@@ -57,7 +61,7 @@ def cheap_paths(
 
 
 class _Net:
-    """A net of poses between two ends, looked at as far as the shortest way through it needs."""
+    """A roadmap of poses between two ends, checked only as far as its shortest path needs."""
 
     def __init__(
         self,
@@ -84,24 +88,26 @@ class _Net:
         edges = np.sort(np.stack([np.repeat(np.arange(len(near)), near.shape[1]), near.ravel()], axis=1), axis=1)
         self._edges = np.unique(edges[edges[:, 0] != edges[:, 1]], axis=0)
         self._number = {(a, b): k for k, (a, b) in enumerate(self._edges.tolist())}
-        self._known = np.zeros(len(self._edges), dtype=int)  # 1: free, -1: not
+        self._known = np.zeros(len(self._edges), dtype=int)  # 1: free, -1: not free, 0: not checked
         a, b = self._q[self._edges[:, 0]], self._q[self._edges[:, 1]]
         pace = self._pace(self._q)
         self._weight = np.linalg.norm((b - a) / ends.velocity, axis=1) * pace[self._edges].mean(axis=1)
 
     def _pace(self, q: np.ndarray) -> np.ndarray:
-        """The speed at which poses are passed, up to a factor: the root of what it costs to be there."""
+        """The speed at which poses are passed, up to a factor: the root of the cost of being there."""
         return np.sqrt(self._rate(q) + self._ease)
 
     def shun(self, way: np.ndarray) -> None:
-        """Count edges near a way (M, n) as costlier."""
+        """Increase the weights of edges near a path (M, n)."""
         from scipy.spatial import KDTree
 
         middles = self._q[self._edges].mean(axis=1)
         self._weight[KDTree(way).query(middles)[0] < AWAY] *= COSTLIER
 
     def shortest(self) -> np.ndarray | None:
-        """The corners (K, n) of the shortest way whose edges are free; None where there is none, or it takes long."""
+        """The corners (K, n) of the shortest path whose edges are free; None if there is none, or the search takes
+        too long.
+        """
         from scipy.sparse import csr_matrix
         from scipy.sparse.csgraph import dijkstra
 
@@ -114,7 +120,7 @@ class _Net:
             way = [1]
             while way[-1] != 0:
                 way.append(int(before[way[-1]]))
-            free = [self._free(a, b) for a, b in zip(way[1:], way[:-1], strict=True)]  # all of them are looked at
+            free = [self._free(a, b) for a, b in zip(way[1:], way[:-1], strict=True)]  # check all of them
             if all(free):
                 return self._q[way[::-1]]
         return None
@@ -126,7 +132,7 @@ class _Net:
         return bool(self._known[number] > 0)
 
     def passed(self, way: np.ndarray) -> np.ndarray:
-        """Poses (SAMPLES, n) evenly in time: a way passed from rest to rest, fast where it is costly."""
+        """Poses (SAMPLES, n) evenly in time: a path passed from rest to rest, fast in costly regions."""
         from scipy.ndimage import gaussian_filter1d
 
         pace, step = self._pace(way), np.linalg.norm(np.diff(way, axis=0) / self._velocity, axis=1)
@@ -138,7 +144,7 @@ class _Net:
 
 
 def _dense(corners: np.ndarray) -> np.ndarray:
-    """Poses along a bent line, near to each other, corners among them."""
+    """Closely spaced poses along a bent line, with its corners."""
     edges = zip(corners[:-1], corners[1:], strict=True)
     parts = [np.linspace(a, b, 2 + int(np.abs(b - a).max() / DENSE))[1:] for a, b in edges]
     return np.vstack([corners[:1], *parts])

@@ -1,4 +1,4 @@
-"""The room that ways have in a cell: a quick test of poses, by convex shapes, and the cell's proof for paths."""
+"""The space for paths in a cell: a quick check of poses, by convex shapes, and the cell's proof for paths."""
 
 from __future__ import annotations
 
@@ -15,15 +15,16 @@ from energy_opt.motion.path import JointPath
 from energy_opt.robot import Link
 from energy_opt.robot.kinematics import Coupling
 
-STEP = 0.04  # [m] that the farthest point moves, about, between poses that are looked at along a line
-WIDEST = 0.12  # [rad] and no joint turns further than this
-TOOL = 0.2  # [m] that the last link reaches beyond its joint
-KEPT = 0.002  # [m] that a way is proven to keep: what smooths it later bends it a little; half of an end's if less
-LOOKED = 1.5  # times that, by which poses are looked at: room for rounding corners
+STEP = 0.04  # [m] approximate largest motion of the farthest point between checked poses along a line
+WIDEST = 0.12  # [rad] largest motion of a joint between them
+TOOL = 0.2  # [m] reach of the last link beyond its joint
+# [m] proven clearance of a path: smoothing bends it slightly later; half of an end's clearance if that is less
+KEPT = 0.002
+LOOKED = 1.5  # factor of this clearance when poses are checked: room for rounding corners
 
 
 def steps(links: Sequence[Link]) -> np.ndarray:
-    """How far apart (n,) [rad, m] poses along a line are looked at: a joint that moves little goes further."""
+    """Spacing (n,) [rad, m] of the checked poses along a line: larger for joints that move the arm little."""
     reach = np.full(len(links), TOOL)
     for link, own in zip(reversed(links), range(len(links) - 1, -1, -1), strict=True):  # children before their parents
         if link.parent >= 0:
@@ -31,16 +32,16 @@ def steps(links: Sequence[Link]) -> np.ndarray:
             reach[link.parent] = max(reach[link.parent], beyond)
     turning = np.minimum(STEP / reach, WIDEST)
     step = np.where([link.prismatic for link in links], STEP, turning)
-    with np.errstate(divide="ignore"):  # one that takes others along goes no further than each of them may
+    with np.errstate(divide="ignore"):  # a joint that drives others moves at most as far as each of them may
         return np.asarray((step[:, None] / np.abs(Coupling.of(links).matrix)).min(axis=0))
 
 
 class Room:
-    """What ways between two poses keep clear of.
+    """Collision checks for paths between two poses.
 
     Args:
         ends: (2, n) start and goal, both free.
-        kept: what ways are proven to keep [m]; twice what the cell asks for where that is more.
+        kept: clearance [m] that paths are proven to keep; twice what the cell asks for if that is more.
     """
 
     def __init__(self, cell: Cell, ends: np.ndarray, kept: float = KEPT) -> None:
@@ -67,7 +68,7 @@ class Room:
         self._touches = check(parts, np.array(pairs, dtype=int).reshape(-1, 2), np.array(margins))
 
     def _too_fat(self, pair: int, q: np.ndarray, margin: float) -> bool:
-        """Whether a pair's convex shapes stand nearer than `margin` at an end, where the bodies themselves do not."""
+        """True if a pair's convex shapes are nearer than `margin` at an end, but the bodies themselves are not."""
         ruler, scene = self._bodies.ruler(pair), Scenery(self._bodies, q[None])
         if ruler.convex:
             return False
@@ -75,11 +76,11 @@ class Room:
         return ruler.near(at, bt) <= margin and ruler.mid(at, bt) <= margin
 
     def clear(self, q: np.ndarray) -> bool:
-        """Whether the pose q (n,) keeps the margin by which poses are looked at."""
+        """True if the pose q (n,) keeps the margin of pose checks."""
         return not self._touches(q)
 
     def unproven(self, path: JointPath) -> float | None:
-        """Where along the path (s) the clearance could not be proven; None where all of it is proven."""
+        """A place along the path (s) whose clearance could not be proven; None if all of it is proven."""
         s = path.knots
         proof = prove(self._bodies, MotionCurve(s, path(s), path(s, 1), path(s, 2)), self._kept)
         if proof.verdict == "proven":

@@ -1,1 +1,1 @@
-"""What is proven of a trajectory: its energy and its limits, from its samples alone."""
+"""Proofs about a trajectory, from its samples alone: its energy and its limits."""

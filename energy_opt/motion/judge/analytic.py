@@ -1,13 +1,13 @@
-"""How far rigid-body torque between two samples may be from the polynomial through its values at even places there.
+"""Error bounds of the polynomial that interpolates rigid-body torque at even places between two samples.
 
-Between samples q(t) is a polynomial, so torque is analytic in t, complex t too. With M the largest of its magnitude
+Between samples q(t) is a polynomial, so torque is analytic in t, for complex t too. With M its largest magnitude
 within r of the piece (h long), Cauchy gives |f^(k)| <= k! M / r^k, and for the polynomial p of degree d through d + 1
 even places, h / d apart,
 
     |f - p|   <= |f^(d+1)| / (d+1)! max |w|  <= M (h / (d r))^(d+1) d! / 4
     |f' - p'| <= |f^(d+1)| / d! h^d          <= (d + 1) M / r (h / r)^d
 
-M is found by the recursive Newton-Euler algorithm on magnitudes: a rotation by a complex angle has a norm of at most
+M follows from the recursive Newton-Euler algorithm on magnitudes: a rotation by a complex angle has a norm of at most
 exp(|Im q|), and the cross product of complex vectors is at most the product of their norms.
 Source: P. Davis, Interpolation and Approximation, chapters 3 and 4.
 """
@@ -23,12 +23,12 @@ from energy_opt.power import PowerModel
 from energy_opt.power.law import body_of, rigid_inputs
 from energy_opt.robot import RigidBody
 
-RADII = (1.5, 3.0, 6.0, 12.0)  # of the neighbourhood, in pieces' lengths
-ROUNDING = 1e-13  # share of M that torque is rounded by
+RADII = (1.5, 3.0, 6.0, 12.0)  # radii r of the neighbourhood, in pieces' lengths
+ROUNDING = 1e-13  # share of M: rounding error of torque
 
 
 class TorqueBound:
-    """Bounds for the torque of a body under a model's payload, tilt and links."""
+    """Bounds on the torque of a body under a model's payload, tilt and links."""
 
     def __init__(self, model: PowerModel, body: RigidBody) -> None:
         body = body_of(model, body)
@@ -100,9 +100,9 @@ class TorqueBound:
                 sum((sizes[k - 1] * r ** (k - least) / factorial(k - least) for k in range(max(least, 1), 6)), 0.0 * h)
                 for least in (0, 1, 2)
             )
-            with np.errstate(all="ignore"):  # what overflows bounds nothing
+            with np.errstate(all="ignore"):  # overflow gives no bound
                 most = np.nan_to_num(self.largest(turn, v, a, slide + turn), nan=np.inf, posinf=np.inf)
-            with np.errstate(over="ignore"):  # what overflows is no bound
+            with np.errstate(over="ignore"):  # overflow gives no bound
                 value = most * ((1 / (degree * radius)) ** (degree + 1) * factorial(degree) / 4 + ROUNDING)
                 rate = (degree + 1) * most / r * (1 / radius) ** degree + ROUNDING * most / h
             if best is None:

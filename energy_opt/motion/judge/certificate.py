@@ -14,17 +14,16 @@ from energy_opt.motion.judge.proven import proven
 from energy_opt.motion.limits.base import Limit, Violation
 from energy_opt.motion.trajectory import Trajectory
 
-PEAKS, FINER = 64, 64  # of a limit that are looked at anew, the highest, and into how many parts of a place
-ALLOWED = 1e-6  # a violation beyond this share of the bound is one
+PEAKS, FINER = 64, 64  # highest peaks of a limit to check again, and parts into which a place is divided for this
+ALLOWED = 1e-6  # share of a bound: a larger excess is a violation
 
 
 @dataclass(frozen=True)
 class Certificate:
-    """How far a trajectory stays inside its limits.
+    """The certificate of a trajectory under its limits.
 
     `found` is the worst place under each limit, in the order of the limits; `peak_power` [W] of the whole arm;
-    `clearance` from all that the arm must not touch, None where that was not asked; `proven`: what was found holds
-    between the samples too.
+    `clearance` from all bodies, None if not asked for; `proven`: `found` holds between the samples too.
     """
 
     samples: int
@@ -37,24 +36,24 @@ class Certificate:
     def max_violation(self) -> dict[str, float | None]:
         """Per limit, as a fraction of the bound (of the range for position): <= 0 is inside, -1 unlimited or unused.
 
-        None where it cannot be told.
+        None if it is unknown.
         """
         return {found.limit: found.excess for found in self.found}
 
     @property
     def worst(self) -> dict[str, object]:
-        """The limit that is used most: its name, joint (or what else is limited), time [s], value and bound."""
+        """The limit that is used most: its name, joint (or other limited part), time [s], value and bound."""
         return _document(max(self.found, key=_size))
 
     @property
     def tightest(self) -> str:
-        """The same in words."""
+        """The limit that is used most, in words."""
         worst = self.worst
         return f"the tightest limit is the {worst['limit']} of {worst['joint']} at {worst['time']:.4g} s"
 
     @property
     def binding(self) -> dict[str, object]:
-        """The same among the limits that more time would ease: all but the position's, if there are others."""
+        """As `worst`, among the limits that more time would relax: all but the position's, if there are others."""
         return _document(max(self.found, key=lambda found: (found.limit != "position", _size(found))))
 
     @property
@@ -64,17 +63,17 @@ class Certificate:
 
     @property
     def valid(self) -> bool:
-        """Within limits, and proven to touch nothing."""
+        """Within limits, and proven clear of all bodies."""
         return self.within_limits and self.clear
 
     @property
     def clear(self) -> bool:
-        """Proven to touch nothing, where that was asked."""
+        """Proven clear of all bodies, if that was asked for."""
         return self.clearance is None or self.clearance.proven
 
     @property
     def violation(self) -> float:
-        """The largest of all; infinite where one cannot be told."""
+        """The largest excess of all limits; infinite if one is unknown."""
         return max(_size(found) for found in self.found)
 
     def document(self) -> dict[str, object]:
@@ -85,7 +84,7 @@ class Certificate:
         return {"samples": self.samples, **limits, "clearance": clearance}
 
     def tightened(self, limits: Sequence[Limit]) -> tuple[Limit, ...]:
-        """The limits that were judged, a little smaller than they were found broken, where they were."""
+        """The judged limits, each broken one reduced by slightly more than its excess."""
         shares = [1 / (1 + 1.5 * size + 2 * ALLOWED) if (size := _size(found)) > 0.1 * ALLOWED else 1.0
                   for found in self.found]  # fmt: skip
         return tuple(limit.scaled(share) for limit, share in zip(limits, shares, strict=True))
@@ -114,7 +113,7 @@ def certify(
 ) -> Certificate:
     """Check `trajectory` against `limits` on a grid at least ten times denser than its samples, or of `samples` points.
 
-    Long ones are looked at block by block, in bounded memory; laws with a memory begin anew with each.
+    Long trajectories are checked block by block, in bounded memory; laws with memory start anew in each block.
     """
     factor = DENSER if samples is None else DENSER * max(1, -(-samples // (DENSER * (len(trajectory.time) - 1))))
     factor = 1 if samples_only else factor
@@ -124,7 +123,7 @@ def certify(
 def looked_at(
     trajectory: Trajectory, scorer: Scorer, limits: Sequence[Limit]
 ) -> tuple[Certificate, Energy, Trajectory]:
-    """Certificate, energy, and the trajectory with effort and power, in one pass of which nothing else is kept."""
+    """Certificate, energy, and the trajectory with effort and power, in one pass that keeps nothing else."""
     spent: list[tuple[float, dict[str, float]]] = []
     effort: list[np.ndarray] = []
     power: list[np.ndarray] = []
@@ -143,7 +142,9 @@ def looked_at(
 def _pieces(
     trajectory: Trajectory, scorer: Scorer, limits: Sequence[Limit], factor: int, look: Callable[[Dense], None]
 ) -> Certificate:
-    """The certificate, piece by piece; `look` is shown each. Via points are looked for among all samples at once."""
+    """The certificate, piece by piece; each piece is passed to `look`. Via points are searched among all samples at
+    once.
+    """
     parts = blocks(trajectory, factor)
     if len(parts) == 1:
         dense = scorer.dense(trajectory, factor)
@@ -162,31 +163,31 @@ def _pieces(
 
 
 def certificate_of(dense: Dense, limits: Sequence[Limit], scorer: Scorer) -> Certificate:
-    """The certificate of a trajectory that lies on a dense grid already."""
+    """The certificate of a trajectory that is already on a dense grid."""
     found = tuple(_peak(limit, limit.worst(dense), dense, scorer) for limit in limits)
     found, sure = proven(dense, scorer, limits, found) if dense.factor > 1 else (found, False)
     return Certificate(len(dense.time), found, _peak_power(dense, scorer), proven=sure)
 
 
 def _peak(limit: Limit, found: Violation, dense: Dense, scorer: Scorer) -> Violation:
-    """What was found, or more of it between the grid's places where peaks may be narrower than these lie apart."""
+    """`found`, or a worse place between the grid's places, where peaks may be narrower than their spacing."""
     use = limit.peaked(dense)
     time = np.zeros(0) if use is None else _times_of_peaks(dense.time, use)
     return max(found, limit.worst(scorer.between(dense, time)), key=_size) if len(time) else found
 
 
 def _peak_power(dense: Dense, scorer: Scorer) -> float:
-    """The whole arm's [W]."""
+    """The whole arm's peak power [W]."""
     most = float(dense.power.max())
     time = _times_of_peaks(dense.time, dense.power[:, None] / most) if most > 0 else np.zeros(0)
     return max(most, float(scorer.between(dense, time).power.max())) if len(time) else most
 
 
 def _times_of_peaks(time: np.ndarray, use: np.ndarray) -> np.ndarray:
-    """Times beside the places (M,) where what is used of a limit (M, m) may reach beyond 1 between two of them.
+    """Times around the places (M,) where the used share of a limit (M, m) may exceed 1 between two of them.
 
-    A peak of three places u- < u > u+ reaches at most (2 u - u- - u+) / 2 above u where both its sides are straight,
-    and a quarter of that where it is a parabola.
+    A peak of three places u- < u > u+ reaches at most (2 u - u- - u+) / 2 above u if both its sides are straight, and a
+    quarter of that if it is a parabola.
     """
     if len(use) < 3:
         return np.zeros(0)

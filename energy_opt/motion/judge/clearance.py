@@ -1,4 +1,4 @@
-"""What a cell has to say of motions and paths."""
+"""Clearance of motions and paths in a cell."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from energy_opt.motion.trajectory import Trajectory
 
 
 def clearance_of(cell: Cell, trajectory: Trajectory) -> Clearance:
-    """The proof for a trajectory, between its samples too; its ends say what may be asked of it."""
+    """The proof for a trajectory, between its samples too; its ends determine the distances that can be required."""
     t = trajectory
     return cell.prove(t.time, t.position, t.velocity, t.acceleration)
 
@@ -22,6 +22,6 @@ def clearance_along(cell: Cell, path: JointPath, wanted: np.ndarray | None = Non
 
 
 def cell_beside(cell: Cell, path: JointPath) -> Cell:
-    """The cell for a path that is given: see `Cell.beside`."""
+    """The cell for a given path: see `Cell.beside`."""
     s = path.knots
     return cell.beside(s, path(s), path(s, 1), path(s, 2))

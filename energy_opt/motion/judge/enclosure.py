@@ -1,4 +1,4 @@
-"""Ranges of a CasADi function over many pieces of time at once, with the ranges of its derivative by time.
+"""Ranges of a CasADi function over many pieces of time at once, with the ranges of its time derivative.
 
 This is interval arithmetic on the function's instructions. Each variable consists of four arrays (K,): the least and
 the largest value on each piece, and the least and the largest rate. At a kink of a law, the rates on both sides count;
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-UNBOUNDED = 1e150  # a rate that has no bound; finite, as products with 0 are to be 0
+UNBOUNDED = 1e150  # the value of an unbounded rate; finite, so that products with 0 are 0
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Range:
 
 
 class Unknown(Exception):
-    """The function has an instruction whose range is not known here."""
+    """The function has an instruction without a rule here."""
 
 
 def _times(a: Sequence[np.ndarray], b: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
@@ -86,7 +86,7 @@ def _rising(f: Callable[[np.ndarray], np.ndarray], df: Callable[[np.ndarray], np
 
 
 def _tanh(a: Range) -> Range:
-    """tanh: its derivative 1 - tanh^2 is largest where the range comes nearest to 0."""
+    """tanh: its derivative 1 - tanh^2 is largest where the range is nearest to 0."""
     near = np.where((a.low <= 0) & (a.high >= 0), 0.0, np.minimum(np.abs(a.low), np.abs(a.high)))
     far = np.maximum(np.abs(a.low), np.abs(a.high))
     return _chain(a, np.tanh(a.low), np.tanh(a.high), (1 - np.tanh(far) ** 2, 1 - np.tanh(near) ** 2))
@@ -100,7 +100,7 @@ def _square(a: Range) -> Range:
 
 
 def _inverse(a: Range) -> Range:
-    """1 / a, with the derivative -1 / a^2; everything if the range contains 0."""
+    """1 / a, with the derivative -1 / a^2; unbounded if the range contains 0."""
     across = (a.low <= 0) & (a.high >= 0)
     low, high = (np.where(across, 1.0, x) for x in (a.low, a.high))
     out = _chain(a, 1 / high, 1 / low, (-1 / np.minimum(low**2, high**2), -1 / np.maximum(low**2, high**2)))
@@ -116,7 +116,7 @@ def _sqrt(a: Range) -> Range:
 
 
 def _unless(lost: np.ndarray, x: Range) -> Range:
-    """The range, and everything where it is lost."""
+    """The range, but unbounded where `lost`."""
     far = np.full(len(lost), UNBOUNDED)
     return Range(
         *(
@@ -127,7 +127,7 @@ def _unless(lost: np.ndarray, x: Range) -> Range:
 
 
 def _hull(x: Range, y: Range, only_x: np.ndarray, only_y: np.ndarray) -> Range:
-    """x or y, where it is known which; else anything of both."""
+    """x or y, if it is known which; else the hull of both."""
     pairs = zip((x.low, x.high, x.falling, x.rising), (y.low, y.high, y.falling, y.rising), strict=True)
     both = [(f, g, np.minimum(f, g) if k % 2 == 0 else np.maximum(f, g)) for k, (f, g) in enumerate(pairs)]
     return Range(*(np.where(only_x, f, np.where(only_y, g, hull)) for f, g, hull in both))
@@ -145,7 +145,7 @@ def _fabs(a: Range) -> Range:
 
 
 def _constant(low: np.ndarray, high: np.ndarray) -> Range:
-    """Values that jump where they are not known."""
+    """Constant values, which jump if low and high differ."""
     jump = np.where(low == high, 0.0, UNBOUNDED)
     return Range(low, high, -jump, jump)
 
@@ -206,9 +206,9 @@ def enclosed(function: ca.Function, inputs: Sequence[Sequence[Range]]) -> list[l
     """Ranges of a function's outputs from those of its inputs, element by element.
 
     Raises:
-        Unknown: an instruction that is not listed here.
+        Unknown: an instruction without a rule here.
     """
-    with np.errstate(all="ignore"):  # what overflows is not below any bound
+    with np.errstate(all="ignore"):  # overflow gives no bound
         return _enclosed(function, inputs)
 
 

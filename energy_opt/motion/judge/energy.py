@@ -18,8 +18,9 @@ from energy_opt.power import PowerModel, drive_function
 from energy_opt.power.law import body_of, idle_time, returned_power, rigid_inputs, rigid_torque, store_of
 from energy_opt.robot import Robot
 
-DENSER = 10  # places between two samples at which a trajectory is judged; even, for Simpson's rule
-BLOCK = 300_000  # places looked at at once: some 200 MB for seven joints; laws with a memory begin anew in each
+DENSER = 10  # places per sample interval at which a trajectory is judged; even, for Simpson's rule
+# most places evaluated at once: some 200 MB for seven joints; laws with memory start anew in each block
+BLOCK = 300_000
 
 
 @dataclass(frozen=True)
@@ -66,22 +67,22 @@ class Scorer:
 
     @cached_property
     def adds_torque(self) -> bool:
-        """Whether any effect adds to the rigid body's torque, or takes from it."""
+        """True if any effect changes the rigid body's torque."""
         return any(e.stage == "torque" for _, member in self.model.weighted for e in member.effects)
 
     @cached_property
     def remembers(self) -> bool:
-        """Whether power depends on what went before: a store, or what is drawn for a while after a motion."""
+        """True if power depends on the past: a store, or power drawn for a while after a motion."""
         effects = [effect for _, member in self.model.weighted for effect in member.effects]
         return store_of(self.model) is not None or any(effect.follows for effect in effects)
 
     @cached_property
     def torque_bound(self) -> TorqueBound:
-        """Bounds for the rigid body's torque between places."""
+        """Bounds on the rigid body's torque between places."""
         return TorqueBound(self.model, self.robot.body)
 
     def law_of(self, name: str) -> ca.Function:
-        """The law's output "tau_m" or "powers" as a function of (q, v, a, tau, t), of models without a memory."""
+        """The law's output "tau_m" or "powers" as a function of (q, v, a, tau, t), for models without memory."""
         if name not in self._laws:
             n = self.robot.n
             q, v, a, tau = (ca.SX.sym(word, n) for word in ("q", "v", "a", "tau"))
@@ -95,13 +96,13 @@ class Scorer:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Motor torque (N, n) [N m], power (N,) [W] and its parts (N, len(self.parts)) [W] by the exact laws.
 
-        Friction holds a joint at rest: the power includes that, the torque that limits bound does not.
+        Friction holds a joint at rest: the power includes this, the limited torque does not.
         Instants are in order of time; each counts for half the time to both neighbours.
         """
         return self._law(q, v, a, t, *self._past(q, v, a, t))[1:4]
 
     def _past(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What went before instants in order: time since motion ended (N,) [s], and power that a store returns (N,)."""
+        """The past of instants in order: time since motion ended (N,) [s], and power that a store returns (N,)."""
         idle, back = idle_time(t, v), np.zeros(len(q))
         if store_of(self.model) is None or len(q) < 2:
             return idle, back
@@ -139,9 +140,9 @@ class Scorer:
         return out
 
     def potential(self, q: np.ndarray) -> np.ndarray:
-        """Potential energy (K,) [J] of the arm at rest at q (K, n), as far as drives and supply let it pass.
+        """Potential energy (K,) [J] of the arm at rest at q (K, n), times the share that drives and supply pass on.
 
-        The change of it between two ends is what no motion between them changes of the energy that it takes.
+        Its change between two ends is the part of a motion's energy that depends only on the ends.
         """
         n, body = self.robot.n, body_of(self.model, self.robot.body)
         payload, gravity = rigid_inputs(self.model, body)
@@ -159,15 +160,16 @@ class Scorer:
         return out
 
     def dense(self, trajectory: Trajectory, factor: int = DENSER, samples: slice | None = None) -> Dense:
-        """The trajectory on a grid `factor` times denser than its samples: what energy and limits are read from.
+        """The trajectory on a grid `factor` times denser than its samples, for energy and limits.
 
-        `samples`: those to take (None: all); time goes on counting from the trajectory's first.
+        `samples`: those to use (None: all); time counts from the trajectory's first sample.
         """
         begin = trajectory.time[0]
         trajectory = trajectory if samples is None else trajectory.part(samples)
         time = trajectory.denser(factor) - begin
         q, v, a, jerk = trajectory.sample_denser(factor)
-        before, at = trajectory.jerk_before_samples(), jerk[factor::factor]  # it jumps there: the larger of both counts
+        # jerk jumps at samples: the larger of both values counts
+        before, at = trajectory.jerk_before_samples(), jerk[factor::factor]
         jerk[factor::factor] = np.where(np.abs(before) > np.abs(at), before, at)
         return Dense(
             trajectory,
@@ -182,7 +184,7 @@ class Scorer:
         )
 
     def between(self, dense: Dense, time: np.ndarray) -> Dense:
-        """A trajectory that lies on a dense grid at other times (M,) of it; the past is that of the places before."""
+        """A trajectory of a dense grid at other times (M,); its past is that of the preceding places."""
         q, v, a, jerk = dense.trajectory.sample(time + (dense.trajectory.time[0] - dense.time[0]))
         idle, back = self._past(dense.q, dense.v, dense.a, dense.time)
         before = np.searchsorted(dense.time, time, side="right") - 1
@@ -197,11 +199,11 @@ class Scorer:
         return self.together(trajectory, pieces)
 
     def energy_of(self, dense: Dense) -> Energy:
-        """Energy of a trajectory that lies on a dense grid already (of an even factor), by Simpson's rule."""
+        """Energy of a trajectory that is already on a dense grid (of an even factor), by Simpson's rule."""
         return self.together(dense.trajectory, [self.spent(dense)])
 
     def together(self, trajectory: Trajectory, spent: Sequence[tuple[float, dict[str, float]]]) -> Energy:
-        """The energy of a trajectory from what its pieces spend."""
+        """The energy of a trajectory from that of its pieces."""
         total = sum(whole for whole, _ in spent)
         by_effect = {name: sum(parts[name] for _, parts in spent) for name in spent[0][1]}
         standby = sum(by_effect[name] for name in dict.fromkeys(e.name for e in self.model.effects if e.overhead))
@@ -209,13 +211,13 @@ class Scorer:
         return Energy(total, standby, stored, total - standby - stored, by_effect)
 
     def spent(self, dense: Dense) -> tuple[float, dict[str, float]]:
-        """What a piece of a trajectory takes, J, in all and by effect."""
+        """Energy [J] of a piece of a trajectory, in all and by effect."""
         q, v, a, weight = dense.q, dense.v, dense.a, dense.weight
         by_effect = dict(zip(self.parts, (weight @ dense.parts).tolist(), strict=True))
         total = float(weight @ dense.power)
         rigid = list(dict.fromkeys(e.name for e in self.model.effects if e.stage == "rigid"))
         tau = rigid_torque(self.model, self.robot.body, q, v, a) if rigid else None
-        for name in rigid:  # its share of the rigid body's mechanical work, against the model without it
+        for name in rigid:  # its share of the rigid body's mechanical work, compared with the model without it
             bare = rigid_torque(self.model.without(name), self.robot.body, q, v, a)
             share = float(weight @ np.sum((tau - bare) * v, axis=1))
             by_effect[name] = share
@@ -227,14 +229,14 @@ class Scorer:
         return self.dense(trajectory, 1).filled
 
 
-APART = 0.01  # relative difference beyond which what joints lose one by one is not what they lose together
+APART = 0.01  # relative difference above which the joints' separate losses do not add up to the common loss
 
 
 def loss_by_joint(scorer: Scorer, trajectory: Trajectory) -> dict[str, np.ndarray]:
     """Energy (n,) [J] that each effect takes at each joint.
 
-    The law is evaluated once for each joint, with the speed, acceleration and torque of that joint alone. Effects of
-    the whole arm (overhead, supply, a store on the bus) do not add up so, and are left out.
+    The law is evaluated once for each joint, with only that joint's speed, acceleration and torque. Effects of the
+    whole arm (overhead, supply, a store on the bus) cannot be divided in this way, and are left out.
     """
     dense = scorer.dense(trajectory)
     names = list(scorer.parts)

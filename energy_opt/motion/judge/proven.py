@@ -1,12 +1,12 @@
-"""Limits of the whole continuous motion, between the judge's places too: proven, or the place that breaks one found.
+"""Limits of the whole continuous motion, also between the judge's places: proven, or with a place that breaks one.
 
 Position, velocity, acceleration and jerk are polynomials between samples: their largest values are exact to rounding.
-The rigid body's torque is a polynomial up to an error that is bounded (see `analytic`); where no effect adds to it, so
-is effort. Other effort, and power, lie within half a piece's length times the largest rate of their value in its middle
-(see `enclosure`); pieces that may pass a bound are cut until they do not, or their middle does.
+The rigid body's torque is a polynomial up to a bounded error (see `analytic`); so is effort if no effect adds torque.
+Other effort, and power, differ from their value in the middle of a piece by at most half its length times their largest
+rate (see `enclosure`); pieces that may exceed a bound are divided until they do not, or their middle does.
 
-Polynomials are Bernstein coefficients, (d + 1, ...) of degree d on x in [0, 1]: a piece lies between its smallest and
-its largest. The first and the last are the values at the ends.
+Polynomials are stored as Bernstein coefficients, (d + 1, ...) of degree d on x in [0, 1]: a piece lies between its
+smallest and largest coefficient. The first and the last are the values at the ends.
 Source: G. Farin, Curves and Surfaces for CAGD, chapters 4 and 5.
 """
 
@@ -29,7 +29,7 @@ from energy_opt.motion.trajectory import Trajectory
 if TYPE_CHECKING:
     from energy_opt.motion.judge.energy import Scorer
 
-ROUNDS = 60  # halvings of a piece: a double has 52 bits
+ROUNDS = 60  # most halvings of a piece: a double has 52 bits
 
 
 def quintics(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
@@ -41,13 +41,13 @@ def quintics(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
 
 
 def slope(c: np.ndarray, h: np.ndarray) -> np.ndarray:
-    """Coefficients of the derivative by time of pieces that take h [s]."""
+    """Coefficients of the time derivative of pieces that take h [s]."""
     return np.asarray((len(c) - 1) * np.diff(c, axis=0) / h)
 
 
 @lru_cache(maxsize=4)
 def _from_values(degree: int) -> np.ndarray:
-    """From values at degree + 1 even places to coefficients."""
+    """Matrix from values at degree + 1 even places to coefficients."""
     x = np.linspace(0, 1, degree + 1)[:, None]
     k = np.arange(degree + 1)
     powers = np.array([comb(degree, i) for i in k]) * x**k * (1 - x) ** (degree - k)
@@ -60,7 +60,7 @@ def through(values: np.ndarray) -> np.ndarray:
 
 
 def split(c: np.ndarray, x: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients of both parts of pieces that are cut at x, by de Casteljau's algorithm."""
+    """Coefficients of both parts of pieces that are divided at x, by de Casteljau's algorithm."""
     left, right = [c[0]], [c[-1]]
     while len(c) > 1:
         c = (1 - x) * c[:-1] + x * c[1:]
@@ -70,10 +70,10 @@ def split(c: np.ndarray, x: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]
 
 
 def peak(c: np.ndarray, known: float, tolerance: float) -> tuple[float, int, float]:
-    """The largest value of polynomials (d + 1, M) to within `tolerance`; which of them, and x there.
+    """The largest value of polynomials (d + 1, M) to within `tolerance`; the polynomial, and x there.
 
-    `known` is a value that is reached: what surely lies below it is not looked at. Returns (-inf, 0, 0) where that is
-    all.
+    `known` is a value that is reached: what is certainly below it is not searched. Returns (-inf, 0, 0) if nothing is
+    above it.
     """
     best = (-np.inf, 0, 0.0)
     number = np.flatnonzero(c.max(axis=0) > known + tolerance)
@@ -92,20 +92,20 @@ def peak(c: np.ndarray, known: float, tolerance: float) -> tuple[float, int, flo
     return best
 
 
-TOLERANCE = 5e-7  # share of a bound that a proof may leave open
-EXACT = 1e-10  # of a bound: how exactly the peaks of polynomials are found
-PARTS, MOST = 8, 20_000  # into which a piece is cut, and how many are looked at before a proof is given up
-DEGREE = 10  # of the polynomial that represents torque: the judge has so many places between two samples
+TOLERANCE = 5e-7  # share of a bound: largest uncertainty of a proof
+EXACT = 1e-10  # share of a bound: accuracy of the peaks of polynomials
+PARTS, MOST = 8, 20_000  # parts into which a piece is divided, and most pieces evaluated before a proof is given up
+DEGREE = 10  # degree of the polynomial for torque: the judge has so many places between two samples
 DERIVATIVES = {Velocity: 1, Acceleration: 2, Jerk: 3}
 
 
 class Proof:
-    """The pieces of one motion between samples, and what is proven of them."""
+    """The pieces of one motion between samples, and proofs about them."""
 
     def __init__(self, dense: Dense, scorer: Scorer) -> None:
         self._dense, self._scorer = dense, scorer
         c, self._h = quintics(dense.trajectory)
-        self._derivatives = [c]  # of orders 0 ... 5, the first less each piece's first position
+        self._derivatives = [c]  # of orders 0 ... 5; the first without each piece's first position
         for _ in range(5):
             self._derivatives.append(slope(self._derivatives[-1], self._h))
         self._begin = dense.time[:: dense.factor][:-1]
@@ -115,7 +115,7 @@ class Proof:
         if found.excess is None:
             return found, False
         if limit.via.size:
-            return found, True  # a row lies there, or does not
+            return found, True  # the samples alone decide whether it is passed
         if isinstance(limit, (Position, *DERIVATIVES)):
             return self._of_polynomials(limit, found), True
         if isinstance(limit, Effort) and not self._scorer.adds_torque:
@@ -128,7 +128,7 @@ class Proof:
         return found, False
 
     def _used(self, c: np.ndarray, limit: Limit) -> tuple[np.ndarray, np.ndarray]:
-        """Excess coefficients (d + 1, K * 2 n) of a bound on both signs of polynomials, and the bounds (2 n,)."""
+        """Excess coefficients (d + 1, K * 2 n) of polynomials over bounds of both signs, and the bounds (2 n,)."""
         if isinstance(limit, Position):
             span = limit.upper - limit.lower
             span = np.where(np.isfinite(span), span, 1.0)
@@ -162,7 +162,9 @@ class Proof:
         return Violation(found.limit, excess, self._dense.joints[j % n], time, value, float(bounds[j]))
 
     def _torque(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Polynomials (d + 1, K, n) near rigid-body torque, and bounds (K, n) of their and their rates' errors."""
+        """Polynomials (d + 1, K, n) near rigid-body torque, and bounds (K, n) of their errors and of their rates'
+        errors.
+        """
         d = self._dense
         rigid = d.rigid[:: d.factor // DEGREE]
         inner = rigid[:-1].reshape(len(self._begin), DEGREE, -1)
@@ -178,7 +180,7 @@ class Proof:
         return out, bool(np.isfinite(error).all()) and open_ <= TOLERANCE
 
     def _of_law(self, limit: Effort | Power, found: Violation) -> tuple[Violation, bool]:
-        """By the law's ranges on pieces, cut where they may pass the bound."""
+        """The worst place by the law's ranges on pieces, divided where they may exceed the bound."""
         power = isinstance(limit, Power)
         if power and self._scorer.remembers:
             return found, False

@@ -1,4 +1,4 @@
-"""Limits along a path, all of a list at once: which share of each bound a timing uses."""
+"""Limits along a path, all of a list at once: the share of each bound that a timing uses."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from energy_opt.motion.path_dynamics import PathDynamics
 
 @dataclass(frozen=True)
 class Use:
-    """Share of a limit's bound that is used at places of a path, (M, m)."""
+    """Used share of a limit's bound at places of a path, (M, m)."""
 
     limit: Limit
     share: np.ndarray
@@ -26,7 +26,7 @@ class Use:
 
 
 def used(limits: Sequence[Limit], d: PathDynamics, a: np.ndarray, b: np.ndarray, w: np.ndarray) -> list[Use]:
-    """What every limit that a timing decides uses, at path accelerations a, squared speeds b and w = da/ds (M,)."""
+    """Use of every limit that depends on the timing, at path accelerations a, squared speeds b and w = da/ds (M,)."""
     out = []
     for limit in limits:
         share = limit.use(d, a, b)
@@ -42,7 +42,7 @@ def used(limits: Sequence[Limit], d: PathDynamics, a: np.ndarray, b: np.ndarray,
 
 
 class Tightening:
-    """Factors (M, m) per limit, at a grid's points, by which bounds are taken smaller where they were broken."""
+    """Factors (M, m) per limit, at a grid's points, by which broken bounds are reduced."""
 
     def __init__(self, factors: dict[str, np.ndarray] | None = None) -> None:
         self._factors = factors or {}
@@ -52,7 +52,7 @@ class Tightening:
         return self._factors.get(limit.name, 1.0)
 
     def after(self, uses: Sequence[Use], s: np.ndarray, grid: np.ndarray) -> Tightening:
-        """Smaller around the places `s` where a limit was broken, by a little more than it was."""
+        """Reduced factors around the places `s` where a limit was broken, by slightly more than its excess."""
         interval = np.clip(np.searchsorted(grid, s, side="right") - 1, 0, len(grid) - 2)
         changed = {}
         for use in uses:

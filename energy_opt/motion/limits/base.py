@@ -1,13 +1,13 @@
-"""What a limit is: a bound on a motion, and how judge, retiming and reshaping each see it.
+"""The interface of a limit: a bound on a motion, and how judge, retiming and reshaping use it.
 
-Everything that checks or keeps limits loops over a list of `Limit` objects and asks for what it can use; whatever a
-limit does not override is "nothing". A new limit is one class and its line in `registry`;
-`own.OwnLimit` derives all of it from one formula.
+Everything that checks or holds limits loops over a list of `Limit` objects and calls the methods it can use; a method
+that a limit does not override means "nothing". A new limit is one class and its line in `registry`;
+`own.OwnLimit` derives everything from one formula.
 
-    what asks                  calls                what comes back
+    caller                     calls                result
     judge (certificate)        worst(dense)         the worst place of a sampled motion, by the exact laws
     repair                     scaled(share)        the same limit with a smaller bound
-    path check                 fixed(d)             what no timing of a path can change: position, holding still
+    path check                 fixed(d)             what no timing of a path can change: position, holding torque
     retiming, minimum time     linear(d, b)         |ra a + rb b + r0| <= 1, a path acceleration, b squared path speed
                                tangent(d, a, b)     the same to first order, for limits that are not linear
                                functions(path, s)   |f(a, b, w)| <= 1 in NumPy, for limits that need w = da/ds
@@ -16,17 +16,17 @@ limit does not override is "nothing". A new limit is one class and its line in `
                                order, bound         constraints on the control points of the derivative of that order
                                expression(x, p)     symbolic constraints at nodes, of (q, v, a, effort, power, t)
                                places(curve)        numeric constraints of position (`PlaceConstraints`)
-                               excess_at(q)         how far positions are beyond what such constraints allow
-                               via                  points that are passed at times of the solver's choice
+                               excess_at(q)         excess of positions over such constraints
+                               via                  points to pass, at times of the solver's choice
 
 Symbolic constraints are compiled and differentiated with the model's node functions: they may depend on the whole state
-and cost nothing in Python. Their numbers (a bound, a reference pose) are either `scale`, by which the constraints are
-divided outside, or `values`, which enter as `p`; neither builds anything anew. `structure` is what does.
+and need no evaluation in Python. Their numbers (a bound, a reference pose) are either `scale`, by which the constraints
+are divided outside, or `values`, which enter as `p`; changing these builds nothing anew, only `structure` does.
 
-Numeric constraints (`PlaceConstraints`) are for what has no short graph: distances between bodies. They depend on the
-position at their place alone, are evaluated for all constraints at once, and enter the banded Hessian through the
-B-splines that are not zero there. `places` is asked at every linearisation, so what is frozen in one is renewed in
-the next.
+Numeric constraints (`PlaceConstraints`) are for values without a short expression graph: distances between bodies. They
+depend only on the position at their place, are evaluated for all constraints at once, and enter the banded Hessian
+through the B-splines that are not zero there. `places` is called at every linearisation, so what is frozen in one is
+renewed in the next.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ class Violation:
     """The place where a limit is used most.
 
     Attributes:
-        excess: beyond the bound, as a fraction of it (<= 0 is inside, -1 unused); None where it cannot be told.
-        where: the joint, or what else is limited.
+        excess: beyond the bound, as a fraction of it (<= 0 is inside, -1 unused); None if it is unknown.
+        where: the joint, or the other limited part.
         time: s; value and bound in the limit's unit.
     """
 
@@ -69,7 +69,7 @@ class Violation:
 class State:
     """A motion at one instant as CasADi columns: q, v, a (n, 1); the motors' torque (n, 1); power [W]; time [s].
 
-    `powers` (K, 1) [W]: under each of the models that are planned with; None where that is not known.
+    `powers` (K, 1) [W]: under each of the models of the plan; None if unknown.
     """
 
     q: ca.SX
@@ -83,9 +83,9 @@ class State:
 
 @dataclass(frozen=True)
 class Fixed:
-    """Excess (M, m) along a path that no timing changes; `text(k, j)` says what is wrong at place k in column j.
+    """Excess (M, m) along a path that no timing changes; `text(k, j)` describes the fault at place k in column j.
 
-    `holding`: it is what standing still takes, and nothing where the arm passes.
+    `holding`: it is that of standing still, and does not matter where the arm moves through.
     """
 
     excess: np.ndarray
@@ -102,17 +102,17 @@ class Linear:
     r0: np.ndarray
 
     def use(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Share of the bound (M, m) that path accelerations and squared speeds (M,) use."""
+        """Used share of the bound (M, m) at path accelerations and squared speeds (M,)."""
         return np.abs(self.ra * a[:, None] + self.rb * b[:, None] + self.r0)
 
     @property
     def of_speed(self) -> bool:
-        """Does it bound the speed alone?"""
+        """True if it bounds only the speed."""
         return not (self.ra.any() or self.r0.any())
 
     @property
     def fastest(self) -> np.ndarray:
-        """The largest squared speed (M,) within a limit of the speed alone."""
+        """The largest squared speed (M,) within a limit of only the speed."""
         return 1 / np.maximum(self.rb.max(axis=1), 1e-24)
 
 
@@ -135,14 +135,14 @@ class Functions(Protocol):
 class PlaceConstraints(Protocol):
     """R numeric constraints lower <= f <= upper on the positions at K places of a curve.
 
-    The same array q is handed to `value`, `gradient` and `hessian` of one iterate: keep what they share by `q is …`.
+    The same array q is passed to `value`, `gradient` and `hessian` of one iterate: cache shared results by `q is …`.
 
     Attributes:
         u: (K,) the places, in [0, 1] of the duration, anywhere and in any order.
-        place: (R,) which place each row is at.
+        place: (R,) the place of each constraint.
         lower, upper: (R,) bounds; constraints should be of order one near them (divide distances by a length).
-        keys: (R,) integers that name constraints from round to round (body pair and place), so that multipliers are
-            kept.
+        keys: (R,) integers that identify constraints (body pair and place), so that multipliers carry over to the
+            next round.
     """
 
     u: np.ndarray
@@ -155,27 +155,27 @@ class PlaceConstraints(Protocol):
         """(R,) at positions q (K, n)."""
 
     def gradient(self, q: np.ndarray) -> np.ndarray:
-        """(R, n) with respect to the position at each row's place."""
+        """(R, n) with respect to the position at each constraint's place."""
 
     def hessian(self, q: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         """(K, n, n), at each place the sum of its constraints' Hessians times multipliers (R,)."""
 
 
 class Limit:
-    """Base of all limits; an instance holds its bounds, and is never changed.
+    """Base of all limits; an instance holds its bounds and is never changed.
 
     Attributes:
         name: as in messages and `max_violation`; unit: of value and bound.
-        order: of the derivative of position whose control points `bound` (n,) bounds both ways; 0: none.
-        scale: (m,) what symbolic constraints are divided by, so that they lie in [-1, 1]; inf: no bound. Empty: no such
+        order: of the derivative of position whose control points `bound` (n,) bounds, with both signs; 0: none.
+        scale: (m,) divisors of symbolic constraints, which bring them to [-1, 1]; inf: no bound. Empty: no such
             constraints.
         one_sided: symbolic constraints have no lower bound.
-        squared: `linear` and `use` are of the limited value's square.
-        everywhere: a reshaping holds symbolic constraints at all nodes from the beginning, not where they were found
-            broken.
-        local: `tangent` is of use only about a timing that is inside the limit.
-        inner: `tangent` represents a part of what the limit allows: a fastest timing within it is not the fastest.
-        values: numbers that `expression` takes as its p.
+        squared: `linear` and `use` refer to the square of the limited value.
+        everywhere: a reshaping holds symbolic constraints at all nodes from the beginning, not only where they
+            were broken.
+        local: `tangent` is useful only about a timing that is inside the limit.
+        inner: `tangent` allows less than the limit, so a fastest timing within it is not the fastest.
+        values: numbers that `expression` gets as its p.
         via: (vias, n) points to pass, in order.
     """
 
@@ -194,55 +194,57 @@ class Limit:
 
     @classmethod
     def asked(cls, robot: Robot, settings: Settings, move: Move | None, gravity: np.ndarray) -> Self | None:
-        """The limit that settings or move ask for, where gravity is (3,) [m/s^2] in the base frame; None for none.
+        """The limit that settings or move ask for, with gravity (3,) [m/s^2] in the base frame; None for none.
 
-        Without a move, one of the same structure that serves to build expressions.
+        Without a move, a limit of the same structure, used to build expressions.
         """
         return None
 
     @property
     def structure(self) -> Hashable:
-        """What built expressions depend on besides `values` and `scale`."""
+        """Key of everything that built expressions depend on, except `values` and `scale`."""
         return type(self).__name__
 
     @property
     def along(self) -> bool:
-        """Does a retiming see it? What has symbolic constraints alone is kept by reshaping."""
+        """True if a retiming can hold it; limits with only symbolic constraints need reshaping."""
         own = type(self)
         none = Limit.use, Limit.linear, Limit.functions, Limit.fixed
         seen = (own.use, own.linear, own.functions, own.fixed) != none
         return seen or own.expression is Limit.expression
 
     def where(self, joints: Sequence[str], column: int) -> str:
-        """What a column of values belongs to: the joint, unless a limit says otherwise."""
+        """The name of the joint, or other part, that a column of values belongs to."""
         return joints[column]
 
     def worst(self, x: Dense) -> Violation:
-        """Where a sampled motion uses the limit most, by the exact laws."""
+        """The place where a sampled motion uses the limit most, by the exact laws."""
         raise NotImplementedError
 
     def peaked(self, x: Dense) -> np.ndarray | None:
-        """What places (N,) use, (N, m), 1 at the bound, of a limit whose peaks may be narrower than these lie apart."""
+        """Used shares (N, m) at places (N,) of a limit whose peaks may be narrower than their spacing; 1 at the
+        bound.
+        """
         return None
 
     def scaled(self, share: float) -> Self:
-        """The limit with `share` of its bound, where a bound can be made smaller at all."""
+        """The limit with `share` of its bound, if its bound can be reduced."""
         return self
 
     def for_models(self, count: int) -> Self:
-        """The limit for plans under so many models at once."""
+        """The limit for plans under `count` models at once."""
         return self
 
     def fixed(self, d: PathDynamics) -> Fixed | None:
-        """What no timing of a path can repair."""
+        """The excess that no timing of a path can repair."""
         return None
 
     def linear(self, d: PathDynamics, b: float) -> Linear | None:
-        """The limit along a path where it is linear in a and b; `b` is a usual squared speed there."""
+        """The limit along a path if it is linear in a and b; `b` is a typical squared speed there."""
         return None
 
     def tangent(self, d: PathDynamics, a: np.ndarray, b: np.ndarray) -> Linear | None:
-        """The limit to first order about (a, b), (M,) each; None where that is of no use."""
+        """The limit to first order about (a, b), (M,) each; None if that is not useful."""
         return self.linear(d, float(np.max(b)))
 
     def functions(self, path: JointPath, s: np.ndarray) -> Callable[[np.ndarray, np.ndarray], Functions] | None:
@@ -250,7 +252,7 @@ class Limit:
         return None
 
     def use(self, d: PathDynamics, a: np.ndarray, b: np.ndarray) -> np.ndarray | None:
-        """Share of the bound (M, m) that is used along a path, by the exact laws; None: (a, b) do not tell."""
+        """Used share of the bound (M, m) along a path, by the exact laws; None if (a, b) do not determine it."""
         line = self.linear(d, float(np.max(b)))
         return None if line is None else line.use(a, b)
 
@@ -263,11 +265,11 @@ class Limit:
         raise NotImplementedError
 
     def excess_at(self, q: np.ndarray) -> float:
-        """The largest excess at positions (M, n), of a limit that numeric constraints describe; else -inf."""
+        """The largest excess at positions (M, n), for limits with numeric constraints; else -inf."""
         return -np.inf
 
     def places(self, curve: Callable[[np.ndarray], np.ndarray]) -> PlaceConstraints | None:
-        """Numeric constraints near a curve, which gives positions (K, n) at u (K,); asked at every linearisation."""
+        """Numeric constraints near a curve, which gives positions (K, n) at u (K,); called at every linearisation."""
         return None
 
 
@@ -288,10 +290,10 @@ def box_of(limits: Sequence[Limit], n: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def values_of(limits: Sequence[Limit], width: float = 1.0) -> np.ndarray:
-    """What node functions take behind the model's values: the limits' numbers in order, and the width of kinks.
+    """The input of node functions after the model's values: the limits' numbers in order, and the width of kinks.
 
     Args:
-        width: what the widths over which kinks of laws are smoothed are multiplied by.
+        width: factor of the widths over which kinks of laws are smoothed.
     """
     return np.concatenate([NOTHING, *(limit.values for limit in limits), [width]])
 

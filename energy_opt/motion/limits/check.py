@@ -1,4 +1,4 @@
-"""What can be said of limits before anything is solved: places of a path that no timing can bring inside them."""
+"""Checks of limits before anything is solved: places of a path that no timing can bring inside them."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from energy_opt.motion.path_dynamics import PathDynamics
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 
-ALLOWED = 1e-9  # of a bound, or of a range
-HELD = 1e-6  # of a bound: what the certificate lets pass
+ALLOWED = 1e-9  # share of a bound, or of a range
+HELD = 1e-6  # share of a bound: excess that the certificate accepts
 
 
 def check_path(limits: Sequence[Limit], d: PathDynamics) -> None:
-    """What no timing can repair: positions outside the limits, and what merely holding the arm would take.
+    """Check what no timing can repair: positions outside the limits, and the torque to hold the arm.
 
     Raises:
         Infeasible: names joint, limit, path position and excess.
@@ -42,7 +42,7 @@ def check_path(limits: Sequence[Limit], d: PathDynamics) -> None:
 
 
 def check_pose(limits: Sequence[Limit], robot: Robot, model: PowerModel, q: np.ndarray, what: str, rest: bool) -> None:
-    """A pose (n,) that a move begins, passes or ends at: inside the limits, and held there where the arm is at `rest`.
+    """Check a pose (n,) of a move: inside the limits, and held within them if the arm is at `rest`.
 
     Raises:
         Infeasible: names `what`, the joint, limit and excess.

@@ -1,4 +1,4 @@
-"""The clearance between bodies as a limit: constraints over frozen planes, renewed whenever a round begins."""
+"""The clearance between bodies as a limit: constraints over frozen planes, renewed at the start of each round."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from energy_opt.motion.limits.base import Limit
 class ClearanceConstraints(Limit):
     """Pairs of bodies stay apart at places of a curve.
 
-    What proves a motion is the cell's proof, not these constraints: they only lead the solver to where it may succeed.
+    A motion is proven by the cell's proof, not by these constraints: they only lead the solver to where it may succeed.
 
     Attributes:
         near: finds planes.
         u: (K,) places in [0, 1].
-        margin: (K, P) what each pair keeps at each place [m].
-        reach: nearer than this a pair gets a row [m].
+        margin: (K, P) distance that each pair keeps at each place [m].
+        reach: pairs nearer than this get a constraint [m].
     """
 
     name = "clearance"
@@ -32,6 +32,6 @@ class ClearanceConstraints(Limit):
     reach: float
 
     def places(self, curve: Callable[[np.ndarray], np.ndarray]) -> PlaneConstraints | None:
-        """Constraints over planes between what is near along `curve`."""
+        """Constraints over planes between bodies that are near along `curve`."""
         constraints = self.near.constraints(self.u, curve(self.u), self.margin, self.reach)
         return constraints if len(constraints.place) else None

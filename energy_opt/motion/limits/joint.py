@@ -1,11 +1,11 @@
-"""Limits of joints: position, and the magnitude of one number per joint: velocity, acceleration, jerk, effort.
+"""Limits of joints: position, and the magnitude of one value per joint: velocity, acceleration, jerk, effort.
 
 Along a path, with a its path acceleration, b its squared speed and w = da/ds:
 
     velocity^2    q'^2 b
     acceleration  q' a + q'' b
     jerk          (q' w + 3 q'' a + q''' b) sqrt(b)
-    effort        M a + C b + G, and every torque effect of the model: linear where these are affine in (a, b)
+    effort        M a + C b + G, and every torque effect of the model: linear if these are affine in (a, b)
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Position(Limit):
         return Violation(self.name, float(excess[k, j]), x.joints[j], float(x.time[k]), value, bound)
 
     def fixed(self, d: PathDynamics) -> Fixed:
-        """The excess of the path's positions: no timing changes it."""
+        """The excess of the path's positions, which no timing changes."""
 
         def text(k: int, j: int) -> str:
             unit = d.robot.units[j]
@@ -70,7 +70,7 @@ class JointLimit(Limit):
     """|value_j| <= bound_j (n,) for every joint; inf: no bound.
 
     Attributes:
-        reads: the value, as the dense grid of a motion names it.
+        reads: name of the value on a motion's dense grid.
     """
 
     reads: ClassVar[str]
@@ -116,8 +116,9 @@ class Jerk(JointLimit):
     name, unit, order, reads = "jerk", "rad/s^3", 3, "jerk"
 
     def functions(self, path: JointPath, s: np.ndarray) -> Callable[[np.ndarray, np.ndarray], JerkAlongPath] | None:
-        """With ds/dt = sqrt(b), da/dt = w sqrt(b) and db/dt = 2 a sqrt(b), the jerk is d/dt (q' a + q'' b) = (q' w + 3
-        q'' a + q''' b) sqrt(b).
+        """The jerk along the path, (q' w + 3 q'' a + q''' b) sqrt(b).
+
+        It is d/dt (q' a + q'' b) with ds/dt = sqrt(b), da/dt = w sqrt(b) and db/dt = 2 a sqrt(b).
         """
         if not np.isfinite(self.bound).any():
             return None
@@ -147,9 +148,7 @@ class JerkAlongPath:
         return slope.T[:, None]
 
     def curvature(self, z: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
-        """Second derivatives that are not 0: by a and b k0 / (2 sqrt(b)), by b twice (2 k1 - l / (2 b)) / (2 sqrt(b)),
-        by b and w k2 / (2 sqrt(b)).
-        """
+        """Nonzero second derivatives: ab k0 / (2 sqrt(b)), bb (2 k1 - l / (2 b)) / (2 sqrt(b)), bw k2 / (2 sqrt(b))."""
         k, none = self.k, np.zeros(z.shape[1])
         by_b = 2 * k[1] - (k * z).sum(axis=0) / (2 * z[1])
         return multipliers[:, 0] / (2 * np.sqrt(z[1])) * np.stack([none, k[0], by_b, none, k[2], none])

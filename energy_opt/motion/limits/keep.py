@@ -23,15 +23,15 @@ from energy_opt.robot import RigidBody, Robot, Tool, tool_of
 
 
 class Keep(Limit):
-    """A bound [deg or mm] of how far a tool's pose is from what is kept.
+    """A bound [deg or mm] on the deviation of a tool's pose from a condition.
 
     Attributes:
-        reference: numbers of what is kept, as `squared_size` takes them.
+        reference: numbers of the condition, in the form that `squared_size` takes.
     """
 
     one_sided = True
     everywhere = True
-    numbers: ClassVar[int]  # how many the reference has
+    numbers: ClassVar[int]  # number of entries of the reference
 
     def __init__(self, body: RigidBody, tool: Tool, reference: np.ndarray, bound: float) -> None:
         self.body, self.tool, self.reference, self.most = body, tool, reference, float(bound)
@@ -54,12 +54,12 @@ class Keep(Limit):
 
     @classmethod
     def kept(cls, ends: np.ndarray, up: np.ndarray) -> np.ndarray:
-        """The reference that poses (2, 4, 4) at start and goal, and what points up (3,), stand for."""
+        """The reference for poses (2, 4, 4) at start and goal, and the up direction (3,)."""
         raise NotImplementedError
 
     @staticmethod
     def width(bound: float) -> float:
-        """The size that a bound represents."""
+        """The size that corresponds to a bound."""
         raise NotImplementedError
 
     @staticmethod
@@ -68,14 +68,14 @@ class Keep(Limit):
         raise NotImplementedError
 
     def measure(self, poses: np.ndarray) -> np.ndarray:
-        """How far poses (M, 4, 4) are from what is kept, (M,) in the limit's unit."""
+        """Deviations (M,) of poses (M, 4, 4) from the condition, in the limit's unit."""
         raise NotImplementedError
 
     def correction(self, poses: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The way back from poses (M, 4, 4) at shares (M,) of a path.
+        """The correction that brings poses (M, 4, 4) at shares (M,) of a path back to the condition.
 
-        Returns: displacement and rotation vector (M, 6) [m, rad] in the base frame, and what of the pose they are of:
-        projections (M, 6, 6), so that moves which are free are left alone.
+        Returns: displacement and rotation vector (M, 6) [m, rad] in the base frame, and projections (M, 6, 6) onto the
+            constrained directions, so that free motions are not changed.
         """
         raise NotImplementedError
 
@@ -89,7 +89,7 @@ class Keep(Limit):
         return self.tool.name
 
     def worst(self, x: Dense) -> Violation:
-        """The pose that is farthest from what is kept."""
+        """The pose of the largest deviation."""
         value = self.measure(x.tool_motion(self.tool)[0])[:, None]
         return worst_of(self, x, value, np.array([self.most]), value / self.most - 1)
 
@@ -98,7 +98,7 @@ class Keep(Limit):
         return type(self)(self.body, self.tool, self.reference, self.most * share)
 
     def fixed(self, d: PathDynamics) -> Fixed:
-        """The distance of the path's poses: no timing changes it."""
+        """The deviation of the path's poses, which no timing changes."""
         value = self.measure(d.tool_motion(self.tool)[0])[:, None]
 
         def text(k: int, j: int) -> str:
@@ -128,7 +128,7 @@ class KeepUpright(Keep):
     def kept(cls, ends: np.ndarray, up: np.ndarray) -> np.ndarray:
         """The tool's axis (3,) that points up most at the start (with its sign), and up (3,)."""
         up = up / max(float(np.linalg.norm(up)), 1e-300)
-        share = up @ ends[0, :3, :3]  # how much each axis points up
+        share = up @ ends[0, :3, :3]  # upward component of each axis
         axis = np.zeros(3)
         axis[np.argmax(np.abs(share))] = np.sign(share[np.argmax(np.abs(share))])
         return np.concatenate([axis, up])
@@ -205,15 +205,16 @@ def _turn(rotation: np.ndarray) -> np.ndarray:
     return np.asarray(Rotation.from_matrix(rotation).as_rotvec())
 
 
-NO_LENGTH = 1e-9  # [m] a shorter segment is a point
-BEYOND = 0.3  # of the bound: how far constraints let the tool go beyond the segment's ends
-ACROSS = np.sqrt(1 - BEYOND**2) * np.cos(np.pi / 8)  # and the octagon across it: its corners are within the bound
+NO_LENGTH = 1e-9  # [m] a shorter segment counts as a point
+BEYOND = 0.3  # share of the bound by which constraints let the tool go beyond the segment's ends
+# share of the bound for the octagon across the segment, so that its corners are within the bound
+ACROSS = np.sqrt(1 - BEYOND**2) * np.cos(np.pi / 8)
 
 
 class KeepLine(Keep):
     """A bound [mm] on the distance from a line segment.
 
-    The reference is where the segment begins (3,) [m], its direction (3,) and its length [m]. Symbolic constraints are
+    The reference is the segment's first point (3,) [m], its direction (3,) and its length [m]. Symbolic constraints are
     a prism: an octagon across the segment whose corners are within the bound, and a bound along it.
     """
 
@@ -264,7 +265,7 @@ class KeepLine(Keep):
         """The displacement to the point at the same share of the segment."""
         begin, direction, length = self.reference[:3], self.reference[3:6], self.reference[6]
         out, of = np.zeros((len(poses), 6)), np.zeros((len(poses), 6, 6))
-        # evenly along the segment: a path in joint space may run to and fro on it
+        # evenly along the segment: a path in joint space may run back and forth on it
         out[:, :3] = begin + length * share[:, None] * direction - poses[:, :3, 3]
         of[:, :3, :3] = np.eye(3)
         return out, of

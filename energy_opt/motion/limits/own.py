@@ -1,10 +1,10 @@
-"""A limit of one's own: a name, a unit, what it binds, and one formula; all else is derived from that.
+"""User-defined limits: a name, a unit, what it binds, and one formula; everything else is derived from it.
 
-    |value(x)| <= bound, or value(x) <= bound where it is `one_sided`
+    |value(x)| <= bound, or value(x) <= bound if it is `one_sided`
 
 `value` is an expression in the state (q, v, a, the motors' torque, the arm's power, time). The judge evaluates it over
-a dense grid, a reshaping compiles it with its nodes, and a retiming sees it along the path, where the state is a
-function of path acceleration and squared path speed. A value that depends on time is kept by reshaping alone.
+a dense grid, a reshaping compiles it with its nodes, and a retiming uses it along the path, where the state is a
+function of path acceleration and squared path speed. A value that depends on time can be held only by reshaping.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from energy_opt.motion.path_dynamics import PathDynamics
 from energy_opt.numerics.batch import Batch
 from energy_opt.robot import Robot
 
-STEP = 1e-5  # relative, of differences
-ONE_SIDED = 20.0  # bounds: below minus so many of them a one-sided value, as power that flows back, is held too
+STEP = 1e-5  # relative step of difference quotients
+ONE_SIDED = 20.0  # a retiming bounds a one-sided value, such as power that flows back, below by minus so many bounds
 
 
 class OwnLimit(Limit):
@@ -72,7 +72,7 @@ class OwnLimit(Limit):
 
     @property
     def structure(self) -> Hashable:
-        """Module, class and all values of the limit's own that its formula may use."""
+        """Module, class and all other values of the limit that its formula may use."""
         derived = ("bound", "scale", "_law", "_of_position", "_of_time")
         own = {key: value for key, value in vars(self).items() if key not in derived}
         return type(self).__module__, type(self).__qualname__, repr(sorted(own.items()))
@@ -97,19 +97,19 @@ class OwnLimit(Limit):
 
     @cached_property
     def _of_position(self) -> bool:
-        """Whether the value depends on the position alone."""
+        """True if the value depends only on position."""
         inputs = self._law.sx_in()
         return not any(ca.which_depends(self._law(*inputs), ca.vertcat(*inputs[1:]), 1, True))
 
     @cached_property
     def _of_time(self) -> bool:
-        """Whether the value depends on time: a path's timing is then not bounded by it."""
+        """True if the value depends on time, so that a retiming cannot hold it."""
         inputs = self._law.sx_in()
         return any(ca.which_depends(self._law(*inputs), inputs[-1], 1, True))
 
     @property
     def along(self) -> bool:
-        """Whether a retiming can keep it: only if it does not depend on time."""
+        """True if a retiming can hold it, which needs a value independent of time."""
         return not self._of_time
 
     def _shares(self, *columns: np.ndarray) -> np.ndarray:
@@ -137,7 +137,7 @@ class OwnLimit(Limit):
         return None if self._of_time else self._along(d, a, b, self.one_sided)
 
     def _along(self, d: PathDynamics, a: np.ndarray, b: np.ndarray, signed: bool) -> np.ndarray:
-        """The value over the bound (M, m) along a path; `signed`, or its magnitude."""
+        """The value over the bound (M, m) along a path; its magnitude unless `signed`."""
         speed, power = np.sqrt(b)[:, None], d.power(a, b)[:, None]
         motion = (d.q, d.q1 * speed, d.q1 * a[:, None] + d.q2 * b[:, None], d.motor_torque(a, b), power)
         found = Batch(self._law, len(d.s))(*motion, np.zeros_like(power))[0] / self.scale
@@ -158,8 +158,9 @@ class OwnLimit(Limit):
         return Fixed(held - 1, text, holding=not self._of_position)
 
     def tangent(self, d: PathDynamics, a: np.ndarray, b: np.ndarray) -> Linear | None:
-        """The value to first order about (a, b), by central differences. A one-sided limit f <= 1 becomes |f + r - 1|
-        <= r with r = ONE_SIDED, so that values far below are free.
+        """The value to first order about (a, b), by central differences.
+
+        A one-sided limit f <= 1 becomes |f + r - 1| <= r with r = ONE_SIDED, so that values far below are free.
         """
         if self._of_time:
             return None
@@ -174,14 +175,15 @@ class OwnLimit(Limit):
         rest = at(a, b) - by_a * a[:, None] - by_b * b[:, None]
         if not self.one_sided:
             return Linear(by_a, by_b, rest)
-        # f <= 1 as |f + r - 1| <= r: values far below are not held
+        # f <= 1 as |f + r - 1| <= r: values far below are free
         return Linear(by_a / ONE_SIDED, by_b / ONE_SIDED, (rest + ONE_SIDED - 1) / ONE_SIDED)
 
 
 class Power(OwnLimit):
-    """A bound [W] of the arm's electrical power at the meter, without the meter's faults; controllers trip on it.
+    """A bound [W] on the arm's electrical power at the meter, without the meter's errors; above it a controller may
+    trip.
 
-    Power that flows back is never too much. Where a plan is made under several models, it is a bound under each.
+    Negative power is always allowed. A plan under several models holds the bound under each.
     """
 
     name, unit, binds = "power", "W", "arm"
@@ -199,13 +201,13 @@ class Power(OwnLimit):
         return None if settings.max_power is None else cls(settings.max_power).for_robot(robot)
 
     def for_models(self, count: int) -> Self:
-        """The limit for plans under so many models at once: the bound holds under each."""
+        """The limit for plans under `count` models at once: the bound holds under each."""
         out = copy.copy(self)
         out.scale = np.repeat(self.scale[:1], count)
         return out
 
     def value(self, x: State) -> ca.SX:
-        """The arm's power [W], under each model that is planned with: (K, 1)."""
+        """The arm's power [W] under each model of the plan: (K, 1)."""
         return ca.repmat(x.power, len(self.scale)) if x.powers is None else x.powers
 
     def worst(self, x: Dense) -> Violation:

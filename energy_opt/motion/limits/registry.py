@@ -1,4 +1,4 @@
-"""Which limits are in force: the robot's own, and those that are asked for besides."""
+"""The limits in force: the robot's own, and those that settings or a move add."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from energy_opt.motion.limits.via import ViaPoints
 from energy_opt.motion.move import Move, Settings
 from energy_opt.robot import Limits, Robot
 
-# besides the robot's own
+# added to the robot's own
 ASKED: tuple[type[Limit], ...] = (
     ViaPoints, Power, ToolSpeed, ToolAcceleration, KeepUpright, KeepOrientation, KeepLine, Tube,
 )  # fmt: skip
 
 
 def joint_limits(bounds: Limits) -> tuple[Limit, ...]:
-    """The limits that a robot's numbers stand for, in the order in which they are reported."""
+    """The limits of a robot's numbers, in the order in which they are reported."""
     return (
         Position(bounds.lower, bounds.upper),
         Velocity(bounds.velocity),
@@ -37,10 +37,10 @@ def limits_of(
     """All limits in force for a robot's moves, or for one of them.
 
     Args:
-        gravity: (3,) [m/s^2] in the base frame; None for a base that is upright.
+        gravity: (3,) [m/s^2] in the base frame; None for an upright base.
 
     Raises:
-        BadInput: a bound or a frame that cannot be.
+        BadInput: an impossible bound or frame.
     """
     pull = robot.body.gravity if gravity is None else gravity
     asked = (kind.asked(robot, settings, move, pull) for kind in ASKED)

@@ -1,9 +1,9 @@
 """Bounds on the motion of the tool's origin: its speed and its acceleration.
 
-Along a path the squared speed is |J q'|^2 b, linear in squared path speed. The acceleration, gravity aside, is
+Along a path the squared speed is |J q'|^2 b, linear in squared path speed. The acceleration, without gravity, is
 |g a + c b| with g the tool's velocity per path speed and c its acceleration per squared path speed: the norm of a
-linear function, so a limit on it is convex. For what knows linear limits alone, a polygon in the plane of g and c
-represents the circle that it lies in.
+linear function, so a limit on it is convex. For solvers of linear limits only, a polygon in the plane of g and c
+represents the circle around it.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.path_dynamics import PathDynamics
 from energy_opt.robot import RigidBody, Robot, Tool, tool_of
 
-LEAST = 1e-6  # of a bound: slower than any drive turns
+LEAST = 1e-6  # [m/s, m/s^2] least bound: slower than any drive turns
 
 
 class ToolBound(Limit):
@@ -30,7 +30,7 @@ class ToolBound(Limit):
 
     Attributes:
         derivative: 1 for velocity, 2 for acceleration.
-        fastest: the largest bound that is taken: beyond it a bound is none, or in millimetres.
+        fastest: the largest accepted bound: a larger one is probably in millimetres.
     """
 
     derivative: ClassVar[int]
@@ -91,7 +91,7 @@ class ToolSpeed(ToolBound):
         return Linear(np.zeros_like(share), share, np.zeros_like(share))
 
 
-CORNERS = 32  # of the polygon: it keeps 99.5 % of the bound in every direction, 0.3 % of a duration
+CORNERS = 32  # corners of the polygon: it keeps 99.5 % of the bound in every direction and costs 0.3 % of a duration
 
 
 class ToolAcceleration(ToolBound):
@@ -112,8 +112,9 @@ class ToolAcceleration(ToolBound):
         return None
 
     def tangent(self, d: PathDynamics, a: np.ndarray, b: np.ndarray) -> Linear:
-        """A polygon of CORNERS sides inside the circle, in the plane of g and c: |n_k . (g a + c b)| <= bound
-        cos(pi / CORNERS) for half of its normals n_k.
+        """A polygon of CORNERS sides inside the circle, in the plane of g and c.
+
+        |n_k . (g a + c b)| <= bound cos(pi / CORNERS) for half of its normals n_k.
         """
         _, along, across = d.tool_motion(self.tool)
         # an orthonormal basis of the plane of both vectors, and the polygon's normals in it

@@ -1,9 +1,9 @@
-"""A motion stays near a path: every joint within a bound of the path's nearest point, or the tool's origin of its own.
+"""A motion stays near a path: each joint within a bound of the path's nearest point, or the tool near its own path.
 
-Constraints are at places of a curve, with the nearest point found anew wherever the solver goes. In joints they are the
-deviations themselves, as shares of the bound. The distance d of a tool has a kink on the path, where a row of it would
-be broken; so its constraints are sqrt((d^2 + w^2) / (2 w^2)) with w the bound, smooth and at most 1 if and only if d is
-at most w (see `keep`). The tool's path is a cubic spline through where a dense sampling of the path puts the tool.
+Constraints are at places of a curve; the nearest point is found anew at every iterate. For joints they are the
+deviations, as shares of the bound. The distance d of a tool has a kink on the path, so its constraints are
+sqrt((d^2 + w^2) / (2 w^2)) with w the bound, smooth and at most 1 if and only if d is at most w (see `keep`). The
+tool's path is a cubic spline through the tool's positions at a dense sampling of the path.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from energy_opt.motion.path_dynamics import PathDynamics
 from energy_opt.robot import Robot, Tool, tool_of
 from energy_opt.robot.kinematics import Kinematics
 
-PLACES = 80  # along a curve, where constraints are: two for each control point of a fine one
-SAMPLED = 2001  # places of the path through which the tool's own goes: it errs by less than 1 um on bends of 1 cm
+PLACES = 80  # constraints along a curve: two for each control point of a fine one
+SAMPLED = 2001  # places of the path for the tool's spline: it errs by less than 1 um on bends of 1 cm
 
 
 class Carried:
-    """A tool of an arm, in NumPy: where its origin is, and how it moves with the joints."""
+    """A tool of an arm, in NumPy: the position and motion of its origin."""
 
     def __init__(self, robot: Robot, tool: Tool) -> None:
         self.name, self._joint = tool.name, tool.joint
@@ -41,13 +41,15 @@ class Carried:
         return np.asarray(at.origin[:, self._joint] + at.rotation[:, self._joint] @ self._origin)
 
     def moved(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Axes z of all joints, and the velocities w that they give it; zero of those that do not, (M, L, 3) each."""
+        """Axes z of all joints, and the velocities w they give the tool; zero for joints that do not move it, (M, L,
+        3) each.
+        """
         at, slides = self._kinematics(q), self._kinematics.prismatic[:, None]
         w = np.where(slides, at.axis, np.cross(at.axis, self.place(q)[:, None] - at.origin[:, :-1]))
         return at.axis * (self._moves[:, None] & ~slides), w * self._moves[:, None]
 
     def joined(self, moved: np.ndarray) -> np.ndarray:
-        """Velocities (M, n, 3) that the joints which move by themselves give it, from those of all, (M, L, 3)."""
+        """Velocities (M, n, 3) that the independent joints give the tool, from those of all joints, (M, L, 3)."""
         return self._kinematics.coupling.joined(moved, axis=1)
 
     def bent(self, axes: np.ndarray, moved: np.ndarray, weight: np.ndarray) -> np.ndarray:
@@ -65,7 +67,7 @@ class Tube(Limit):
 
     Attributes:
         near: finds nearest points of the path, the joints' or the tool's.
-        tool: what is kept near; None for all joints (their names in `joints`).
+        tool: the tool to keep near; None for all joints (their names in `joints`).
     """
 
     name, unit = "tube", "rad"
@@ -75,7 +77,7 @@ class Tube(Limit):
 
     @classmethod
     def of(cls, robot: Robot, path: JointPath, words: str, tool: Tool) -> Self:
-        """The tube about a path that words like 0.1rad or 0.02m ask for."""
+        """The tube about a path for text such as 0.1rad or 0.02m."""
         bound, unit = tube_of(words)
         if unit == "rad":
             return cls(robot.joints, NearestOf(path), bound)
@@ -95,7 +97,7 @@ class Tube(Limit):
         return joints[column] if self.tool is None else self.tool.name
 
     def _away(self, q: np.ndarray) -> np.ndarray:
-        """How far positions (M, n) are from the path: per joint (M, n) [rad], or of the tool (M, 1) [m]."""
+        """Distance of positions (M, n) from the path: per joint (M, n) [rad], or of the tool (M, 1) [m]."""
         if self.tool is None:
             return np.abs(self.near(q).off)
         return np.linalg.norm(self.near(self.tool.place(q)).off, axis=1)[:, None]
@@ -114,7 +116,7 @@ class Tube(Limit):
         return type(self)(self.joints, self.near, self.most * share, self.tool)
 
     def fixed(self, d: PathDynamics) -> Fixed:
-        """The distance of a path from the given one: no timing changes it."""
+        """The distance of a path from the given one, which no timing changes."""
         value, unit = self._away(d.q), "rad" if self.tool is None else "m"
 
         def text(k: int, j: int) -> str:

@@ -1,4 +1,4 @@
-"""Via points: positions that a move passes, in order, at times of its own choice."""
+"""Via points: positions that a move passes in order, at times it chooses."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.robot import Robot
 
-PASSED = 1e-4  # [rad] so near every joint's position is the point passed: less than an arm's repeatability
-NEWTON = 8  # steps from the nearest sample to the nearest instant
+PASSED = 1e-4  # [rad] largest joint error at a passed point: less than an arm's repeatability
+NEWTON = 8  # most Newton steps from the nearest sample to the nearest instant
 
 
 class ViaPoints(Limit):
@@ -26,11 +26,11 @@ class ViaPoints(Limit):
 
     @classmethod
     def asked(cls, robot: Robot, settings: Settings, move: Move | None, gravity: np.ndarray) -> Self | None:
-        """The limit of a move's via points; None where it has none."""
+        """The limit of a move's via points; None if it has none."""
         return cls(np.stack(move.via)) if move is not None and move.via else None
 
     def worst(self, x: Dense) -> Violation:
-        """The via point that is missed most, each looked for after the one before was passed."""
+        """The via point that is missed most, each searched after the previous one was passed."""
         begin, found = 0.0, []
         for point in self.via:
             time, miss = _nearest(x, point, begin)
@@ -41,14 +41,14 @@ class ViaPoints(Limit):
 
 
 def _nearest(x: Dense, point: np.ndarray, begin: float) -> tuple[float, np.ndarray]:
-    """When, from `begin` [s] on, a point is passed first, or else come nearest to; and |q - point| (n,) then."""
+    """When, from `begin` [s] on, a point is first passed, or else nearest; and |q - point| (n,) then."""
     start = int(np.searchsorted(x.time, begin - 1e-12))
     distance = np.linalg.norm(x.q[start:] - point, axis=1)
     padded = np.concatenate([[np.inf], distance, [np.inf]])
     low = np.flatnonzero((padded[1:-1] <= padded[:-2]) & (padded[1:-1] <= padded[2:]))
     step = np.gradient(x.time)[start:]
     speed = np.linalg.norm(x.v[start:], axis=1)
-    # between two samples a curve comes nearer by what it covers there at most
+    # between two samples a curve comes nearer by at most the distance it covers
     low = low[distance[low] <= 2 * step[low] * speed[low] + distance.min() + 2 * PASSED]
     best: tuple[float, np.ndarray] | None = None
     for k in low:

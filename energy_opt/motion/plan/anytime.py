@@ -1,4 +1,4 @@
-"""An answer at any time: when a search has to end, and how its best proven answer got better until then."""
+"""The deadline of a search, and how its best proven answer improved over time."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from collections.abc import Callable
 
 
 class Progress:
-    """One search for one motion.
+    """The progress of one search for one motion.
 
     Args:
-        deadline: seconds after which it ends with the best proven answer so far; None for no end.
-        stopped: asked between solves; True where the user ends the search.
+        deadline: seconds after which the search ends with the best proven answer so far; None for no deadline.
+        stopped: called between solves; returns True if the user ends the search.
         begin: when the search began (`time.perf_counter`), s; None for now.
     """
 
@@ -20,17 +20,17 @@ class Progress:
     ) -> None:
         self.deadline, self.interrupted = deadline, stopped
         self._begin = time.perf_counter() if begin is None else begin
-        self.cut = False  # the deadline passed while something was still searched
-        self.losses: list[tuple[float, float]] = []  # seconds since the begin, and the least loss until then, J
+        self.cut = False  # True if the deadline passed during the search
+        self.losses: list[tuple[float, float]] = []  # (seconds since the begin, least loss so far [J])
 
     @property
     def seconds(self) -> float:
-        """Since the begin."""
+        """Seconds since the begin."""
         return time.perf_counter() - self._begin
 
     @property
     def left(self) -> float | None:
-        """Seconds until the deadline, a nanosecond at least; None without one."""
+        """Seconds until the deadline, at least a nanosecond; None without a deadline."""
         return None if self.deadline is None else max(self.deadline - self.seconds, 1e-9)
 
     def late(self) -> bool:
@@ -43,6 +43,6 @@ class Progress:
         return self.cut or self.interrupted()
 
     def found(self, loss: float) -> None:
-        """A proven answer with this loss [J] is known."""
+        """Record that a proven answer with this loss [J] is known."""
         if not self.losses or loss < self.losses[-1][1]:
             self.losses.append((self.seconds, loss))

@@ -1,8 +1,8 @@
-"""Weighted means of motions of one move that take equally long.
+"""Weighted means of motions of one move that have the same duration.
 
-Bounds of positions, velocities, accelerations and jerks that hold for each of the motions hold for their mean, too.
-Losses are nearly convex in the motion, so that the mean of motions costs no more than the mean of their energies, as a
-rule: what comes out is judged like any other motion.
+Bounds of positions, velocities, accelerations and jerks that hold for each of the motions also hold for their mean.
+Losses are nearly convex in the motion, so the mean of motions usually costs no more than the mean of their energies.
+The result is judged like any other motion.
 """
 
 from __future__ import annotations
@@ -16,21 +16,21 @@ from energy_opt.motion.trajectory import CLOSEST, Trajectory, whole
 
 
 def least_weights(costs: np.ndarray, excess: np.ndarray) -> np.ndarray | None:
-    """Shares of motions whose mean costs least while no judge sees an excess, both interpolated linearly.
+    """Weights of the motions whose mean costs least while no model exceeds its limit, both interpolated linearly.
 
     Args:
         costs: (N,) J, what is minimised.
-        excess: (N, K) J by which the motions cost more than allowed, by K judges.
+        excess: (N, K) J by which the motions cost more than allowed under each of K models.
 
     Returns:
-        (N,) shares that sum to 1; None where no mean holds.
+        (N,) weights that sum to 1; None if no mean keeps within all limits.
     """
     found = linprog(costs, excess.T, np.zeros(excess.shape[1]), np.ones((1, len(costs))), [1.0], method="highs")
     return np.asarray(found.x) if found.success else None
 
 
 def blended(trajectories: Sequence[Trajectory], shares: np.ndarray) -> Trajectory:
-    """The mean of motions of the same ends and duration, weighted by `shares` (N,), on all their samples' times."""
+    """The mean of motions of the same ends and duration, weighted by `shares` (N,), at all their sample times."""
     time = np.unique(whole(np.concatenate([t.time - t.time[0] for t in trajectories])))
     last = time[-1]
     keep = np.concatenate([[True], np.diff(time) > CLOSEST]) & (time < last - CLOSEST)

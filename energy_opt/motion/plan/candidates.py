@@ -1,4 +1,4 @@
-"""Candidates for a move's answer: the least-energy timing of the first path, and a curve that is free of any path."""
+"""Candidates for a move's answer: the least-energy timing of the first path, and a reshaped curve."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ from energy_opt.motion.retime.solve import RetimeSolution, retime
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 
-REPAIRS = 10  # times that limits are tightened where the judge finds them broken; peaks lose three quarters each time
-STUCK = 2  # times in a row that limits so tightened cannot be held, after which no tighter ones will be
-LONGEST = 30.0  # a free duration ends at this multiple of the fastest on the first path
-SHORTEST = 0.2  # and begins at this one
-SAMPLES = 200  # of a first guess
-RESOLUTION = 2e-5  # [rad, m] below which an encoder of 18 bits a turn does not tell two positions apart
-BRIEFEST = 0.01  # [s] of such a move: in less, the rounding of positions alone is beyond a jerk limit
-SMALL = 1e-2  # [rad, m] so small a move is not searched: inertia and gravity are the same all the way
+REPAIRS = 10  # most times that limits are tightened after the judge finds a violation; each time removes 3/4 of a peak
+STUCK = 2  # failed solves in a row under tightened limits, after which repairing ends
+LONGEST = 30.0  # upper bound of a free duration, as a multiple of the fastest timing of the first path
+SHORTEST = 0.2  # lower bound of a free duration, as a multiple of the same
+SAMPLES = 200  # samples of a first guess
+RESOLUTION = 2e-5  # [rad, m] resolution of an 18-bit encoder: smaller moves are not searched
+BRIEFEST = 0.01  # [s] shortest duration of such a move: in less, the rounding of positions alone breaks a jerk limit
+SMALL = 1e-2  # [rad, m] smaller moves need no search of a path: inertia and gravity are constant along them
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A candidate (None where nothing came of it), what it took, and what to say where a solver gave up.
+    """A candidate trajectory (None if the search failed), the effort spent, and a message if a solver gave up.
 
-    `optima`: coarse ones of other valleys, and of its own.
+    `optima`: coarse optima of the search, those of other valleys included.
     """
 
     trajectory: Trajectory | None
@@ -47,12 +47,12 @@ class Candidate:
 
 
 def is_at_rest(move: Move) -> bool:
-    """Is there nothing to reshape?"""
+    """True if the move has nothing to reshape."""
     return bool(not move.via and np.abs(move.goal - move.start).max() < 1e-12 and not np.any(move.end_velocities))
 
 
 def unseen(move: Move) -> bool:
-    """Is the move, from rest to rest, smaller than any encoder tells? Nothing about it is worth a search."""
+    """True if the move, from rest to rest, is smaller than an encoder's resolution, so that no search is needed."""
     if move.via or np.any(move.end_velocities) or np.abs(move.goal - move.start).max() >= RESOLUTION:
         return False
     knots = np.linspace(0.0, 1.0, SAMPLES)
@@ -60,10 +60,10 @@ def unseen(move: Move) -> bool:
 
 
 def unsearched(context: Context, move: Move, timing: Timing) -> Candidate:
-    """The minimum-time timing, slowed evenly to what is asked for, in place of a search.
+    """The minimum-time timing, slowed evenly to the wanted duration, without a search.
 
     Raises:
-        Infeasible: less time is asked for than that.
+        Infeasible: the wanted duration is below the minimum time.
     """
     wanted = max(1.001 * timing.duration, BRIEFEST) if move.duration is None else move.duration
     longest = wanted if move.max_duration is None else move.max_duration
@@ -76,7 +76,8 @@ def unsearched(context: Context, move: Move, timing: Timing) -> Candidate:
         )
     duration = min(wanted, longest)
     trajectory = timing.slowed(duration).trajectory(context.robot.joints)
-    if timing.path.moves and not context.judge(trajectory).within.valid:  # in so little time, many samples are rounding
+    # in so short a time, rounding of many samples breaks limits
+    if timing.path.moves and not context.judge(trajectory).within.valid:
         trajectory = _in_one(context, move, duration)
     return Candidate(
         trajectory,
@@ -86,7 +87,7 @@ def unsearched(context: Context, move: Move, timing: Timing) -> Candidate:
 
 
 def _in_one(context: Context, move: Move, duration: float) -> Trajectory:
-    """The straight line from rest to rest as one cubic polynomial, that of least jerk, in three samples."""
+    """The straight line from rest to rest as one cubic polynomial in three samples."""
     u, way = np.array([[0.0], [0.5], [1.0]]), move.goal - move.start
     q = move.start + u**2 * (3 - 2 * u) * way
     v = 6 * u * (1 - u) * way / duration
@@ -96,10 +97,10 @@ def _in_one(context: Context, move: Move, duration: float) -> Trajectory:
 
 
 def small_enough(move: Move, line: RetimeSolution | None, curve: Candidate) -> Candidate:
-    """A reshaping that did not converge, as done where the move is so small that the best timing of its line will do.
+    """The curve, marked as converged if the move is so small that the best timing of its line is as good.
 
-    On a few milliradians, inertia and gravity are the same everywhere, so that another path has nothing to offer; but
-    the solver's steps are lost in rounding.
+    On a few milliradians, inertia and gravity are constant, so another path saves nothing, and the solver's steps are
+    lost in rounding.
     """
     if move.via or np.abs(move.goal - move.start).max() >= SMALL or line is None or not line.converged:
         return curve
@@ -108,10 +109,10 @@ def small_enough(move: Move, line: RetimeSolution | None, curve: Candidate) -> C
 
 
 def in_tube(context: Context, move: Move, line: RetimeSolution | None, curve: Candidate) -> Candidate:
-    """A reshaping that did not converge, as done where a tube is asked for that its path in its best timing keeps to.
+    """The curve, marked as converged if a tube is asked for and the best timing of its path is valid.
 
-    In a tube of a tenth of a millimetre the solver's steps are lost in rounding; but the path itself is there, and the
-    answer is no costlier than that.
+    In a tube of a tenth of a millimetre the solver's steps are lost in rounding; but the path itself is known, and the
+    answer costs no more than its best timing.
     """
     if context.settings.tube is None or line is None or not line.converged:
         return curve
@@ -122,10 +123,10 @@ def in_tube(context: Context, move: Move, line: RetimeSolution | None, curve: Ca
 
 
 def in_line(context: Context, move: Move, retimed: Callable[[], RetimeSolution | None]) -> Candidate | None:
-    """The least-energy timing of the straight line for a move so small that no path has less; None for any other.
+    """The least-energy timing of the straight line if the move is so small that no path costs less; None otherwise.
 
-    Torque is then M a + g with constant M and g, and between ends at rest the least of its square has all joints in
-    one and the same profile of acceleration, which is a straight line. IPOPT's steps would be lost in rounding.
+    Torque is then M a + g with constant M and g. Between ends at rest, its mean square is least if all joints have the
+    same profile of acceleration, which gives a straight line. IPOPT's steps would be lost in rounding.
     """
     small = np.abs(move.goal - move.start).max() < SMALL and move.path is None
     if not small or move.via or np.any(move.end_velocities) or context.settings.objective != "energy":
@@ -138,10 +139,10 @@ def in_line(context: Context, move: Move, retimed: Callable[[], RetimeSolution |
 
 
 def least_energy_timing(context: Context, move: Move, timing: Timing) -> RetimeSolution | None:
-    """The least energy on the first path; None where a reshaped move's duration is too short for it.
+    """The least-energy timing of the first path; None if a reshaped move's duration is too short for it.
 
     Raises:
-        Infeasible: a move that keeps its path cannot take so little time.
+        Infeasible: a retimed move cannot be so fast.
     """
     try:
         return _retimed(context, move, timing, context.limits)
@@ -159,7 +160,7 @@ def _retimed(context: Context, move: Move, timing: Timing, limits: tuple[Limit, 
 
 
 def repaired_timing(context: Context, move: Move, first: RetimeSolution) -> Candidate:
-    """The least energy on the first path within limits by the judge: `first`, solved again where it breaks one."""
+    """The least-energy timing of the first path, valid by the judge: `first`, solved again if it breaks a limit."""
     solution, limits, iterations = first, context.limits, first.iterations
     for _ in range(REPAIRS):
         certificate = context.judge(solution.trajectory).within
@@ -178,7 +179,7 @@ def repaired_timing(context: Context, move: Move, first: RetimeSolution) -> Cand
 
 
 def broken(how: str, certificate: Certificate) -> str:
-    """What a certificate has against a move that was made in this way."""
+    """The message that a move of this mode breaks a limit."""
     worst = certificate.worst
     return (
         f"the {how} move breaks the {worst['limit']} limit of {worst['joint']} at {worst['time']:.4g} s by "
@@ -187,7 +188,7 @@ def broken(how: str, certificate: Certificate) -> str:
 
 
 def reference_time(context: Context, move: Move, timing: Timing | None) -> float:
-    """A duration [s] that the move can about have: the fastest on its first path, or a guess where there is none."""
+    """A typical duration [s] of the move: the fastest on its first path, or an estimate if that has no timing."""
     if timing is not None and timing.path.moves:
         return timing.duration
     way = np.abs(move.goal - move.start)
@@ -196,7 +197,7 @@ def reference_time(context: Context, move: Move, timing: Timing | None) -> float
 
 
 def task_of(context: Context, move: Move, reference: float, duration: float | None) -> Task:
-    """The reshaping that a move asks for, in exactly `duration` s where that is given."""
+    """The reshaping problem of a move, with exactly `duration` s if given."""
     if duration is not None:
         durations = (duration, duration)
     else:
@@ -211,7 +212,7 @@ def task_of(context: Context, move: Move, reference: float, duration: float | No
 
 
 def first_line(move: Move, duration: float) -> Line:
-    """The first path, passed smoothly from rest to rest in `duration` s: what starts are bent from."""
+    """The first path, passed smoothly from rest to rest in `duration` s: the base of the initial curves."""
     u = np.linspace(0, 1, SAMPLES)
     return Line(u, path_of(move)(u**3 * (10 - 15 * u + 6 * u**2)), duration)
 
@@ -225,16 +226,16 @@ def reshaped(
     kept: Kept | None = None,
     worth: Callable[[Curve], bool] | None = None,
 ) -> Candidate:
-    """The curve of least objective that the search finds, within limits by the judge.
+    """The curve of least objective that the search finds, valid by the judge.
 
     Args:
-        retimed: solves for the least-energy timing of the first path; None where there is none.
-        warm: trajectories to start from besides.
-        kept: what starts led to at other durations of the same move.
-        worth: whether an optimum is one to solve in full; else it is handed on without a trajectory.
+        retimed: solves for the least-energy timing of the first path; None if there is none.
+        warm: further trajectories to start from.
+        kept: coarse results of the starts at other durations of the same move.
+        worth: returns whether an optimum is worth solving in full; if not, it is returned without a trajectory.
 
     Raises:
-        Infeasible: no curve holds the limits, or none in the time asked for.
+        Infeasible: no curve holds the limits, or none in the duration asked for.
     """
     timed = in_line(context, move, retimed)
     if timed is not None:
@@ -252,13 +253,14 @@ def reshaped(
         return Candidate(None, answer.iterations, starts=answer.starts, outcome=answer.optima[0], optima=answer.optima)
     best, spent, starts = answer.best, answer.iterations, answer.starts
     line = retimed() if best is None and not context.stopped() else None
-    if line is not None:  # it holds the limits from the beginning
+    if line is not None:  # this timing holds the limits, so search from it
         again = reshaper.search(task, [Line.of(line.trajectory)], 1, settings.seed, context.stopped)
         best, spent, starts = again.best, spent + again.iterations, starts + again.starts
     if best is None and not context.stopped():
         best, more = _from_the_fastest(context, move, task, lines, line is not None, reference)
         spent += more
-    if best is None and line is not None and not context.stopped():  # few control points held nothing
+    # few control points did not suffice: start at the finest level
+    if best is None and line is not None and not context.stopped():
         last = reshaper.from_line(Line.of(line.trajectory), task)
         best, spent, starts = last if last.broken <= FEASIBLE else None, spent + last.iterations, starts + 1
     if best is None:
@@ -279,7 +281,7 @@ def reshaped(
 def repaired(
     context: Context, reshaper: Reshaper, best: Outcome, task: Task
 ) -> tuple[Outcome, Trajectory, Certificate, int]:
-    """Tighten the limits that the judge finds broken, and solve again from where we are; and the iterations spent."""
+    """Tighten the limits that the judge finds broken and solve again from there; also returns the iterations spent."""
     limits, spent, stuck = task.limits, 0, 0
     for turn in range(REPAIRS + 1):
         judged = context.judge.of(best.curve)
@@ -296,10 +298,10 @@ def repaired(
 def _from_the_fastest(
     context: Context, move: Move, task: Task, lines: Sequence[Line], fallback: bool, reference: float
 ) -> tuple[Outcome | None, int]:
-    """The move started from the fastest one, where the usual starts led nowhere; and the iterations spent.
+    """The move started from the fastest one, if the usual starts failed; also returns the iterations spent.
 
     Raises:
-        Infeasible: there is no `fallback`, and the fastest move takes longer than is asked for, or breaks a limit
+        Infeasible: there is no `fallback`, and the fastest move takes longer than asked for, or breaks a limit
             however slow it is.
     """
     fast = context.reshaper("time")

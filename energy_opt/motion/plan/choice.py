@@ -1,4 +1,4 @@
-"""The choice among candidates and baselines: judged alike, the least energy within limits is the answer."""
+"""The choice among candidates and baselines: all are judged alike, and the valid one of least energy is the answer."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from energy_opt.motion.retime.solve import RetimeSolution
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 
-SLOW = 200.0  # times the shortest duration, from which one is worth a word
-HAIR = 1e-3  # of a bound
-SAME_DURATION = 1e-12  # relative: durations that differ less are one
+SLOW = 200.0  # a duration of more times the shortest gives a warning about its unit
+HAIR = 1e-3  # share of a bound: largest violation of TOPP-RA's timing that is removed by slowing it
+SAME_DURATION = 1e-12  # relative: durations that differ by less are equal
 
 
 @dataclass(frozen=True)
 class Work:
-    """Candidates for a move's answer by name, the first path's timing, and what a search may start from besides.
+    """Candidates for a move's answer, the first path's timing, and further trajectories to start from.
 
-    `reshaped` and `retimed` are None where they were not asked for or cannot be; `retiming` solves for the first path's
-    timing of least energy, where nothing reshaped is better than the baselines.
+    `reshaped` and `retimed` are None if they were not asked for or not found; `retiming` solves for the first path's
+    timing of least energy, which is needed if nothing reshaped is better than the baselines.
     """
 
     timing: Timing | None
@@ -40,13 +40,13 @@ class Work:
 
     @property
     def candidates(self) -> list[tuple[str, Trajectory]]:
-        """What was found, the form that was asked for first."""
+        """The trajectories found, the mode that was asked for first."""
         candidates = (("reshape", self.reshaped), ("retime", self.retimed))
         return [(name, m.trajectory) for name, m in candidates if m is not None and m.trajectory is not None]
 
     @property
     def asked(self) -> Candidate:
-        """The candidate of the form that was asked for."""
+        """The candidate of the mode that was asked for."""
         return self.reshaped or self.retimed or Candidate(None)
 
 
@@ -54,13 +54,13 @@ def choose(
     context: Context, move: Move, work: Work, build_seconds: float, solve_seconds: float,
     baselines: list[tuple[str, Judged]] | None = None,
 ) -> Result:  # fmt: skip
-    """The answer.
+    """The result of the best candidate.
 
     Args:
-        baselines: those of the answer's duration, where they are known already.
+        baselines: the baselines of the answer's duration, if they are known already.
 
     Raises:
-        Infeasible: nothing that answers the move lies within limits.
+        Infeasible: no candidate is valid.
     """
     duration = _duration(move, work)
     if baselines is None:
@@ -105,7 +105,7 @@ def choose(
 
 
 def instead(context: Context, move: Move, timing: Timing | None, result: Result, trajectory: Trajectory) -> Result:
-    """The result with another trajectory in its place, and baselines of its duration; no bound is known of it."""
+    """The result with another trajectory and the baselines of its duration; without a lower bound."""
     judged = context.judge(trajectory)
     baselines = baselines_of(context, move, timing, trajectory.duration)
     return replace(
@@ -121,10 +121,10 @@ def instead(context: Context, move: Move, timing: Timing | None, result: Result,
 def least(
     context: Context, move: Move, work: Work, further: Sequence[tuple[str, Trajectory]]
 ) -> tuple[tuple[str, Judged] | None, int]:
-    """The valid candidate of least energy by name, of the work's and further ones; None where none is valid.
+    """The valid candidate of least energy with its name, among the work's and `further`; None if none is valid.
 
-    And the iterations spent on repairing the retimed path. A proxy's answer is what it is: the form that was asked for
-    comes before a better one.
+    Also returns the iterations spent on repairing the retimed path. If the objective is not energy, the mode that was
+    asked for comes before a candidate of less energy.
     """
     energy_counts = context.settings.objective == "energy"
     judged = [(name, context.judge(t)) for name, t in (*work.candidates, *further) if answers(move, t)]
@@ -143,7 +143,7 @@ def least(
         if repaired.trajectory is not None and answers(move, repaired.trajectory):
             judged.append(("retime", context.judge(repaired.trajectory)))
             best = valid()
-    if energy_counts and best is not None:  # with its creeping joints at rest, where there are any
+    if energy_counts and best is not None:  # the same with its creeping joints at rest
         trajectory = at_rest(best[1].trajectory, context.model)
         if trajectory is not None and answers(move, trajectory):
             judged.append((best[0], context.judge(trajectory)))
@@ -152,12 +152,12 @@ def least(
 
 
 def _may_win(solution: RetimeSolution, best: tuple[str, Judged] | None, energy_counts: bool) -> bool:
-    """Is the least energy on the first path, by its own exact quadrature, below all that is there already?"""
+    """Is the least energy on the first path, by its own quadrature, below that of the best candidate so far?"""
     return best is None or (energy_counts and solution.energy < best[1].energy.total)
 
 
 def _duration(move: Move, work: Work) -> float:
-    """That of the answer, as far as it is known before judging, s."""
+    """The answer's duration [s], as far as it is known before judging."""
     if move.duration is not None:
         return move.duration
     if work.candidates:
@@ -169,7 +169,7 @@ def _duration(move: Move, work: Work) -> float:
 
 
 def answers(move: Move, trajectory: Trajectory) -> bool:
-    """Does a trajectory begin, end and last as asked?"""
+    """Does a trajectory have the ends and the duration that the move asks for?"""
     ends = np.abs(np.stack([trajectory.position[0] - move.start, trajectory.position[-1] - move.goal])).max()
     speeds = np.abs(trajectory.velocity[[0, -1]] - np.stack(move.end_velocities)).max()
     if ends > 1e-9 or speeds > 1e-9:
@@ -181,7 +181,7 @@ def answers(move: Move, trajectory: Trajectory) -> bool:
 
 
 def baselines_of(context: Context, move: Move, timing: Timing | None, duration: float) -> list[tuple[str, Judged]]:
-    """What the answer is held against: TOPP-RA's move, the same slowed evenly to `duration` s, and the one given."""
+    """The baselines: TOPP-RA's move, the same slowed evenly to `duration` s, and the user's own trajectory if given."""
     out: list[tuple[str, Trajectory]] = []
     if timing is not None:
         toppra = _held(context, move, timing)
@@ -194,7 +194,7 @@ def baselines_of(context: Context, move: Move, timing: Timing | None, duration: 
 
 
 def _held(context: Context, move: Move, timing: Timing) -> Trajectory:
-    """The fastest timing's trajectory, slowed by the hair that it breaks a limit by between the program's points."""
+    """The fastest timing's trajectory, slowed slightly if it breaks a limit between the grid points of its program."""
     trajectory = timing.trajectory(context.robot.joints)
     excess = context.judge(trajectory).certificate.violation
     if not ALLOWED < excess < HAIR or np.any(move.end_velocities):
@@ -212,12 +212,13 @@ def _optimality(move: Move, name: str, best: Judged, solution: RetimeSolution | 
     if name != "retime" or move.mode != "retime" or solution is None or solution.lower_bound is None:
         return Optimality("local")
     total = best.energy.total
-    bound = min(solution.lower_bound, total)  # slower than standstill, friction may help by a little more than it knows
+    # slower than standstill, friction may give slightly less energy than the bound
+    bound = min(solution.lower_bound, total)
     return Optimality(solution.kind, bound, 100 * (total - bound) / max(abs(total), 1e-12))
 
 
 def _slow(move: Move, timing: Timing | None) -> list[str]:
-    """What to say of a duration that is asked for and is hundreds of times the shortest."""
+    """A warning if the duration asked for is hundreds of times the shortest."""
     if move.duration is None or timing is None or not timing.path.moves or move.duration < SLOW * timing.duration:
         return []
     return [

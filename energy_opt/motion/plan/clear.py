@@ -1,5 +1,7 @@
-"""A reshaped move that keeps clear: the free optimum where its proof holds, else the best of searches from several
-curves: the first path, the way from it towards optima without regard to anything, and these optima themselves.
+"""A reshaped move that keeps clear of bodies.
+
+The optimum found without regard to bodies, if it is proven clear; else the best of searches from several curves: the
+first path, mixtures of it with the optima found without bodies, and these optima themselves.
 """
 
 from __future__ import annotations
@@ -23,26 +25,28 @@ from energy_opt.motion.retime.solve import RetimeSolution
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 
-OPTIMA, WORTH = 3, 1.25  # optima found without bodies from which searches start, up to that many times the least cost
-NEARLY = 0.0015  # [m] an optimum that is too near by less is continued first
-TOUCHING, DEEP = 0.8, 0.2  # share of places at which an optimum may touch, and how deep [m], to start from
-TOWARDS = (0.9, 0.75, 0.6, 0.45, 0.3)  # shares of the way from the first path to an optimum
-CLOSE, LEFT = 0.6, 0.12  # a search from so far on that way ends all, where no more than this share is left to be won
-BOLD = 0.25  # [rad, m] of the first step from such a curve
-TRIAL, ROUGH = 7, 3e-3  # iterations of each of several searches, and the share of the cost at which they end
-ITERATIONS, DONE = 30, 1e-4  # and of those that are continued
-FINISHED, RIVAL = 3, 1.1  # so many, which may cost so many times what the best does
-APART = 0.3  # [rad, m] of control points: curves that are nearer lead to one optimum
-DEEPER, WIDER = 0.15, 0.5  # the same half-way to an optimum
-HOPES = (1.3, 1.1)  # so many times the best it may cost after a trial, and after a second one, to be gone on with
-HALF = 0.05  # of the cost: where the optimum without regard to anything is cheaper, it is tried half-way to it
-LITTLE = 0.25  # of the loss of the first path slowed evenly: where no more is saved, another way is looked for
-HAIR = 0.0005  # [m] that a mix may be too near by
+# number of optima found without bodies to start from, and their largest cost relative to the least
+OPTIMA, WORTH = 3, 1.25
+NEARLY = 0.0015  # [m] an optimum whose clearance is short by less is continued first
+TOUCHING, DEEP = 0.8, 0.2  # a start may touch at this share of places, and be this deep [m] in a body
+TOWARDS = (0.9, 0.75, 0.6, 0.45, 0.3)  # shares of the way from the first path to an optimum: mixtures to try
+# a search from a mixture of at least CLOSE ends all others if less than the share LEFT of the saving is missing
+CLOSE, LEFT = 0.6, 0.12
+BOLD = 0.25  # [rad, m] first step from such a mixture
+TRIAL, ROUGH = 7, 3e-3  # iterations of each trial search, and the relative change of cost at which it ends
+ITERATIONS, DONE = 30, 1e-4  # the same for searches that are continued
+FINISHED, RIVAL = 3, 1.1  # most trials to continue, and their largest merit relative to the best
+APART = 0.3  # [rad, m] curves whose control points differ by less lead to the same optimum
+DEEPER, WIDER = 0.15, 0.5  # like DEEP [m] and TOUCHING, for the mixture half-way to an optimum
+HOPES = (1.3, 1.1)  # largest merit relative to the best after the first and second trial, to be continued
+HALF = 0.05  # share of the cost: if the optimum without bodies saves more, a search starts half-way to it
+LITTLE = 0.25  # share of the loss of the first path slowed evenly: if less is saved, another initial path is looked for
+HAIR = 0.0005  # [m] a mixture of two curves may miss the required clearance by this much
 NOTHING = "reshaping found nothing that keeps clear and is better than the path as it is"
 
 
 def nearly_clear(context: Context, move: Move, curve: Curve) -> bool:
-    """Whether a curve keeps clear at many places, or is off by a hair: then it is worth solving in full."""
+    """True if a curve keeps clear at many sampled places, or nearly so: then it is worth solving in full."""
     if context.cell is None:
         return True
     u = (np.arange(PLACES) + 0.5) / PLACES
@@ -60,7 +64,7 @@ def kept_clear(
     """The reshaped move of least objective that is proven to keep clear.
 
     Args:
-        free: what reshaping found without regard to what is around; the answer where its proof holds.
+        free: what reshaping found without regard to bodies; the answer if it is proven clear.
     """
     if context.cell is None:
         return free
@@ -94,7 +98,7 @@ def kept_clear(
 
 @dataclass
 class Clearing:
-    """Searches of one task, and the best that is proven; the last of `curves` is the move's own first path."""
+    """Searches of one task, and the best proven result; the last of `curves` is the move's own first path."""
 
     context: Context
     task: Task
@@ -104,7 +108,7 @@ class Clearing:
 
     @classmethod
     def of(cls, context: Context, task: Task, curves: Sequence[Curve]) -> Clearing:
-        """Before anything was searched."""
+        """A new search, with its cost scaled by that of the first path."""
         assert context.cell is not None
         level = context.reshaper(context.settings.objective).fine(task.vias)
         cost, _ = level.excess(curves[-1], task.parameters, task.limits)
@@ -118,7 +122,7 @@ class Clearing:
         return self.curves[-1]
 
     def search_from(self, free: Candidate) -> None:
-        """The best of what the first paths and the optima without regard to anything lead to."""
+        """Find the best result of searches from the first paths and from the optima found without bodies."""
         search, trials_from = self.search, [(curve, TRUST) for curve in self.curves]
         optima = self._optima(free)
         for number, optimum in enumerate(optima):
@@ -139,7 +143,7 @@ class Clearing:
         self._half_way(optima)
 
     def _optima(self, free: Candidate) -> list[Curve]:
-        """Curves of the answer's shape that are optima without regard to anything, the best first."""
+        """Optima found without bodies that have the answer's shape, the best first."""
         shape, out = self.search.level.shape, []
         if free.outcome is not None and free.outcome.curve.shape is shape:
             out.append(free.outcome.curve)
@@ -150,7 +154,7 @@ class Clearing:
         return out[:OPTIMA]
 
     def best_of(self, trials_from: Sequence[tuple[Curve, float]]) -> None:
-        """Finish the most promising of searches that begin at curves with first steps [rad, m]."""
+        """Run a short trial from each curve with its first step [rad, m], and finish the most promising ones."""
         search = self.search
         if len(trials_from) == 1:
             self.finish(*trials_from[0])
@@ -171,7 +175,7 @@ class Clearing:
             self.finish(self.first, TRUST / 3)
 
     def finish(self, curve: Curve, trust: float) -> bool:
-        """Whether a search from a curve leads to a proven one; the best is kept."""
+        """Search from a curve and keep the result if it is the best; True if it led to a proven one."""
         known = np.inf if self.best is None else self._scaled(self.best)
         found = self.search.finish(curve, ITERATIONS, trust, DONE, known)
         if found is not None and (self.best is None or found.cost < self.best.cost):
@@ -179,8 +183,9 @@ class Clearing:
         return found is not None
 
     def _left(self, optimum: Curve) -> float:
-        """What an optimum without regard to anything costs less than the best, as a share of what it does than the
-        first path."""
+        """How much more the best costs than an optimum found without bodies, as a share of how much more the first path
+        costs.
+        """
         level, task = self.search.level, self.task
         first, least = (level.excess(c, task.parameters, task.limits)[0] - task.offset * c.duration
                         for c in (self.first, optimum))  # fmt: skip
@@ -188,7 +193,7 @@ class Clearing:
         return (task.cost(self.best) - least) / max(first - least, 1e-9)
 
     def _half_way(self, optima: Sequence[Curve]) -> None:
-        """A search from half-way to the best optimum without regard to anything: it may be another valley."""
+        """Search from half-way to the best optimum without bodies: this may lead to another valley."""
         if self.best is None or not optima or self.context.stopped():
             return
         cost, _ = self.search.level.excess(optima[0], self.task.parameters, self.task.limits)
@@ -211,7 +216,7 @@ class Clearing:
         return self.search.scale * self.task.cost(outcome)
 
     def little(self, timing: Timing | None) -> bool:
-        """Whether so little of the first path's loss is saved that another way is worth its time."""
+        """True if so little of the first path's loss is saved that another initial path is worth its time."""
         if self.best is None:
             return True
         curve = self.best.curve
@@ -222,7 +227,7 @@ class Clearing:
 
 
 def repaired_clear(context: Context, search: ClearSearch, task: Task, outcome: Outcome) -> Candidate:
-    """A curve that keeps clear, within limits by the judge too: solved again under tighter ones where it breaks one."""
+    """A curve that keeps clear and is valid by the judge: solved again under tightened limits if it breaks one."""
     limits = task.limits
     for _ in range(REPAIRS):
         judged = context.judge.of(outcome.curve)
@@ -241,14 +246,15 @@ def _lines(
     context: Context, move: Move, retimed: Callable[[], RetimeSolution | None], timing: Timing | None,
     warm: Sequence[Trajectory], task: Task, reference: float,
 ) -> list[Line]:  # fmt: skip
-    """First curves: what was handed in where it is proven, and, last, the first path: slowed evenly to a given
-    duration, else in its timing of least energy."""
+    """Initial curves: the given trajectories that are proven clear, and last the first path, slowed evenly to a given
+    duration, or else in its timing of least energy.
+    """
     lines = [Line.of(t) for t in (*warm, *([move.input] if move.input else [])) if _proven(context, t)]
     line = retimed() if move.duration is None else None
     if line is not None:
         lines.append(Line.of(line.trajectory))
     elif timing is not None:
-        duration = float(np.clip(timing.duration, *task.durations))  # as asked for, where that is fixed
+        duration = float(np.clip(timing.duration, *task.durations))  # exactly the duration asked for, if it is fixed
         lines.append(Line.of(context.judge.slowed(timing, duration).trajectory))
     else:
         lines.append(passed(path_of(move), reference))

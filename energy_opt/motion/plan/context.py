@@ -1,4 +1,4 @@
-"""What every part of a solve is given: robot, model, settings, limits, the judge, what is built, and when to stop."""
+"""The input of every part of a solve: robot, model, settings, limits, judge, built functions, and when to stop."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ from energy_opt.numerics.compile import compiled
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 
-LONG = 50_000  # places of the judge's grid, of which no more are kept: 20 MB for seven joints
+LONG = 50_000  # largest judge's grid that is kept: 20 MB for seven joints
 
 
 @dataclass(frozen=True)
 class Judged:
-    """A trajectory, and what is read off it on the judge's grid, each when it is first asked for.
+    """A trajectory and its results on the judge's grid, each computed when first asked for.
 
-    A long one is looked at once, for all of that, and its grid is not kept. `samples`: of the certificate.
+    A long trajectory is evaluated once for all results, and its grid is not kept. `samples`: of the certificate.
     """
 
     trajectory: Trajectory
@@ -55,34 +55,34 @@ class Judged:
 
     @cached_property
     def filled(self) -> Trajectory:
-        """With effort and power."""
+        """The trajectory with effort and power."""
         return self._looked_at[2] if self._dense is None else self._dense.filled
 
     @cached_property
     def energy(self) -> Energy:
-        """Under the model."""
+        """Its energy under the model."""
         return self._looked_at[1] if self._dense is None else self.scorer.energy_of(self._dense)
 
     @cached_property
     def within(self) -> Certificate:
-        """Under the limits; what the arm may touch is not asked."""
+        """Its certificate under the limits, without clearance."""
         if self.samples is not None and self.samples > DENSER * (len(self.trajectory.time) - 1):
             return certify(self.trajectory, self.scorer, self.limits, self.samples)
         return self._looked_at[0] if self._dense is None else certificate_of(self._dense, self.limits, self.scorer)
 
     @cached_property
     def clearance(self) -> Clearance | None:
-        """From all that must not be touched; None where nothing is to be kept clear of."""
+        """Its clearance from the cell's bodies; None without a cell."""
         return None if self.cell is None else clearance_of(self.cell, self.trajectory)
 
     @cached_property
     def certificate(self) -> Certificate:
-        """Under the limits, with the proof that nothing is touched."""
+        """Its certificate under the limits, with the proof of clearance."""
         return replace(self.within, clearance=self.clearance)
 
 
 class Judge:
-    """Judges trajectories of one move; each is looked at once, however often it is asked for."""
+    """Judges trajectories of one move; each is evaluated once, however often it is asked for."""
 
     def __init__(self, scorer: Scorer, limits: tuple[Limit, ...], samples: int | None, cell: Cell | None) -> None:
         self._scorer, self._limits, self._samples, self._cell = scorer, limits, samples, cell
@@ -90,9 +90,9 @@ class Judge:
         self._of: dict[tuple[int, float], tuple[Curve | Timing, Judged]] = {}
 
     def __call__(self, trajectory: Trajectory) -> Judged:
-        """The trajectory, judged; on a grid ten times denser than its samples, or of the samples asked for."""
+        """The trajectory, judged on a grid ten times denser than its samples, or with the settings' samples."""
         known = self._known.get(id(trajectory))
-        if known is None:  # it holds the trajectory, so that no other one gets the same id
+        if known is None:  # Judged holds the trajectory, so no other one can get the same id
             known = Judged(trajectory, self._scorer, self._limits, self._cell, self._samples)
             self._known[id(trajectory)] = known
         return known
@@ -106,26 +106,26 @@ class Judge:
         return self._once(timing, duration, lambda: timing.slowed(duration).trajectory(self._scorer.robot.joints))
 
     def _once(self, source: Curve | Timing, duration: float, build: Callable[[], Trajectory]) -> Judged:
-        key = id(source), duration  # what is kept holds the source
+        key = id(source), duration  # the kept value holds the source
         if key not in self._of:
             self._of[key] = source, self(build())
         return self._of[key][1]
 
 
 class Workshop:
-    """What is built once and serves many moves: node functions and reshapers, by all that they depend on."""
+    """Node functions and reshapers, each built once for all moves that share what it depends on."""
 
     def __init__(self, batch: bool) -> None:
         self._batch = batch
         self._nodes: dict[Hashable, NodeFunctions] = {}
         self._reshapers: dict[Hashable, Reshaper] = {}
         self.compiled = False
-        self.seconds = 0.0  # spent on building, in all
+        self.seconds = 0.0  # total time spent on building
 
     def reshaper(
         self, robot: Robot, model: PowerModel, settings: Settings, limits: Sequence[Limit], objective: str
     ) -> Reshaper:
-        """The reshaper of a robot, a model's structure, what of the settings it depends on, and limits' structure."""
+        """The reshaper for a robot, a model's structure, the settings it depends on, and the limits' structure."""
         held = tuple(limit.structure for limit in limits)
         built = model.structure, held, objective, settings.dynamics, settings.compile
         key = *built, settings.controls, settings.end_acceleration, settings.solver
@@ -145,18 +145,7 @@ class Workshop:
 
 @dataclass(frozen=True)
 class Context:
-    """What a solve is given; it never changes, and nothing in it points back to who made it.
-
-    Attributes:
-        limits: in force for the move, those that only this move has among them.
-        standing: the limits that node functions are built for (those of every move).
-        stopped: asked between solves; True ends the work with the best known so far.
-        progress: of the search: its deadline, and what was found when.
-        cell: what is to be kept clear of; None for nothing.
-        initial_paths: further free paths to start from, besides the move's own.
-        looked_for: whether the first path is no straight line nor given, but took a search.
-        further: looks for yet another one, asked where those that are there lead to little.
-    """
+    """The input of a solve; it never changes and holds no reference to its owner."""
 
     robot: Robot
     model: PowerModel
@@ -175,15 +164,15 @@ class Context:
 
     @cached_property
     def values(self) -> np.ndarray:
-        """The model's values, as problems take them."""
+        """The model's parameter values, in the order that solvers take them."""
         return self.model.values(self.robot.n)
 
     def reshaper(self, objective: str) -> Reshaper:
-        """What searches curves of least `objective`."""
+        """The reshaper that minimises `objective`."""
         return self.workshop.reshaper(self.robot, self.model, self.settings, self.standing, objective)
 
     def fastest(self, path: JointPath, limits: Sequence[Limit] | None = None) -> Timing:
-        """The fastest timing of a path, within the move's limits or others: TOPP-RA's, where it knows all of them.
+        """The fastest timing of a path within the move's limits or others; by TOPP-RA if it supports all of them.
 
         Raises:
             Infeasible: the path breaks limits at any timing.

@@ -1,6 +1,6 @@
-"""Free ends and a free first path: the given one, the straight line, or a path around what is between.
+"""Free ends and a free first path: the given one, the straight line, or a path around obstacles.
 
-Where the tool keeps its pose, the usual first path is brought there point by point by inverse kinematics.
+If the tool keeps its pose, the usual first path is moved there point by point by inverse kinematics.
 """
 
 from __future__ import annotations
@@ -29,12 +29,13 @@ from energy_opt.power import PowerModel
 from energy_opt.robot import Robot, Tool
 from energy_opt.robot.kinematics import Kinematics
 
-PATHS = 1  # that are looked for where nothing free is given; the planner asks for more where it leads to little
-STEPS = (0.2, 0.1, 0.05, 0.025)  # [s] at the joints' speed limits, between places of paths through which a spline goes
+PATHS = 1  # initial paths to look for if the user gives none; the planner asks for more if the result saves little
+# [s] at the joints' speed limits: spacing of the points of a spline through found paths, tried in turn
+STEPS = (0.2, 0.1, 0.05, 0.025)
 
 
 def check_free(cell: Cell, q: np.ndarray, what: str) -> None:
-    """Raises Infeasible where the arm touches something at q (n,); `what` says which pose this is."""
+    """Raise Infeasible if the arm touches something at q (n,); `what` names the pose."""
     contact = cell.touching(q)
     if contact is not None:
         raise Infeasible(
@@ -46,9 +47,9 @@ def check_free(cell: Cell, q: np.ndarray, what: str) -> None:
 def first_path(
     robot: Robot, model: PowerModel, cell: Cell | None, settings: Settings, limits: Sequence[Limit], move: Move
 ) -> tuple[Move, FirstPath, tuple[JointPath, ...]]:
-    """The move with a first path that is free, where this comes from, and further free paths.
+    """The move with a free first path, the source of that path, and further free paths.
 
-    A reshaped move may have one that is not free, where it was given or where no other was found: `blocked` says so.
+    A reshaped move may keep a path that is not free, if it was given or no other was found: `blocked` then says so.
 
     Raises:
         Infeasible: a move that keeps its path would touch something, or no way around was found.
@@ -57,7 +58,7 @@ def first_path(
     reshape, straight = move.mode == "reshape", move.path is None and not move.via
     source: Source = "straight" if straight else "given"
     what = "straight line" if straight else "given path" if move.path is not None else "path through the via points"
-    if settings.tube is not None:  # about what was asked for: it is no use to start elsewhere
+    if settings.tube is not None:  # the tube is about the given path, so other initial paths are useless
         move = replace(move, path=path_of(move))
     elif straight and not holds(robot, model, limits, path_of(move)):
         path = posed(robot, model, limits, path_of(move))
@@ -91,7 +92,7 @@ def first_path(
 
 
 def _around(robot: Robot, cell: Cell, settings: Settings, limits: Sequence[Limit], move: Move, free: bool) -> list[Way]:
-    """Ways to start from besides a path that is given or `free`, or in place of one that is not."""
+    """Initial paths besides one that is given or `free`, or in place of one that is not free."""
     if settings.tube is not None or (
         free and (move.path is None or not settings.initial_paths or move.mode == "retime")
     ):
@@ -110,7 +111,7 @@ def _around(robot: Robot, cell: Cell, settings: Settings, limits: Sequence[Limit
 def room_between(
     robot: Robot, cell: Cell, limits: Sequence[Limit], start: np.ndarray, goal: np.ndarray
 ) -> tuple[Room, Ends, np.ndarray]:
-    """The room that paths from start to goal (n,) have, their ends, and how far apart poses are looked at (n,)."""
+    """The space for paths from start to goal (n,), their ends, and the largest spacing of checked poses (n,)."""
     lower, upper = box_of(limits, robot.n)
     ends = Ends.of(start, goal, lower, upper, robot.limits.velocity)
     return Room(cell, np.stack([start, goal])), ends, steps(robot.body.tree())
@@ -119,7 +120,7 @@ def room_between(
 def _through(
     cell: Cell, between: Callable[[np.ndarray, np.ndarray, int], list[Way]], points: Sequence[np.ndarray]
 ) -> list[Way]:
-    """One way through points (n,) one after the other, a spline through places of paths between them; or none."""
+    """One path through points (n,) in order: a spline through places of the paths between them; or none."""
     legs: list[Way] = []
     for start, goal in itertools.pairwise(points):
         found = between(start, goal, 1)
@@ -135,24 +136,24 @@ def _through(
     return []
 
 
-POINTS = 61  # of the path that are brought there, both ends included: between them it is a cubic spline
-NEWTON = 40  # of each of them
-FARTHEST = 0.2  # [rad] that a joint goes in a step
-DAMPING = 1e-4  # of the least squares, beside squared Jacobians [m, rad] of order one
-CHECKS = 401  # places at which the path is looked at
+POINTS = 61  # points of the path that are moved, both ends included; a cubic spline joins them
+NEWTON = 40  # most iterations of the inverse kinematics
+FARTHEST = 0.2  # [rad] largest step of a joint in one iteration
+DAMPING = 1e-4  # damping of the least squares; squared Jacobians [m, rad] are of order one
+CHECKS = 401  # points at which the path is checked
 
 
 def holds(robot: Robot, model: PowerModel, limits: Sequence[Limit], path: JointPath) -> bool:
-    """Does the tool keep along a path what it should keep?"""
+    """Does the tool keep its required pose along a path?"""
     d = PathDynamics(robot, model, path, points_of(path, CHECKS))
     found = [limit.fixed(d) for limit in limits if isinstance(limit, Keep)]
     return all(fixed.excess.max() <= 0 for fixed in found)
 
 
 def posed(robot: Robot, model: PowerModel, limits: Sequence[Limit], path: JointPath) -> JointPath | None:
-    """The path between the same ends whose inner points are moved least to where the tool keeps its pose.
+    """The path between the same ends, its inner points moved as little as possible so that the tool keeps its pose.
 
-    Damped least squares on what is off. None where that does not lead to a path on which it does.
+    Damped least squares on the error of the pose. None if the resulting path does not keep it.
     """
     kept = [limit for limit in limits if isinstance(limit, Keep)]
     lower, upper = box_of(limits, robot.n)

@@ -1,4 +1,4 @@
-"""Further starts of a move that keeps clear: paths that were looked for, cheap paths, and more optima."""
+"""Further starts of a move that keeps clear: paths that were found, paths of low cost, and more optima."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from energy_opt.motion.reshape.task import Level, Line, Task
 from energy_opt.motion.retime.solve import RetimeSolution
 from energy_opt.motion.timing.law import Timing
 
-SAME, LOOKED = 0.15, 40  # [rad] curves that are nearer at all of so many places are one
-WIDER = 3  # further seeds by which the optimum without regard to anything is looked for, where paths are asked for
-PASSED = 400  # points of a path that a first curve is fitted to
+SAME, LOOKED = 0.15, 40  # [rad] curves that differ by less at all of 40 points count as the same
+WIDER = 3  # most further seeds to look for optima without bodies, if initial paths are asked for
+PASSED = 400  # points of a path that an initial curve is fitted to
 
 
 def passed(path: JointPath, duration: float) -> Line:
-    """A path passed smoothly from rest to rest."""
+    """A path, passed smoothly from rest to rest."""
     u = np.linspace(0, 1, PASSED)
     return Line(u, path(u**3 * (10 - 15 * u + 6 * u**2)), duration)
 
 
 def further_lines(context: Context, cell: Cell, task: Task, level: Level, known: Sequence[Curve]) -> Iterator[Line]:
-    """First guesses besides a move's own: the context's paths, and as many that are cheap by what it costs to be there.
+    """Initial curves besides a move's own: the context's paths, and as many of low cost by the power of standing there.
 
     Args:
-        known: curves about which cheap paths are looked for, free or not; the first has the move's duration.
+        known: curves around which cheap paths are looked for, free or not; the first has the move's duration.
     """
     duration, u = known[0].duration, np.linspace(0, 1, PASSED)
     yield from (passed(way, duration) for way in context.initial_paths)
@@ -56,7 +56,7 @@ def further_lines(context: Context, cell: Cell, task: Task, level: Level, known:
 def wider_optima(
     context: Context, move: Move, timing: Timing | None, retimed: Callable[[], RetimeSolution | None], free: Candidate
 ) -> Candidate:  # fmt: skip
-    """What is found without regard to anything from other starts too, with all optima; `free` where that is no more."""
+    """The best candidate found without bodies from several seeds, with all optima; `free` if there is no other."""
     found, settings = [free], context.settings
     for k in range(1, 1 + min(settings.initial_paths or 0, WIDER)):
         if context.stopped():
@@ -80,6 +80,6 @@ def wider_optima(
 
 
 def alike(a: Curve, b: Curve) -> bool:
-    """Whether two curves are one but for details."""
+    """True if two curves differ only slightly (`SAME`)."""
     u = np.linspace(0, 1, LOOKED)
     return bool(np.abs(a.position(u) - b.position(u)).max() < SAME)

@@ -1,11 +1,11 @@
-"""A move at one duration after the other: as a single move is solved, and from a neighbour's optimum.
+"""Solve one move at several durations, each as a single move or from the optimum of a neighbouring duration.
 
-Fronts of energy against duration consist of such steps. The first one solves the move as a single one; every other one
-begins at the optimum of its neighbour. At durations that are `ALONE` times apart all optima are compared again: they
-are continued from those of the neighbouring duration, in place of random starts, and where another is the best one now,
-the move is solved there as a single one. First paths and their timings are shared by all durations. Then the search
-continues a neighbour's curve where it may lead to less: the better one counts. A retimed path is retimed anew, which
-needs no start.
+Fronts of energy against duration consist of such steps. The first duration is solved as a single move; every other one
+starts at the optimum of its neighbour. At durations that differ by a factor of `ALONE`, all optima are compared again:
+they are continued from those of the neighbouring duration instead of from random starts, and if another one is now the
+best, the move is solved there as a single move. All durations share first paths and their timings. Then the search
+continues a neighbour's curve if this may lead to less energy, and the better result counts. A retimed path needs no
+start: it is solved anew.
 """
 
 from __future__ import annotations
@@ -36,17 +36,18 @@ from energy_opt.motion.reshape.starts import joined
 from energy_opt.motion.reshape.task import FEASIBLE, Line, Task
 from energy_opt.motion.trajectory import Trajectory
 
-ONLY_ONE = 1e-6  # so close to the minimum time (relative) there is no other timing of a path
-PROMISING = 0.01  # of the cost
+ONLY_ONE = 1e-6  # relative: so close to the minimum time, only that timing is used
+PROMISING = 0.01  # share of the cost: a trial that costs more than the known optimum by this share is given up
 SAME = 1e-9  # relative difference of durations that count as equal
-ALONE = 1.3  # ratio of durations from which one is solved as a single move is
-LOWER = 5e-5  # of the cost: by less a curve is no better
-BUMP = 0.001  # of the cost: where a front is so little above the line between neighbours, it may be its own curve
+ALONE = 1.3  # ratio of durations beyond which a duration is solved as a single move
+LOWER = 5e-5  # share of the cost: a curve counts as better only if it saves more
+# share of the cost: a point this little above the line between its neighbours is not searched again in its valley
+BUMP = 0.001
 
 
 @dataclass(frozen=True)
 class Optimum:
-    """The least energy found at one duration; the next step starts from `outcome` (None after retiming)."""
+    """The least energy found at one duration; the next step starts from `outcome` (None if retimed)."""
 
     trajectory: Trajectory
     energy: Energy
@@ -55,23 +56,24 @@ class Optimum:
 
 
 class Neighbours:
-    """Solves one move at one duration after the other."""
+    """Solves one move at several durations, one after the other."""
 
     def __init__(self, single: Single) -> None:
         self._single, self._context, self._move = single, single.context, single.move
         self._known: dict[float, Optimum | None] = {}  # the best so far, by duration
         self._alone_at: list[float] = []  # durations that were solved as single moves
-        self._tried: set[tuple[float, float, float]] = set()  # by duration, and by the neighbour's and its energy
+        # steps tried: duration, the neighbour's duration, its energy
+        self._tried: set[tuple[float, float, float]] = set()
 
     @cached_property
     def _reshaper(self) -> Reshaper:
         return self._context.reshaper("energy")
 
     def at(self, duration: float, neighbour: Optimum) -> Optimum | None:
-        """The optimum at exactly `duration` s, from starts and a neighbour's; None where nothing within limits came.
+        """The optimum at exactly `duration` s, from the usual starts and a neighbour's; None if none is valid.
 
         Raises:
-            Infeasible: retiming, where `duration` is below the path's minimum time.
+            Infeasible: retiming, if `duration` is below the path's minimum time.
         """
         if self._move.mode == "retime":
             return self._retimed(duration)
@@ -101,12 +103,12 @@ class Neighbours:
         return self._known[duration]
 
     def nearest(self, duration: float) -> Optimum | None:
-        """The optimum that is known at the duration nearest to this one; None where none is known."""
+        """The known optimum of the nearest duration; None if none is known."""
         known = {d: found for d, found in self._known.items() if found is not None}
         return known[min(known, key=lambda d: abs(d / duration - 1))] if known else None
 
     def alone(self, duration: float) -> Optimum:
-        """What a solve of the move alone finds at exactly `duration` s.
+        """The optimum of solving the move alone at exactly `duration` s.
 
         Raises:
             Infeasible: no timing or no path holds the limits.
@@ -119,7 +121,7 @@ class Neighbours:
         return found
 
     def _at_the_best(self, task: Task, move: Move, here: Optimum | None) -> bool:
-        """Whether the best of all optima without regard to bodies, as they are compared, is what is known here."""
+        """True if the known optimum is the best of all coarse optima found without bodies."""
         if here is None or here.outcome is None:
             return False
         settings, lines = self._context.settings, [first_line(move, task.durations[0])]
@@ -132,21 +134,20 @@ class Neighbours:
         return found
 
     def _far(self, duration: float) -> bool:
-        """Whether no duration near this one was solved as a single move."""
+        """True if no duration near this one was solved as a single move."""
         return all(max(duration / other, other / duration) > ALONE for other in self._alone_at)
 
     def _alone(self, duration: float) -> Optimum | None:
-        """What a solve of the move alone finds; None where nothing within limits came of it."""
+        """As `alone`, but None if nothing valid was found."""
         try:
             return self.alone(duration)
         except Infeasible:
             return None
 
     def _may_lead_lower(self, task: Task, here: Optimum | None, neighbour: Optimum) -> bool:
-        """Not where the best so far lies at the line between its neighbours', and in one valley with this one.
+        """False if the best so far is in one valley with the neighbour's and on the line between its neighbours' costs.
 
-        What a longer or shorter move costs without regard to its path says nothing: with limits that bind, its path
-        changes as much as its time does.
+        The cost of the same path in another duration decides nothing: if limits bind, the path changes too.
         """
         there = neighbour.outcome
         if here is None or here.outcome is None or there is None or here.outcome.curve.shape is not there.curve.shape:
@@ -162,7 +163,7 @@ class Neighbours:
         return not joined(level, task, here.outcome, replace(there, curve=curve, cost=passed))
 
     def _carried(self, task: Task, neighbour: Optimum, here: Optimum | None) -> Optimum | None:
-        """From a neighbour on to the optimum at this duration; None where that is no better than what is known here."""
+        """Continue from a neighbour to the optimum at this duration; None if that is no better than the known one."""
         if neighbour.outcome is None:
             start = task.curve(self._reshaper.fine(task.vias).shape, Line.of(neighbour.trajectory))
         else:
@@ -174,7 +175,7 @@ class Neighbours:
         return self._judged(outcome, task)
 
     def _cleared(self, task: Task, neighbour: Optimum, here: Optimum | None) -> Optimum | None:
-        """From a neighbour that keeps clear, on to what does so at this duration."""
+        """As `_carried`, for a move that keeps clear of bodies."""
         level = self._reshaper.fine(task.vias)
         curve = task.curve(level.shape, Line.of(neighbour.trajectory))
         if neighbour.outcome is not None and neighbour.outcome.curve.shape is level.shape:
@@ -182,7 +183,8 @@ class Neighbours:
         work = Clearing.of(self._context, task, [curve])
         if here is not None:
             trial = work.search.descent(curve, TRIAL, TRUST, ROUGH)
-            known = here.energy.total - here.energy.stored - task.offset * task.durations[0]  # of the path, as merits
+            # of the path alone, as merits are
+            known = here.energy.total - here.energy.stored - task.offset * task.durations[0]
             if work.search.merit(trial) > (1 + PROMISING) * work.search.scale * known:
                 return None
             curve = work.search.curve_of(trial)
@@ -195,13 +197,13 @@ class Neighbours:
         return Optimum(found.trajectory, judged.energy, True, found.outcome) if judged.certificate.valid else None
 
     def _judged(self, outcome: Outcome, task: Task) -> Optimum | None:
-        """Within limits by the judge, or None."""
+        """The optimum within limits by the judge, or None."""
         if outcome.broken > FEASIBLE:
             return None
         best, trajectory, certificate, _ = repaired(self._context, self._reshaper, outcome, task)
         if not certificate.valid:
             return None
-        both = trajectory, at_rest(trajectory, self._context.model)  # with its creeping joints at rest too
+        both = trajectory, at_rest(trajectory, self._context.model)  # also with its creeping joints at rest
         judged = [found for t in both if t is not None and (found := self._context.judge(t)).certificate.valid]
         least = min(judged, key=lambda found: found.energy.total, default=None)
         return None if least is None else Optimum(least.trajectory, least.energy, best.converged, best)
@@ -226,5 +228,5 @@ class Neighbours:
 
 
 def _lower(a: Optimum | None, b: Optimum | None) -> Optimum | None:
-    """The one that takes less energy, of those that are there."""
+    """The one of less energy; None if both are None."""
     return min((x for x in (a, b) if x is not None), key=lambda x: x.energy.total, default=None)

@@ -38,12 +38,12 @@ from energy_opt.power.law import rigid_inputs
 from energy_opt.robot import Robot
 
 log = logging.getLogger(__name__)
-REMEMBERED = 64  # first paths: a job has so many moves at most, a batch never asks for one twice
-OTHER = 1000  # seeds that another way is away from the first
-LONGER = 1.0, 1.05, 1.2  # times a shortest duration that is named, until what is named works
-CONFIRMING = 10.0  # [s] of CPU after which only the longest is tried; after three times that, none
-BEYOND = 1.0, 1.01, 1.05  # times that which have to work too
-AT_REST = 1e-6  # [rad/s^2] an acceleration that is none
+REMEMBERED = 64  # first paths to remember: a job has at most so many moves, and a batch asks for each once
+OTHER = 1000  # offset of the seed of each further initial path
+LONGER = 1.0, 1.05, 1.2  # multiples of the shortest duration found: the first that works is reported
+CONFIRMING = 10.0  # [s] CPU time after which only the largest multiple is tried; after three times this, none
+BEYOND = 1.0, 1.01, 1.05  # multiples of a reported duration that must work too
+AT_REST = 1e-6  # [rad/s^2] smaller accelerations count as zero
 
 Start = tuple[Move, FirstPath, tuple[JointPath, ...]]
 
@@ -53,14 +53,14 @@ def _but_payload(model: PowerModel) -> tuple[tuple[str, ...], ...]:
 
 
 class Planner:
-    """Plans many moves of one robot under one model and in one cell; what is built for the first serves all others.
+    """Plans many moves of one robot under one model and in one cell; all moves share what the first one built.
 
-    `under` and `around` give planners for another model and another cell that share what was built.
+    `under` and `around` give planners for another model and another cell that share it too.
 
     Args:
         batch: many moves are coming, so that compiling at once pays.
         cell: the arm's body and the bodies around it, to be kept clear of; None for nothing.
-        stopped: asked between solves; True ends the work with the best known so far.
+        stopped: called between solves; True ends the work with the best known so far.
     """
 
     def __init__(
@@ -75,12 +75,13 @@ class Planner:
     ) -> None:
         self.robot, self.settings = robot, settings or Settings()
         self._shares: Mapping[str, float] = {}
-        self._starts: list[tuple[Cell | None, Move, Start]] = []  # first paths by the cell and the move they are of
+        # first paths with the cell and the move they belong to
+        self._starts: list[tuple[Cell | None, Move, Start]] = []
         self._workshop, self._stopped = Workshop(batch), stopped
         self._take_cell(cell)
         self._take_model(model)
-        self.limits()  # faults are reported now, not when a move needs it
-        if self.settings.dynamics != "auto":  # a missing source is reported now, not when a move needs it
+        self.limits()  # report faults now, not when a move needs the limits
+        if self.settings.dynamics != "auto":  # report a missing source now, not when a move needs it
             torque_function(robot.body, self.settings.dynamics)
 
     def _take_model(self, model: PowerModel) -> None:
@@ -91,12 +92,12 @@ class Planner:
     def _take_cell(self, cell: Cell | None) -> None:
         self.cell = cell if cell is not None and cell.checks else None
         self._cell_warnings = [] if cell is None else cell.warnings
-        self._beside: tuple[JointPath, Cell] | None = None  # the last given path, and the cell for it
+        self._beside: tuple[JointPath, Cell] | None = None  # the last given path and its cell
 
     def under(self, model: PowerModel) -> Planner:
         """A planner of the same moves under other values of the same effects, with or without a payload.
 
-        It shares what was built. Only the first payload builds new functions, where the planner's model has none: a
+        It shares what was built. Only the first payload builds new functions, if the planner's model has none: a
         place kept ready for one would make a node's functions 3 % longer on a Panda and 38 % longer on a UR5, whose
         last joint has next to no dynamics without a payload.
 
@@ -110,7 +111,7 @@ class Planner:
         return out
 
     def around(self, cell: Cell | None) -> Planner:
-        """A planner of the same moves that keeps clear of another cell; None: of nothing. It shares what was built."""
+        """A planner of the same moves that keeps clear of another cell (None: of nothing). It shares what was built."""
         out = copy(self)
         out._take_cell(cell)
         return out
@@ -126,31 +127,31 @@ class Planner:
         return tuple(limit.for_models(count).scaled(self._shares.get(limit.name, 1.0)) for limit in held)
 
     def within(self, shares: Mapping[str, float]) -> Planner:
-        """A planner of the same moves that uses these shares of the limits' bounds, by their names; builds nothing."""
+        """A planner of the same moves that uses these shares of the limits' bounds, by name; it builds nothing."""
         out = copy(self)
         out._shares, out._starts = shares, list(self._starts)
         return out
 
     def as_ending(self, trajectory: Trajectory) -> Planner:
-        """A planner of the same moves that begin and end with any acceleration where this one does; builds nothing."""
+        """A planner of the same moves with free end accelerations if this trajectory's are not zero."""
         out = copy(self)
         if np.any(np.abs(trajectory.acceleration[[0, -1]]) > AT_REST):
             out.settings = replace(self.settings, end_acceleration="free")
         return out
 
     def instead(self, result: Result, move: Move, trajectory: Trajectory) -> Result:
-        """The result with another trajectory of the move, judged by the planner's limits, beside its own baselines."""
+        """The result with another trajectory of the move, judged by the planner's limits, with its own baselines."""
         single = self.single(move)
         return instead(single.context, single.move, single.timing, result, trajectory)
 
     def certify(self, trajectory: Trajectory, move: Move | None = None) -> Certificate:
-        """How far any trajectory stays inside the limits, those of the move it is for among them."""
+        """The certificate of any trajectory under the limits, those of its move included."""
         return Judge(self.scorer, self.limits(move), self.settings.verify_samples, self._cell_of(move))(
             trajectory
         ).certificate
 
     def _cell_of(self, move: Move | None) -> Cell | None:
-        """What a move is kept clear of; a given path may come nearer than the default (`Cell.beside`)."""
+        """The cell that a move keeps clear of; a given path may come nearer than the default (`Cell.beside`)."""
         if self.cell is None or move is None or move.path is None:
             return self.cell
         if self._beside is None or self._beside[0] is not move.path:
@@ -163,7 +164,7 @@ class Planner:
         return self.context(move).fastest(path_of(move)).duration
 
     def slowed(self, move: Move, duration: float) -> Trajectory | None:
-        """The fastest timing of the move's first path, slowed evenly to `duration` s; None where that is not valid."""
+        """The fastest timing of the move's first path, slowed evenly to `duration` s; None if that is not valid."""
         move, _, _ = self.first_path(move)
         context = self.context(move)
         try:
@@ -173,9 +174,9 @@ class Planner:
         return trajectory if context.judge(trajectory).certificate.valid else None
 
     def first_path(self, move: Move) -> Start:
-        """The move with the path that it starts from, where this comes from, and further free paths.
+        """The move with the path that it starts from, the source of that path, and further free paths.
 
-        A move that is asked about at several durations has it looked for once.
+        The path is found once for a move that is solved at several durations.
 
         Raises:
             Infeasible: a move that keeps its path would touch something, or no way around was found.
@@ -214,23 +215,19 @@ class Planner:
         return replace(result, warnings=(*result.warnings, *self._cell_warnings, *self._long_turns(move)))
 
     def sketch(self, move: Move, warm: Sequence[Trajectory] = ()) -> Trajectory:
-        """A guess of the answer, in a fraction of the time of `solve`: blind to bodies, limits not quite kept.
-
-        Raises:
-            Infeasible: none was found.
-        """
+        """A quick estimate of the answer, in a fraction of the time of `solve`: without bodies, limits nearly held."""
         if move.mode == "retime" or unseen(move):
             return self.solve(move, warm, confirm=False).trajectory
         return sketched(replace(self.context(move), cell=None), move, warm)
 
     def settle(self, move: Move, motion: Trajectory, open_: Open = FIXED, clear: bool = True) -> Settled:
-        """The optimum near a motion; what is open too is where it costs least; `clear`: of bodies."""
+        """The optimum near a motion, with the open coordinates optimized too; `clear`: of bodies."""
         if move.mode == "retime" or self.settings.objective != "energy" or unseen(move):
             return motion, move.via
         return settled((self if clear else self.around(None)).context(move), move, motion, open_)
 
     def _long_turns(self, move: Move) -> list[str]:
-        """What to say of joints without an end that reach the same pose by turning the other way."""
+        """Warnings for joints without limits that reach the same pose by a shorter turn the other way."""
         if move.path is not None or move.via:
             return []
         out = []
@@ -245,7 +242,7 @@ class Planner:
         return out
 
     def _confirmed(self, error: Infeasible, move: Move, progress: Progress) -> Infeasible:
-        """The error with a shortest duration that was asked for and works, as do those a little longer.
+        """The error with a shortest duration that was solved, as were durations slightly above it.
 
         It is rounded up to the digits that its message shows.
         """
@@ -273,13 +270,13 @@ class Planner:
             return False
 
     def single(self, move: Move) -> Single:
-        """What solves a move as the planner is now, at its own duration and at others.
+        """The solver of a move under the planner's present settings, for its own duration and others.
 
         Raises:
             Infeasible: a move that keeps its path would touch something, or no way around was found.
         """
         started, first, initial_paths = self.first_path(move)
-        further = cache(lambda: self._further(move, first.source))  # whatever the duration, another way is one way
+        further = cache(lambda: self._further(move, first.source))  # all durations share one search for it
         context = replace(
             self.context(started),
             initial_paths=initial_paths,
@@ -289,7 +286,7 @@ class Planner:
         return Single(context, started, first)
 
     def _further(self, asked: Move, source: str) -> tuple[JointPath, ...]:
-        """Another way, where what a path around something leads to is so little that this is worth its time."""
+        """Another initial path, if the first went around a body; called if the result saves too little."""
         settings = self.settings
         if (
             settings.initial_paths is not None
@@ -308,7 +305,7 @@ class Planner:
         return (path_of(move),) if first.source in ("own", "ompl") else initial_paths
 
     def context(self, move: Move) -> Context:
-        """What the parts of a solve are given: the planner as it is now, with a judge for this move."""
+        """The input of a solve: the planner's present state, with a judge for this move."""
         limits, cell = self.limits(move), self._cell_of(move)
         return Context(
             robot=self.robot,

@@ -39,15 +39,15 @@ from energy_opt.power.known import friction_range
 from energy_opt.robot import Robot
 
 Kind = Literal["mean", "worst"]
-ROUNDS = {"mean": 4, "worst": 6}  # solves at most; the first of "mean" is nearly always the last
+ROUNDS = {"mean": 4, "worst": 6}  # most solves; "mean" nearly always ends after the first
 SAME = 1e-9  # relative: energies that differ by less are equal
-GROWTH = 9.0  # of the weight of a model under which a move costs too much
-STEP = 1.0  # of the weights, per standard deviation of the models' energies above their mean
+GROWTH = 9.0  # factor of the weight of a model under which the move costs more than the evenly slowed one
+STEP = 1.0  # step of the log weights, per standard deviation of the models' energies above their mean
 
 
 @dataclass(frozen=True)
 class Rival:
-    """A model by its name."""
+    """A model with its name."""
 
     name: str
     model: PowerModel
@@ -55,10 +55,11 @@ class Rival:
 
 @dataclass(frozen=True)
 class _Answer:
-    """A result with what each judge says: energies of the move, and of the evenly slowed one where that is valid.
+    """A result with the energies of the move under each judge, and of the evenly slowed move if that is valid.
 
-    Judges are the models of the mean, then the corners of their friction's range. `bound` [J]: no timing of
-    the path has a lower mean of the planned models' energies, or largest of all; None: not known.
+    Judges are the models of the mean, then the corners of their friction's range. `bound` [J]: a lower bound, over all
+    timings of the path, of the minimised value (mean of the planned models' energies, or the largest of all); None if
+    unknown.
     """
 
     result: Result
@@ -68,11 +69,11 @@ class _Answer:
 
     @property
     def totals(self) -> np.ndarray:
-        """(K,) J by every judge."""
+        """(K,) J under each judge."""
         return np.array([energy.total for energy in self.energies])
 
     def costlier(self) -> np.ndarray:
-        """(K,) does the move cost more than the evenly slowed one?"""
+        """(K,) True if the move costs more than the evenly slowed one."""
         if self.slowed is None:
             return np.zeros(len(self.energies), dtype=bool)
         return np.array([exceeds(e.total, s.total) for e, s in zip(self.energies, self.slowed, strict=True)])
@@ -82,10 +83,10 @@ class RobustPlanner:
     """Plans moves of one robot under several models; results are stated under the first one.
 
     Args:
-        rivals: at least one; the first one's payload, and its torque within effort limits, are those that count.
+        rivals: at least one; the payload and the torque limits of the first one apply.
         kind: "mean" or "worst" of the energies.
         settings, batch, cell, stopped: as for `Planner`.
-        planner: one of the models' mean that is there already, with its settings and cell.
+        planner: an existing planner of the models' mean, with its settings and cell.
     """
 
     def __init__(
@@ -119,7 +120,7 @@ class RobustPlanner:
 
     @property
     def planner(self) -> Planner:
-        """What plans under the mean of the models, for work at many durations; check its answers with `costs_more`."""
+        """The planner of the models' mean, for solves at many durations; check its answers with `costs_more`."""
         return self._planner
 
     def within(self, shares: Mapping[str, float]) -> RobustPlanner:
@@ -130,7 +131,7 @@ class RobustPlanner:
 
     @property
     def first(self) -> Scorer:
-        """Scores under the model that results are stated under."""
+        """The scorer of the first model, under which results are stated."""
         return self._scorers[0]
 
     def costs_more(self, trajectory: Trajectory, slowed: Trajectory) -> bool:
@@ -138,7 +139,7 @@ class RobustPlanner:
         return any(exceeds(s.energy(trajectory).total, s.energy(slowed).total) for s in self._scorers)
 
     def compared(self, trajectory: Trajectory, slowed: Trajectory | None) -> list[dict[str, object]]:
-        """What every model makes of a motion beside the evenly slowed one: records as of `Result.models`."""
+        """Each model's energies of a motion and of the evenly slowed one: records as in `Result.models`."""
         return [
             row_of(judge.name, scorer.energy(trajectory), None if slowed is None else scorer.energy(slowed))
             for judge, scorer in zip(self._judges, self._scorers, strict=True)
@@ -147,11 +148,11 @@ class RobustPlanner:
     def solve(
         self, move: Move, warm: Sequence[Trajectory] = (), deadline: float | None = None, confirm: bool = True
     ) -> Result:
-        """The best move that is found; see `Planner.solve`. `Result.models` says what each model makes of it."""
+        """The best move found; see `Planner.solve`. `Result.models` has its energies under each model."""
         progress = Progress(self._planner.settings.deadline if deadline is None else deadline, self._stopped)
 
         def find(planner: Planner, known: list[Trajectory]) -> Result:
-            # Weights are prices of what a move costs beyond the evenly slowed one, which is of the same duration.
+            # Weights are prices of energy beyond that of the evenly slowed move, which has the same duration.
             if not known or self.kind == "worst":
                 return planner.solve(move, [*warm, *known], progress.left, confirm)
             held = replace(move, duration=known[-1].duration, max_duration=None)
@@ -161,7 +162,7 @@ class RobustPlanner:
         return self._stated(self._or_even(move, best))
 
     def _or_even(self, move: Move, best: _Answer) -> _Answer:
-        """The answer, or the evenly slowed move where that is better; of a free duration, the fastest timing too."""
+        """The answer, or the evenly slowed move if that is better; for a free duration, also the fastest timing."""
         names = ("scaled",) if move.duration is not None else ("scaled", "toppra")
         even = [
             (self._value(np.array([scorer.energy(b.trajectory).total for scorer in self._scorers])), b)
@@ -184,7 +185,7 @@ class RobustPlanner:
         return self.planner.settle(move, motion, open_, clear)
 
     def solve_by(self, find: Callable[[Planner], Result]) -> Result:
-        """As `solve`, of what `find` makes with a planner of the models' mean; it has the last word.
+        """As `solve`, with `find` in place of the solve of a move; `find` gets a planner of the models' mean.
 
         If every motion that it finds costs more than the evenly slowed move under a model, a warning says so.
         """
@@ -208,12 +209,12 @@ class RobustPlanner:
             if best is None or self._rank(answer) < self._rank(best):
                 best = answer
             bound = answer.result.optimality.lower_bound
-            if bound is not None and (number == 0 or self.kind == "worst"):  # the largest is no less than any mean
+            if bound is not None and (number == 0 or self.kind == "worst"):  # the largest energy is at least any mean
                 bounds.append(bound)
             costlier = answer.costlier()
             held = (
                 move is not None and number > 0 and (answers[-2].costlier() & ~costlier).any()
-            )  # one more is, so that a mean of both holds
+            )  # the costs of this move and the last can balance in a mean
             if stopped() or (self.kind == "mean" and (held or not costlier.any())):
                 break
             weights, members = self._moved(weights, answer, costlier)
@@ -227,7 +228,7 @@ class RobustPlanner:
         return replace(best, bound=max(bounds, default=None))
 
     def _blend(self, move: Move, answers: Sequence[_Answer]) -> _Answer | None:
-        """The weighted mean of answers of one duration, and of the evenly slowed move, that costs least and holds."""
+        """The cheapest weighted mean of the answers and the evenly slowed move that costs no more than the latter."""
         result, slowed = answers[0].result, answers[0].slowed
         duration, baseline = result.trajectory.duration, result.baseline("scaled")
         same = [a for a in answers if abs(a.result.trajectory.duration - duration) <= 1e-9]
@@ -236,7 +237,7 @@ class RobustPlanner:
         even = np.array([energy.total for energy in slowed])
         totals = np.stack([even, *(a.totals for a in same)])
         shares = least_weights(totals[:, : len(self.rivals)].mean(axis=1), totals - even)
-        if shares is None or shares[0] > 1 - SAME:  # nothing, or the evenly slowed move alone
+        if shares is None or shares[0] > 1 - SAME:  # no mean, or the evenly slowed move alone
             return None
         mean = blended([baseline.trajectory, *(a.result.trajectory for a in same)], shares).on_nanoseconds()
         found = self._planner.instead(result, move, mean)
@@ -254,11 +255,11 @@ class RobustPlanner:
         return bool(answer.costlier().any()), self._value(answer.totals)
 
     def _value(self, totals: np.ndarray) -> float:
-        """What is minimised, J, of energies (K,) by every judge."""
+        """The minimised value [J] of the energies (K,) under all judges."""
         return float(totals[: len(self.rivals)].mean() if self.kind == "mean" else totals.max())
 
     def _moved(self, weights: np.ndarray, answer: _Answer, costlier: np.ndarray) -> tuple[np.ndarray, list[PowerModel]]:
-        """Weights and members of the next solve: of each model the values under which the move does worst."""
+        """Weights and models of the next solve: for each model, the values under which the move costs most."""
         totals = answer.totals
         if self.kind == "mean":
             assert answer.slowed is not None
@@ -273,17 +274,17 @@ class RobustPlanner:
         return weights, [self._judges[k].model for k in worst]
 
     def _worst(self, values: np.ndarray) -> list[int]:
-        """For every model the judge in its place with the largest value; itself where none is larger.
+        """For each model, the judge of largest value among itself and its corners; itself if none is larger.
 
-        Under a limit of power always itself.
+        Always itself if power is limited.
         """
         own = range(len(self.rivals))
-        if self._planner.settings.max_power is not None:  # power is held under the members of what is planned with
+        if self._planner.settings.max_power is not None:  # power is limited under the models that are planned with
             return list(own)
         return [max(np.flatnonzero(self._places == k).tolist(), key=lambda i: (values[i], i == k)) for k in own]
 
     def _stated(self, answer: _Answer) -> Result:
-        """The result with the first model's energies, and a row for every model."""
+        """The result with the first model's energies, and a record for every model."""
         result, scorer = answer.result, self._scorers[0]
         records = [
             row_of(rival.name, energy, None if answer.slowed is None else answer.slowed[k])
@@ -308,7 +309,7 @@ class RobustPlanner:
         )
 
     def _above(self, trajectory: Trajectory) -> list[str]:
-        """What to say of corners of assumed friction under which peaks of power [W] are above the limit."""
+        """Warnings for corners of assumed friction under which the peak power [W] exceeds the limit."""
         limit = self._planner.settings.max_power
         if limit is None:
             return []
@@ -321,7 +322,7 @@ class RobustPlanner:
         ]
 
     def _minimised(self, answer: _Answer) -> dict[str, Any]:
-        """What is minimised, how low it may be, and by how much it is off that: the energy itself has no bound then."""
+        """The minimised value, its lower bound and the gap; the energy itself then has no bound."""
         value = self._value(answer.totals)
         bound = None if answer.bound is None else min(answer.bound, value)
         gap = None if bound is None else 100 * (value - bound) / max(abs(value), 1e-12)
@@ -336,7 +337,7 @@ def exceeds(total: float, slowed: float) -> bool:
 
 
 def row_of(name: str, energy: Energy, slowed: Energy | None) -> dict[str, object]:
-    """What a model makes of a move, beside the evenly slowed one: a row of `Result.models`."""
+    """A record of `Result.models`: a model's energies of a move and of the evenly slowed one."""
     share, joules = None, None
     if slowed is not None:
         joules = slowed.total - energy.total

@@ -1,4 +1,4 @@
-"""One move at one duration after the other: its candidates, and the choice among them. Planner and fronts share it."""
+"""One move at any duration: its candidates, and the choice among them. Planner and fronts share it."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 
 log = logging.getLogger(__name__)
-HURRIED = 1.2  # times the least time on the first path: in more, zero acceleration at the ends costs next to nothing
+# times the least time of the first path: in longer moves, zero acceleration at the ends costs almost nothing
+HURRIED = 1.2
 
 
 def candidates_of(
@@ -46,9 +47,9 @@ def candidates_of(
     """Candidates for a move's answer.
 
     Args:
-        timing: the fastest one of the first path.
-        warm: trajectories to start from besides.
-        kept: what starts led to at other durations of the same move.
+        timing: the fastest timing of the first path.
+        warm: further trajectories to start from.
+        kept: coarse results of the starts at other durations of the same move.
 
     Raises:
         Infeasible: no timing or no path holds the limits.
@@ -116,7 +117,7 @@ def _costs_more(context: Context, curve: Candidate, retimed: Callable[[], Retime
 
 
 def first_timing(context: Context, move: Move) -> Timing | None:
-    """TOPP-RA's timing of the first path; a reshaped move may do without one."""
+    """The fastest timing of the first path; None if a reshaped move's path has none."""
     log.info("timing of the first path", extra={"share": 0.05})
     try:
         return context.fastest(path_of(move))
@@ -128,39 +129,33 @@ def first_timing(context: Context, move: Move) -> Timing | None:
 
 @dataclass(frozen=True)
 class Solved:
-    """A result, and the curve that it is (None where it is no reshaped one)."""
+    """A result, and the curve it came from (None if it was not reshaped)."""
 
     result: Result
     outcome: Outcome | None
 
 
 class Single:
-    """Solves one move at any duration; what durations share is found once.
-
-    Args:
-        context: with the paths that the move may start from besides its own path.
-        move: with its first path; its own duration is ignored.
-        first: where that path comes from.
-    """
+    """Solves one move at any duration; what durations share is computed once."""
 
     def __init__(self, context: Context, move: Move, first: FirstPath) -> None:
         self.context, self.first = context, first
         self.move = replace(move, duration=None, max_duration=None)
-        self.kept: Kept = {}  # what starts led to, by duration
+        self.kept: Kept = {}  # coarse results of the starts, by duration
 
     @cached_property
     def timing(self) -> Timing | None:
-        """The fastest of the first path; None where a reshaped move's has none."""
+        """The fastest timing of the first path; None if a reshaped move's path has none."""
         return first_timing(self.context, self.move)
 
     def at(
         self, duration: float | None, max_duration: float | None = None, warm: Sequence[Trajectory] = (),
         progress: Progress | None = None,
     ) -> Solved:  # fmt: skip
-        """The answer in that time.
+        """The answer in that duration.
 
         Args:
-            progress: of a search that has started already; by default it begins now, with the settings' deadline.
+            progress: a search that has started already; by default it begins now, with the settings' deadline.
 
         Raises:
             Infeasible: no timing or no path holds the limits; says which, where and what would work.

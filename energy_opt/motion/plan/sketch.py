@@ -1,4 +1,4 @@
-"""Motions by which goals are compared: a quick guess of a move's answer, and the optimum of curve and goal together."""
+"""Motions to compare goals: a quick estimate of a move's answer, and the optimum of curve and goal together."""
 
 from __future__ import annotations
 
@@ -19,19 +19,20 @@ from energy_opt.motion.reshape.search import EXACT, ITERATIONS, trajectory_of
 from energy_opt.motion.reshape.task import FEASIBLE, Line, Task
 from energy_opt.motion.trajectory import Trajectory
 
-Settled = tuple[Trajectory, tuple[np.ndarray, ...]]  # a motion, and where it passes the via points
-SETTLED, FIRST = 1e-6, 0.05  # relative tolerance beside bodies, and the first step there [rad, m]
-BEYOND = 0.5  # share of a bound: a full search, or another end of the move, may still repair so much
+Settled = tuple[Trajectory, tuple[np.ndarray, ...]]  # a motion, and its positions at the via points
+SETTLED, FIRST = 1e-6, 0.05  # relative tolerance and first step [rad, m] of the search beside bodies
+# share of a bound that a sketch may exceed: a full search, or another end of the move, may still repair it
+BEYOND = 0.5
 
 
 def sketched(context: Context, move: Move, warm: Sequence[Trajectory] = ()) -> Trajectory:
-    """A reshaped motion near an optimum, blind to bodies; it may exceed a limit by up to `BEYOND` of its bound.
+    """A reshaped motion near an optimum, without bodies; it may exceed a limit by up to `BEYOND` of its bound.
 
     Args:
-        warm: trajectories to start from besides the first path.
+        warm: further trajectories to start from, besides the first path.
 
     Raises:
-        Infeasible: what the search comes to exceeds a limit by more.
+        Infeasible: the search ends beyond a limit by more.
     """
     objective = context.settings.objective
     timing = first_timing(context, move)
@@ -49,13 +50,12 @@ def sketched(context: Context, move: Move, warm: Sequence[Trajectory] = ()) -> T
 
 
 def settled(context: Context, move: Move, motion: Trajectory, open_: Open) -> Settled:
-    """The optimum that is near a motion, which is bent where its ends are others than the move's.
+    """The optimum near a motion, which is bent first if its ends differ from the move's; with its via positions.
 
-    Beside bodies it keeps the usual distances; nothing is proven. The motion itself where the search comes to nothing.
-    With it, where it passes the via points.
+    Beside bodies it keeps the usual distances; nothing is proven. Returns the motion itself if the search fails.
 
     Args:
-        open_: of what the freedom is among the variables, so that it is optimized together with the curve.
+        open_: the free coordinates of the ends and via points, optimized together with the curve.
     """
     task = task_of(context, move, motion.duration, move.duration)
     task = replace(task, open=open_)

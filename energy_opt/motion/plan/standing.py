@@ -1,7 +1,7 @@
-"""Standing still in place of creeping: under dry friction a joint that need not move costs least where it is.
+"""Rest in place of creeping: under dry friction, a joint that need not move costs least at rest.
 
-A curve of few numbers never leaves a joint quite alone, and friction smoothed for the solver makes creeping nearly
-free. So a move's joints that end where they began, and hardly left it, are judged at rest, too.
+A curve of few parameters never leaves a joint exactly at rest, and the friction smoothed for the solver makes creeping
+nearly free. So the joints of a move that end where they began, and hardly left it, are also judged at rest.
 """
 
 from __future__ import annotations
@@ -13,18 +13,19 @@ import numpy as np
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
 
-CREEPING = 0.05  # [rad/s] a joint that is never faster may as well stand: five times the width of the smoothed friction
+# [rad/s] a joint that is never faster is also tried at rest: five times the width of the smoothed friction
+CREEPING = 0.05
 
 
 def creeping(trajectory: Trajectory) -> np.ndarray:
-    """(n,) joints that end where they began, never stand still for good, and are never faster than `CREEPING`."""
+    """(n,) True for joints that end where they began, move, and are never faster than `CREEPING`."""
     peak = np.abs(trajectory.velocity).max(axis=0)
     stays = np.abs(trajectory.position[-1] - trajectory.position[0]) < 1e-9
     return np.asarray(stays & (peak > 0) & (peak < CREEPING))
 
 
 def at_rest(trajectory: Trajectory, model: PowerModel) -> Trajectory | None:
-    """The trajectory with its creeping joints at rest; None where none creeps or no friction is in the model."""
+    """The trajectory with its creeping joints at rest; None if none creeps or the model has no friction."""
     which = creeping(trajectory)
     if not which.any() or not any(e.stage == "torque" and e.dissipates for e in model.effects):
         return None

@@ -1,8 +1,8 @@
-"""Reshaping that keeps clear of the arm's own body and of its cell: SQP over planes that each linearisation renews.
+"""Reshaping that keeps clear of the arm's own body and of its cell: SQP with planes renewed in each linearisation.
 
 At places along the curve, planes keep every two bodies apart that may come near in a step (see `sqp`). After
-convergence, many more places of the curve are checked: those where bodies are too near join the others. Only what is
-clear at all of these is handed to the proof; where this fails, the search continues with more distance.
+convergence, many more places of the curve are checked: those where bodies are too near are added. Only a curve that is
+clear at all of these is proven; if the proof fails, the search continues with more distance.
 """
 
 from __future__ import annotations
@@ -23,27 +23,27 @@ from energy_opt.motion.reshape.sqp import Descent, begin, descend
 from energy_opt.motion.reshape.task import FEASIBLE, SLACK, Level, Task
 
 log = logging.getLogger(__name__)
-PLACES, DENSE = 60, 240  # along a curve, evenly in time, where pairs are looked at; and before a proof
-CLOSE = 0.05  # of their spacing: a corner that is passed fast needs places as near to each other as this
-REACH = 0.06  # [m] pairs that are nearer get constraints
+PLACES, DENSE = 60, 240  # places along a curve, evenly in time, at which pairs are looked at; and before a proof
+CLOSE = 0.05  # share of the places' spacing: least distance between places, for a corner that is passed fast
+REACH = 0.06  # [m] nearer pairs get constraints
 MARGIN = 0.002  # [m] constraints keep this much more than is to be proven
-BESIDE = 0.005  # [m] farther a curve is not looked at to find out whether it keeps clear
-HAIR = 2e-4  # [m] more than is to be proven is kept at the many places
-MORE, MOST = 0.0007, 0.003  # [m] added to it where a proof failed, and how much of that at most
-RAMP = 0.15  # share of the move over which the margin of an end that is nearer grows to the full one
-END_SHARE = 0.8  # of what an end has beyond the clearance that is asked for, the margin there
-TRUST = 0.1  # [rad, m] of the first step from a curve that is free
-ROUNDS, AGAIN = 10, 5  # descents from a curve at most; iterations of each but the first
-GIVE = 0.1  # share of a bound that counts as kept in the first descent
+BESIDE = 0.005  # [m] pairs farther apart are not measured when a curve's clearance is checked
+HAIR = 2e-4  # [m] the dense places keep this much more than is to be proven
+MORE, MOST = 0.0007, 0.003  # [m] added to the margin after a failed proof, and the most in all
+RAMP = 0.15  # share of the move over which the margin grows from a nearer end to the full one
+END_SHARE = 0.8  # share of an end's distance beyond the required clearance that is kept as its margin
+TRUST = 0.1  # [rad, m] first step from a curve that is free
+ROUNDS, AGAIN = 10, 5  # most descents from a curve; iterations of each but the first
+GIVE = 0.1  # share of a bound: smaller excesses are accepted in the first descent
 NEARBY = 0.06  # [rad, m] first step of each descent but the first
-FINE = 1e-3  # relative: such a descent ends where so little is to be won
-MET = 1e-7  # [rad] via points are missed by: a tenth of what poses may be missed by
-RESOLVED, EXACT = 15, 1e-6  # iterations under limits that have changed a little, and what these may be exceeded by
+FINE = 1e-3  # relative: such a descent ends if it can save less
+MET = 1e-7  # [rad] allowed error of via points: a tenth of that of poses
+RESOLVED, EXACT = 15, 1e-6  # iterations after limits changed slightly, and the accepted excess over them
 
 
 @dataclass
 class Places:
-    """Where constraints are wanted: places u, and what pairs keep beyond the usual [m]."""
+    """The places u of the constraints, and the extra distance [m] of each pair."""
 
     u: np.ndarray
     more: np.ndarray
@@ -54,34 +54,34 @@ class Places:
         return cls((np.arange(PLACES) + 0.5) / PLACES, np.zeros(pairs))
 
     def learn(self, proof: Clearance, duration: float) -> None:
-        """Look where a proof failed, and keep more distance there."""
+        """Add the places where a proof failed, and keep more distance there."""
         self.look(np.array([touch.time / duration for touch in proof.touches]))
         self.keep(np.array([touch.pair for touch in proof.touches], dtype=int))
 
     def look(self, at: np.ndarray) -> bool:
-        """Look at more places too; whether any of them is new."""
+        """Add places; True if any of them is new."""
         new = [u for u in np.unique(at) if np.abs(self.u - u).min() > CLOSE / PLACES]
         self.u = np.sort(np.append(self.u, new))
         return bool(new)
 
     def keep(self, pairs: np.ndarray) -> None:
-        """Keep more distance between pairs."""
+        """Keep more distance between these pairs."""
         pairs = np.unique(pairs)
         self.more[pairs] = np.minimum(self.more[pairs] + MORE, MOST)
 
 
 class Margins:
-    """What pairs of bodies keep along a move between two poses `ends` (2, n)."""
+    """The distances that pairs of bodies keep along a move between two poses `ends` (2, n)."""
 
     def __init__(self, cell: Cell, ends: np.ndarray) -> None:
-        self.wanted = cell.wanted(ends)  # (P,) to be proven, m
-        self._at_ends = np.full((2, len(self.wanted)), np.inf)  # what each pair can keep there, m
+        self.wanted = cell.wanted(ends)  # [m] (P,) distances to be proven
+        self._at_ends = np.full((2, len(self.wanted)), np.inf)  # [m] distances that each pair can keep at the ends
         for held, q in zip(self._at_ends, ends, strict=True):
             for pair, distance in cell.distances(q, 2 * (cell.asked + MARGIN + MOST)):
                 held[pair] = self.wanted[pair] + END_SHARE * (distance - self.wanted[pair])
 
     def at(self, places: Places) -> np.ndarray:
-        """The margin (K, P) [m] of every pair: the full one, and less near an end that is nearer."""
+        """The margin (K, P) [m] of every pair: the full one, but less near an end where bodies are nearer."""
         full = self.wanted + MARGIN + places.more
         out = np.repeat(full[None], len(places.u), axis=0)
         for held, way in zip(self._at_ends, (places.u, 1 - places.u), strict=True):
@@ -95,7 +95,7 @@ class ClearSearch:
     """Searches of one task in a cell.
 
     Args:
-        scale: what costs are multiplied by, to be of order one.
+        scale: factor of costs that brings them to order one.
     """
 
     def __init__(
@@ -116,7 +116,9 @@ class ClearSearch:
         return self.cell.prove(t.time, t.position, t.velocity, t.acceleration, self.wanted)
 
     def gap(self, curve: Curve) -> tuple[float, float]:
-        """How far pairs are at least beyond their margin at the usual places [m], and the share of these that touch."""
+        """The least distance beyond the margins at the usual places [m], and the share of these places where bodies
+        touch.
+        """
         places = Places.evenly(len(self.wanted))
         k, number, distance, _, _ = self.near.measured(places.u, curve.position(places.u), BESIDE)
         if not len(k):
@@ -137,21 +139,21 @@ class ClearSearch:
         return found
 
     def merit(self, found: Descent) -> float:
-        """Scaled cost, with what is still broken on top."""
+        """Scaled cost plus a penalty on violations."""
         return found.point.cost + 10 * self._with(Places.evenly(len(self.wanted))).broken(found.point, GIVE, SLACK)
 
     def curve_of(self, found: Descent) -> Curve:
-        """The curve where a search is."""
+        """The curve of a search's present point."""
         point = found.point
         return Curve(self.level.shape, point.points, point.duration, point.via_u)
 
     def finish(
         self, curve: Curve, iterations: int, trust: float, tolerance: float, known: float = np.inf, give: float = GIVE
     ) -> Outcome | None:  # fmt: skip
-        """The proven curve that a search from `curve` leads to; None where that fails.
+        """The proven curve that a search from `curve` leads to; None if it fails.
 
         Args:
-            known: scaled cost of a proven curve: a search that comes to no less is given up.
+            known: scaled cost of a proven curve: a search that finds no less is given up.
             give: share of a bound by which limits may be exceeded during the first descent.
         """
         places = Places.evenly(len(self.wanted))
@@ -177,7 +179,7 @@ class ClearSearch:
                 if not places.look(dense[k[bad]]) or turn > 1:
                     places.keep(self.near.pair[number[bad]])
             elif model.excess(now.point) > FEASIBLE / 10 or np.abs(now.point.via).max(initial=0.0) > MET:
-                again = EXACT  # steps that win little are taken too
+                again = EXACT  # take steps that save little, too
             else:
                 proof = self.proof(curve)
                 if proof.proven:
@@ -190,13 +192,13 @@ class ClearSearch:
         return None
 
     def under(self, task: Task, outcome: Outcome) -> Outcome | None:
-        """An outcome solved again nearby, under limits that have changed a little; None where that is not proven."""
+        """An outcome solved again nearby, under limits that changed slightly; None if it is not proven."""
         again = ClearSearch(self.cell, self.joints, self.level, task, self.scale, self.stopped)
         found = again.finish(outcome.curve, RESOLVED, NEARBY / 2, FINE, give=EXACT)
         self.iterations += again.iterations
         return found
 
     def _with(self, places: Places) -> Model:
-        """The model with constraints at places."""
+        """The model with clearance constraints at these places."""
         constraints = ClearanceConstraints(self.near, places.u, self.margins.at(places), REACH)
         return self._model.keeping(constraints)

@@ -1,4 +1,4 @@
-"""Curves of a shape, and what a search for the best of them comes to."""
+"""Curves of a shape, and the outcome of a search."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ STOPPED = {
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a solve came to; `cost` is the objective's (J for energy), `broken` the worst excess at a node."""
+    """The result of a solve; `cost` is the objective's (J for energy), `broken` the worst excess at a node."""
 
     curve: Curve
     cost: float
@@ -47,14 +47,14 @@ class Outcome:
 
     @property
     def why(self) -> str:
-        """Why it did not converge, in words."""
+        """Why the solve did not converge."""
         return STOPPED.get(self.status, f"the solver stopped with {self.status}")
 
 
 def fitted(
     shape: Shape, u: np.ndarray, q: np.ndarray, ends: Ends, duration: float, via_u: np.ndarray | None = None
 ) -> Curve:
-    """The curve of `shape` closest to positions q (M, n) at u (M,), with the ends as they must be."""
+    """The curve of `shape` closest to positions q (M, n) at u (M,), with exact end conditions."""
     zero = None if shape.free_acceleration else np.zeros(shape.joints)
     head = shape.basis.ends(ends.start, ends.v_start * duration, zero, False)
     tail = shape.basis.ends(ends.goal, ends.v_goal * duration, zero, True)
@@ -63,7 +63,7 @@ def fitted(
 
 
 def between(a: Curve, b: Curve, share: float) -> Curve:
-    """The curve at a share of the straight way from one to another of the same shape."""
+    """The mixture (1 - share) a + share b of two curves of one shape."""
     mixed = [(1 - share) * x + share * y for x, y in ((a.points, b.points), (a.via_u, b.via_u))]
     return Curve(a.shape, mixed[0], (1 - share) * a.duration + share * b.duration, mixed[1])
 

@@ -1,7 +1,7 @@
-"""A reshaping problem at a curve: its cost and gradient, shares of limits, and what is near.
+"""A reshaping problem at a curve: cost, gradient, shares of limits, and nearby bodies.
 
-Unknowns are the free control points, point by point, and
-behind them T, unless it is given, the ends' steps along what their poses leave free, and the via points' times.
+Unknowns are the free control points, point by point; then T, unless it is given, the steps of the ends along their
+free directions, and the via points' times.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from energy_opt.motion.reshape.nodes import NodeFunctions
 from energy_opt.motion.reshape.open import FIXED, Open, Passed, passed
 from energy_opt.numerics.batch import Batch
 
-NEAREST, ARM = 0.01, 0.5  # [m] nearer bodies get constraints, and more for each rad that joints will turn
-DIFFERENCE = 1e-5  # [rad, m] of what ending somewhere costs
+NEAREST, ARM = 0.01, 0.5  # [m] nearer bodies get constraints, and this much more for each rad that joints may turn
+DIFFERENCE = 1e-5  # [rad, m] step of the difference quotient of an end's work
 
 
 @dataclass
 class Point:
-    """A curve with what was evaluated there; `placed`: limits, their numeric constraints, positions and values."""
+    """A curve and its evaluation; `placed`: limits, their numeric constraints, positions and values."""
 
     points: np.ndarray
     duration: float
@@ -38,9 +38,9 @@ class Point:
     linear: np.ndarray  # signed shares of bounds
     hot: np.ndarray  # (nodes, columns) signed shares
     hot_slope: np.ndarray  # (nodes, nz, columns)
-    via: np.ndarray  # (vias, n) what is off
+    via: np.ndarray  # (vias, n) error at via points
     passed: list[Passed]
-    along: np.ndarray  # (directions, n) of the ends
+    along: np.ndarray  # (directions, n) tangents of the ends that may move
     placed: list[tuple[int, PlaceConstraints, np.ndarray, np.ndarray]] = field(
         default_factory=list
     )  # limit, constraints, q, values
@@ -50,8 +50,8 @@ class Evaluation:
     """One problem of a shape: ends, limits, the model's values and the bounds of T.
 
     Args:
-        width: what widths of smoothed kinks are multiplied by; offset: what it costs per second whatever the path.
-        open: what may move on surfaces.
+        width: factor of the widths of smoothed kinks; offset: cost per second that is the same for all paths.
+        open_: ends and via points that may move on surfaces.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class Evaluation:
         self._nodes = nodes
         self.box = box_of(limits, s.joints)
         self.border = (0 if self.fixed else 1) + directions + s.vias
-        self.toward = slice(self.border - s.vias - directions, self.border - s.vias)  # of the border
+        self.toward = slice(self.border - s.vias - directions, self.border - s.vias)  # columns of the border
         self._set_linear()
         self._set_hot()
         controls, n = s.basis.controls, s.joints
@@ -92,7 +92,7 @@ class Evaluation:
         stacked = s.stacked.reshape(len(u), 3, -1)[self._quad].reshape(3 * len(self._quad), -1)
         self._down = stacked.T[s.pinned : controls - s.pinned].copy()
         self._down_all = stacked.T.copy()
-        self.share = np.zeros((len(self.moving), controls))  # of control points that are the end
+        self.share = np.zeros((len(self.moving), controls))  # share of each control point that moves with the end
         for k, (end, _) in enumerate(self.moving):
             self.share[k, : s.pinned] = 1.0 if end == 0 else 0.0
             self.share[k, controls - s.pinned :] = 0.0 if end == 0 else 1.0
@@ -101,13 +101,13 @@ class Evaluation:
             along = [[np.kron(site @ share[:, None], np.eye(n)) for site in self._sites] for share in self.share]
             none = np.zeros((0, n))
             self.end_linear = np.stack([self._per[:, None] * np.concatenate([none, *by_order]) for by_order in along])
-            u = np.linspace(0, 1, 6 * controls)[:, None]  # how the curve follows what an end bends off its tangent
+            u = np.linspace(0, 1, 6 * controls)[:, None]  # the curve's response to an end's step off its tangent
             pinned = np.zeros((s.pinned, 1)), np.ones((s.pinned, 1))
             goal = s.basis.fit(u[:, 0], u**3 * (10 - 15 * u + 6 * u**2), *pinned)[:, 0]
             self._carried = [1 - goal if end == 0 else goal for end, _ in self.moving]
 
     def _set_linear(self) -> None:
-        """Rows of bounds on derivatives: as functions of all control points, and their squares."""
+        """Set the constraints on derivatives as linear functions of all control points, and their bounds."""
         n = self.shape.joints
         held = [limit for limit in self.limits if limit.order]
         self._sites = [self.shape.sites[limit.order - 1] for limit in held]
@@ -130,7 +130,7 @@ class Evaluation:
         return np.asarray(self._by_time[1] * self._derivatives(points))
 
     def _set_hot(self) -> None:
-        """What is limited at nodes."""
+        """Set the limits at nodes."""
         held = [limit for limit in self.limits if limit.scale.size]
         self._hot_scale = np.concatenate([np.zeros(0), *(limit.scale for limit in held)])
         one = [np.full(limit.scale.size, limit.one_sided) for limit in held]
@@ -140,7 +140,7 @@ class Evaluation:
         self._limited = Batch(self._nodes.limited, len(self._u)) if len(self._hot_scale) else None
 
     def at(self, points: np.ndarray, duration: float, via_u: np.ndarray, far: float = np.inf) -> Point:
-        """Everything at a curve; control points will go at most `far` [rad, m] next."""
+        """Evaluate a curve; control points will move by at most `far` [rad, m] next."""
         s, n = self.shape, self.shape.joints
         z = np.empty((len(self._u), 3 * n + 1))
         z[:, :-1] = (s.stacked @ points).reshape(len(z), -1)
@@ -174,15 +174,15 @@ class Evaluation:
 
     @staticmethod
     def _sign(end: int) -> float:
-        """What ending somewhere costs, beginning there gives back."""
+        """Sign of an end's work in the cost: positive at the goal, negative at the start."""
         return 1.0 if end else -1.0
 
     def at_curve(self, curve: Curve, far: float = np.inf) -> Point:
-        """Everything at a curve."""
+        """Evaluate a curve."""
         return self.at(curve.points, curve.duration, curve.via_u, far)
 
     def keeping(self, clearance: ClearanceConstraints | None) -> Self:
-        """The same problem with other constraints between bodies."""
+        """The same problem with other clearance constraints."""
         out = copy(self)
         out.clearance = clearance
         return out
@@ -194,13 +194,13 @@ class Evaluation:
         return out
 
     def outcome(self, point: Point, iterations: int, converged: bool, status: str = "sqp") -> Outcome:
-        """What a search came to."""
+        """The outcome of a search."""
         curve = Curve(self.shape, point.points, point.duration, point.via_u)
         cost = point.cost / self.scale + self.offset * point.duration
         return Outcome(curve, cost, self.excess(point), converged, status, iterations)
 
     def _matrix(self, u: np.ndarray) -> np.ndarray:
-        """The basis at places, the last of which are kept."""
+        """The basis at places u; the last one is cached."""
         key = u.tobytes()
         if self._at_places[0] != key:
             self._at_places = key, self.shape.basis.matrix(u)
@@ -231,7 +231,7 @@ class Evaluation:
         return out
 
     def deepest(self, point: Point) -> float:
-        """The largest excess of a numeric row, in its own unit."""
+        """The largest excess of a numeric constraint, in its own unit."""
         parts = (
             np.maximum(constraints.lower - value, value - constraints.upper)
             for _, constraints, _, value in point.placed
@@ -239,13 +239,13 @@ class Evaluation:
         return max((float(part.max(initial=0.0)) for part in parts), default=0.0)
 
     def excess(self, point: Point) -> float:
-        """The worst excess over a limit's bound, clearances aside; and by how much a via point is missed."""
+        """The worst excess over a limit's bound, without clearances, or the largest error at a via point."""
         out = [float(np.abs(point.linear).max(initial=0)) - 1, float(np.abs(point.via).max(initial=0))]
         out.append(float(np.where(self._hot_one, point.hot, np.abs(point.hot)).max(initial=0)) - 1)
         return max(out)
 
     def gradient(self, point: Point) -> np.ndarray:
-        """Of the cost, (N + k,)."""
+        """The cost's gradient, (N + k,)."""
         s, n = self.shape, self.shape.joints
         by_node = point.slope[:, :-1].reshape(-1, n)
         out = np.zeros(s.size + self.border)
@@ -260,7 +260,7 @@ class Evaluation:
         return out
 
     def by_end(self, point: Point, k: int) -> np.ndarray:
-        """The cost's gradient (n,) by the k-th end that may move, the free control points held."""
+        """The cost's gradient (n,) with respect to the k-th end that may move, the free control points held."""
         end, surface = self.moving[k]
         n, q = self.shape.joints, point.points[end]
         steps = DIFFERENCE * np.eye(n)
@@ -269,7 +269,7 @@ class Evaluation:
         return np.asarray(work + self.end_z[k][self._quad].ravel() @ point.slope[:, :-1].reshape(-1, n))
 
     def hot_share(self, point: Point) -> np.ndarray:
-        """Shares of bounds at nodes as far as they count, (nodes, columns)."""
+        """Shares of bounds at nodes, (nodes, columns), without sign for two-sided limits."""
         return np.where(self._hot_one, point.hot, np.abs(point.hot))
 
     def linear_after(self, point: Point, d: np.ndarray) -> np.ndarray:

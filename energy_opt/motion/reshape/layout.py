@@ -1,7 +1,7 @@
-"""The form of a reshaping problem: which unknowns there are, where its nodes lie, and which entries are not zero.
+"""The form of a reshaping problem: its unknowns, its nodes, and its nonzero entries.
 
-A node or place touches six control points, a window of 6 n neighbouring unknowns; so the Hessian over control points is
-a band of width 6 n, kept as its lower diagonals (see `numerics.quadratic`).
+A node or place depends on six control points, a window of 6 n neighbouring unknowns; so the Hessian over control points
+is a band of width 6 n, kept as its lower diagonals (see `numerics.quadratic`).
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ import numpy as np
 from energy_opt.numerics.bspline import DEGREE, Basis
 from energy_opt.numerics.quadratic import add_places
 
-LOCAL = DEGREE + 1  # control points that a node touches
+LOCAL = DEGREE + 1  # control points that a node depends on
 
 
 @dataclass(frozen=True)
 class Shape:
-    """What is fixed about a program's form.
+    """The fixed form of a program.
 
     Attributes:
         joints: n.
@@ -76,23 +76,23 @@ class Shape:
         return np.stack(self.matrices[:3], axis=1).reshape(-1, self.basis.controls)
 
     def first(self, u: np.ndarray) -> np.ndarray:
-        """First of the six control points that each place u (M,) touches, (M,)."""
+        """First of the six control points that each place u (M,) depends on, (M,)."""
         inside = np.searchsorted(self.basis.breaks, u, side="right") - 1
         return np.clip(inside, 0, len(self.basis.breaks) - 2)
 
     def window(self, u: np.ndarray) -> np.ndarray:
-        """First control points of windows at u (M,), counted from the first free one; negative where pinned."""
+        """First control points of windows at u (M,), counted from the first free one; negative if pinned."""
         return self.first(u) - self.pinned
 
     def columns(self, first: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Unknowns (R, 6 n) of windows, 0 where a control point is pinned; and whether they are free."""
+        """Unknowns (R, 6 n) of windows, 0 if a control point is pinned; and whether they are free."""
         index = first[:, None] * self.joints + np.arange(self.width)
         free = (index >= 0) & (index < self.size)
         return np.where(free, index, 0), free
 
     @cached_property
     def local(self) -> np.ndarray:
-        """Basis values of the touched control points for derivatives 0 to 3, (K, 4, 6)."""
+        """Basis values of a node's six control points for derivatives 0 to 3, (K, 4, 6)."""
         columns = self.first(self.grid[0])[:, None] + np.arange(LOCAL)
         return np.stack([np.take_along_axis(m, columns, axis=1) for m in self.matrices], axis=1)
 
@@ -103,7 +103,7 @@ class Shape:
 
     @cached_property
     def site_local(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """For each of `sites`: first control point that a site touches (S,), and its six coefficients (S, 6)."""
+        """For each of `sites`: its first control point (S,), and its six coefficients (S, 6)."""
         out = []
         for matrix in self.sites:
             first = np.minimum(np.argmax(np.abs(matrix) > 0, axis=1), self.basis.controls - LOCAL)
@@ -111,7 +111,7 @@ class Shape:
         return out
 
     def linear(self, orders: Sequence[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Of control points of derivatives of those orders, site by site and joint by joint: window (L,), joint (L,)
+        """Control points of derivatives of the given orders, site by site and joint by joint: window (L,), joint (L,)
         and coefficients (L, 6)."""
         n = self.joints
         first, local, joint = [np.zeros(0, dtype=np.int64)], [np.zeros((0, LOCAL))], [np.zeros(0, dtype=np.int64)]
@@ -142,7 +142,7 @@ class Shape:
 
 @dataclass(frozen=True)
 class Ends:
-    """What is fixed at both ends, and what must be passed: q, v (n,) and via points (vias, n)."""
+    """The fixed conditions of a move: q, v (n,) at both ends and via points (vias, n)."""
 
     start: np.ndarray
     goal: np.ndarray

@@ -1,7 +1,7 @@
 """The quadratic model of a reshaping problem at a curve: banded Hessian and linearised constraints.
 
-Rows of velocity, acceleration and jerk are |A x| <= b T^k: linear at a fixed T, and else linearised in T on the side of
-the bound, where they stay inside of the limit.
+Constraints on velocity, acceleration and jerk are |A x| <= b T^k: linear at a fixed T, else linearised in T at the
+nearer bound, which keeps them inside the limit.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from energy_opt.motion.reshape.open import bending
 from energy_opt.numerics.batch import Batch
 from energy_opt.numerics.quadratic import Banded, Constraints, add_nodes, add_places
 
-SPARE = 0.02  # beyond what a step can reach by its first derivative
-HOT = 0.8  # share of a bound from which what is limited at a node gets a row
+SPARE = 0.02  # added to a step's first-order reach, to select constraints at places
+HOT = 0.8  # share of a bound from which a limit at a node gets a constraint
 
-AXES = 6  # ranges of a via point's pose, at most
-LINEAR, AT_NODES, VIA, AT_PLACES = range(4)  # kinds of constraints: their names are kind + 4 times a number
+AXES = 6  # most ranges of a via point's pose
+LINEAR, AT_NODES, VIA, AT_PLACES = range(4)  # kinds of constraints: a constraint's key is its kind + 4 times a number
 
 
 class Model(Evaluation):
-    """One problem of a shape, with what a quadratic program takes of it."""
+    """One problem of a shape, with the parts of its quadratic program."""
 
     @cached_property
     def _break_curvature(self) -> Batch:
@@ -32,12 +32,12 @@ class Model(Evaluation):
 
     @cached_property
     def mass(self) -> Banded:
-        """What the Hessian is damped with: squares of positions, T relative to its size, via times."""
+        """The metric of the Hessian's damping: squared positions, squared relative T and squared via times."""
         corner = np.eye(self.border)
         return Banded(self.shape.mass, np.zeros((self.shape.size, self.border)), corner)
 
     def hessian(self, point: Point, multipliers: dict[str, np.ndarray], convex: bool = False) -> Banded:
-        """Of the Lagrangian; `multipliers` by what they belong to, in the order of a point's values."""
+        """The Hessian of the Lagrangian; `multipliers` by kind, in the order of a point's values."""
         s, n = self.shape, self.shape.joints
         hot = multipliers.get("hot")
         lam = np.zeros(point.hot.shape) if hot is None else hot / self._hot_scale
@@ -76,7 +76,7 @@ class Model(Evaluation):
             bend = surface.bend(q, along) @ force + self._sign(end) * self.scale * bending(surface.work, q, along)
             out.corner[np.ix_(which, which)] += bend
         for number, constraints, q, _ in point.placed:
-            lam_place = multipliers.get(f"place {number}")  # how ends that move stretch with T is left out
+            lam_place = multipliers.get(f"place {number}")  # neglects how moving ends scale with T
             if lam_place is not None and lam_place.any():
                 window, local = self._placing(constraints.u)
                 add_places(band, constraints.hessian(q, lam_place), local, window, n)
@@ -120,7 +120,7 @@ class Model(Evaluation):
         return first - self.shape.pinned, local
 
     def linear_constraints(self, point: Point, held: np.ndarray, side: np.ndarray | None = None) -> Constraints:
-        """Constraints on derivatives that are `held`, linearised at the bound that is nearer, or on `side` (L,)."""
+        """The `held` constraints on derivatives, linearised at the nearer bound, or on `side` (L,)."""
         which = np.flatnonzero(held)
         time = 1 / point.duration ** self.order[which]
         border = np.zeros((len(which), self.border))
@@ -138,18 +138,18 @@ class Model(Evaluation):
         )  # fmt: skip
 
     def hot(self, point: Point, share: float) -> np.ndarray:
-        """Which limits at nodes (nodes, columns) are used by more than that share, or are always held."""
+        """True for limits at nodes (nodes, columns) whose share exceeds `share`, or that are always held."""
         always = self._hot_always & np.isfinite(self._hot_scale)
         return np.asarray((self.hot_share(point) > share) | always)
 
     def other_constraints(
         self, point: Point, far: float, hot: np.ndarray | None = None, equalities: bool = True
     ) -> Constraints:
-        """Constraints at nodes near their bounds, of via points, and numeric ones that steps of `far` can reach.
+        """Constraints at nodes near their bounds, at via points, and numeric ones that steps of `far` can reach.
 
         Args:
             hot: (nodes, columns) the constraints at nodes; None for those near their bounds.
-            equalities: with those of via points, which leave no step where two linearisations are held at once.
+            equalities: include via points; False if two linearisations are held at once, which would leave no step.
         """
         s, n = self.shape, self.shape.joints
         k, j = np.nonzero(self.hot(point, HOT) if hot is None else hot)
@@ -186,7 +186,7 @@ class Model(Evaluation):
         return out.joined(self._end_bounds(point)) if self.moving else out
 
     def _via_constraints(self, point: Point) -> Constraints:
-        """Constraints that via points are passed."""
+        """Constraints that the curve passes the via points."""
         s, n = self.shape, self.shape.joints
         basis, speed = s.basis.matrix(point.via_u), s.basis.matrix(point.via_u, 1) @ point.points
         begin = s.first(point.via_u)
@@ -209,7 +209,9 @@ class Model(Evaluation):
         )  # fmt: skip
 
     def _end_bounds(self, point: Point) -> Constraints:
-        """Constraints on the steps of ends that may move: joints' ranges and those of what a pose leaves free."""
+        """Constraints on the steps of ends that may move: the joints' ranges and those of the pose's free
+        coordinates.
+        """
         parts = []
         for k, (end, surface) in enumerate(self.moving):
             q, along = point.points[end], point.along[self.of == k]
@@ -230,7 +232,7 @@ class Model(Evaluation):
         )  # fmt: skip
 
     def multipliers(self, point: Point, keys: np.ndarray, values: np.ndarray) -> dict[str, np.ndarray]:
-        """Multipliers of named constraints in the form that `hessian` takes."""
+        """Multipliers by constraint key, in the form that `hessian` takes."""
         order = np.argsort(keys, kind="stable")
         keys, values = keys[order], values[order]
         name, kind = np.divmod(keys, 4)
@@ -254,6 +256,6 @@ class Model(Evaluation):
 
 
 def _convex(c: np.ndarray) -> np.ndarray:
-    """Symmetric matrices (K, m, m) without what is negative of their eigenvalues."""
+    """Symmetric matrices (K, m, m) with negative eigenvalues set to zero."""
     values, vectors = np.linalg.eigh(c)
     return np.asarray((vectors * np.maximum(values, 0.0)[:, None]) @ vectors.transpose(0, 2, 1))

@@ -1,6 +1,6 @@
-"""The functions of one collocation node: all of a problem that depends on the robot and its model.
+"""The functions of one collocation node: all parts of a problem that depend on the robot and its model.
 
-Everything else in a reshaping problem is linear algebra with constant matrices, so these few functions are what is
+The rest of a reshaping problem is linear algebra with constant matrices, so only these few functions are
 differentiated, compiled and cached. A node's variables are z = (q, q', q'', T): position and its derivatives with
 respect to u = t / T, and the duration; then v = q' / T and a = q'' / T^2.
 """
@@ -24,10 +24,10 @@ from energy_opt.robot import RigidBody
 
 @dataclass(frozen=True)
 class NodeFunctions:
-    """CasADi functions of one node; `u` is its place in [0, 1], `p` the model's values and `values_of` limits.
+    """CasADi functions of one node; `u` is its place in [0, 1], `p` holds the model's values and `values_of` limits.
 
     cost: (z, u, p) -> (e, de/dz) with e the rate of the objective per unit of u.
-    limited: (z, u, p) -> (g, dg/dz) with g (m, 1) what limits bound at a node, such as the motors' torque.
+    limited: (z, u, p) -> (g, dg/dz) with g (m, 1) the limited quantities at a node, such as motor torque.
     curvature: (z, u, p, s, lam) -> Hessian of s e + lam^T g, dense (nz, nz).
     value: (z, u, p) -> (e, g), without derivatives.
     kinked: the laws have kinks, so that the width over which they are smoothed matters.
@@ -46,7 +46,7 @@ class NodeFunctions:
 
 @dataclass(frozen=True)
 class NodeSymbols:
-    """A node's variables as CasADi symbols, and what follows from them: v [rad/s], a [rad/s^2], t [s]."""
+    """A node's variables as CasADi symbols, and derived quantities: v [rad/s], a [rad/s^2], t [s]."""
 
     q: ca.SX
     q1: ca.SX
@@ -77,7 +77,7 @@ class NodeSymbols:
 
     @property
     def z(self) -> ca.SX:
-        """What a node's functions are differentiated by: q, q', q'' and T, (3 n + 1, 1)."""
+        """The variables of differentiation: q, q', q'' and T, (3 n + 1, 1)."""
         return ca.vertcat(self.q, self.q1, self.q2, self.duration)
 
 
@@ -98,8 +98,8 @@ def node_functions(
 ) -> NodeFunctions:
     """Build the node functions of a model's and the limits' structure on a robot; values enter as parameters.
 
-    Objectives: "energy" (J, less the work that only the ends decide: left in the cost it would add nothing but a way
-    for the solver to exploit the quadrature of a term that changes sign), and what others minimise: "torque" (integral
+    Objectives: "energy" (J, without the conservative work, which depends on the ends alone: in the cost it would only
+    let the solver exploit the quadrature of a term that changes sign), "torque" (integral
     of |tau_m|^2), "power_squared" (integral of sum (tau_m v)^2), "path_length" (integral of |q'|^2 over u), "time" (T).
     """
     if objective not in OBJECTIVES:
@@ -126,10 +126,10 @@ def node_functions(
 
 
 def derived(rate: ca.SX, limited: ca.SX, x: NodeSymbols, p: ca.SX, width: ca.SX | None = None) -> NodeFunctions:
-    """The functions, with their derivatives, of any rate of cost per unit of u and what limits bound (m, 1).
+    """The node functions, with derivatives, of a rate of cost per unit of u and limited quantities (m, 1).
 
     Args:
-        width: what the widths of smoothed kinks are multiplied by, where there are any.
+        width: symbol for the factor of the widths of smoothed kinks, if there are any.
     """
     p = ca.vertcat(p, ca.SX.sym("width") if width is None else width)
     z, u, s, lam = x.z, x.u, ca.SX.sym("s"), ca.SX.sym("lam", limited.numel())

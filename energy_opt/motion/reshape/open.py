@@ -1,4 +1,4 @@
-"""Ends and via points of a curve that may move on surfaces of positions, as those at which the tool has its pose."""
+"""Ends and via points of a curve that may move on surfaces, such as the positions that give the tool one pose."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 
 class Surface(Protocol):
-    """Positions among which an end or a via point may move, `count` directions wide: where the tool has its pose."""
+    """Positions over which an end or a via point may move, in `count` directions: those that give the tool its pose."""
 
     count: int
 
@@ -21,18 +21,20 @@ class Surface(Protocol):
         """Second derivatives (count, count, n) of the surface by steps along the tangents."""
 
     def reached(self, q: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """The positions (n,) on the surface, within its ranges, that are next to q + step (n,)."""
+        """The position (n,) on the surface, within its ranges, that is nearest to q + step (n,)."""
 
     def work(self, q: np.ndarray) -> np.ndarray:
-        """What ending at positions q (K, n) costs beside the objective's integral, (K,); beginning there gives it."""
+        """Work of ending at positions q (K, n) beside the objective's integral, (K,); beginning there costs its
+        negative.
+        """
 
     def ranges(self, q: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """What is bounded: values (R,), their slopes (R, count) along the tangents, and lowest and highest values."""
+        """Bounded quantities: values (R,), their slopes (R, count) along the tangents, lowest and highest values."""
 
 
 @dataclass(frozen=True)
 class Open:
-    """What of a move may move on surfaces: its ends, where it then rests, and its via points; None where fixed."""
+    """The parts of a move that may move on surfaces: its ends, at rest there, and its via points; None if fixed."""
 
     start: Surface | None = None
     goal: Surface | None = None
@@ -40,7 +42,7 @@ class Open:
 
     @property
     def ends(self) -> tuple[tuple[int, Surface], ...]:
-        """The ends that may move: 0 (the start) or -1 (the goal), and on what."""
+        """The ends that may move, each with its surface: 0 (the start) or -1 (the goal)."""
         return tuple((end, surface) for end, surface in ((0, self.start), (-1, self.goal)) if surface is not None)
 
     @property
@@ -54,7 +56,7 @@ FIXED = Open()
 
 @dataclass(frozen=True)
 class Passed:
-    """How a via point bounds the curve's step there: slopes (R, n), lowest and highest values (R,).
+    """Bounds of a via point on the curve's step there: slopes (R, n), lowest and highest values (R,).
 
     `bend`: second derivatives (M, n, n) of the first M, which hold the point; the others hold ranges.
     """
@@ -66,9 +68,9 @@ class Passed:
 
 
 def passed(open_: Open, via: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, list[Passed]]:
-    """By what a curve at q (vias, n) misses via points, (vias, n), and how these bound its step there.
+    """The errors (vias, n) of a curve at q (vias, n) from its via points, and the bounds of these on its step there.
 
-    Where a via point may move, it is the point of its surface that is nearest to q.
+    A via point that may move is the point of its surface nearest to q.
     """
     n, off, out = q.shape[1], q - via, []
     for k, surface in enumerate(open_.via or [None] * len(q)):

@@ -1,9 +1,9 @@
-"""IPOPT on a model's problem, from where sequential quadratic programming left it.
+"""IPOPT on a model's problem, from the result of sequential quadratic programming.
 
 The unknowns are steps from that curve. Cost, constraints and derivatives are the model's; a constraint on the k-th
-derivative is stated on the side of the bound that it is near, so that its Hessian has no entry but that of T:
+derivative is stated at its nearer bound, so that its Hessian has no entry but that of T:
 
-    s A x / (b T_0^k) - (T / T_0)^k <= 0        s: the side, T_0: the duration of the curve to begin with
+    s A x / (b T_0^k) - (T / T_0)^k <= 0        s: sign of the bound, T_0: initial duration of the curve
 """
 
 from __future__ import annotations
@@ -20,16 +20,18 @@ from energy_opt.motion.reshape.sqp import box
 from energy_opt.numerics import ipopt
 from energy_opt.numerics.quadratic import Constraints
 
-BARRIER, ITERATIONS, TOLERANCE = 1e-6, 160, 1e-6  # the first barrier parameter; in all
-BROKEN, NEAR = 1e-7, 0.7  # share beyond a bound at which a limit becomes a constraint, and from which others join it
-LOCAL = 0.3  # [rad, m] that control points go at most in a round: what is not held is not left far behind
+BARRIER, ITERATIONS, TOLERANCE = 1e-6, 160, 1e-6  # first barrier parameter; most iterations and tolerance of all rounds
+# excess share at which a limit becomes a constraint, and share at which others are added with it
+BROKEN, NEAR = 1e-7, 0.7
+# [rad, m] largest move of control points in a round, so that limits that are not held are not exceeded by much
+LOCAL = 0.3
 
 
 class PolishProgram:
     """The problem in the form that `ipopt.solve` takes.
 
     Args:
-        side: (L,) 1 or -1 where a derivative's constraint is held on that side, else 0.
+        side: (L,) 1 or -1 if a derivative's constraint is held at that bound, else 0.
         hot: (nodes, columns) constraints at nodes that are held.
     """
 
@@ -40,7 +42,7 @@ class PolishProgram:
         size, total = model.shape.size, model.shape.size + model.border
         self._linear = int(self._held.sum())
         both = self._constraints(point)
-        via = np.flatnonzero(both.keys % 4 == VIA)  # its window moves with its time
+        via = np.flatnonzero(both.keys % 4 == VIA)  # a via point's window moves with its time
         row, column, _ = both.entries(size)
         row, column = (x[(column >= 0) & ~np.isin(row, via)] for x in (row, column))
         row = np.concatenate([row, np.repeat(via, total)])
@@ -69,7 +71,7 @@ class PolishProgram:
         return np.concatenate([none - np.inf, held.floor + value]), np.concatenate([none, held.ceiling + value])
 
     def at(self, x: np.ndarray) -> Point:
-        """Everything at steps x; worked out once for all that ask."""
+        """Evaluate steps x; the last evaluation is cached."""
         key = x.tobytes()
         if key != self._key:
             self._key, self._now = key, self.model.at(*self.model.moved(self._begin, x))
@@ -80,15 +82,15 @@ class PolishProgram:
         return self.at(x).cost
 
     def gradient(self, x: np.ndarray) -> np.ndarray:
-        """Its gradient."""
+        """The cost's gradient."""
         return self.model.gradient(self.at(x))
 
     def constraints(self, x: np.ndarray) -> np.ndarray:
-        """Values of the constraints that are held."""
+        """Values of the held constraints."""
         return self._values(self.at(x))
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """Their derivatives, entries in the order of the sparsity pattern."""
+        """Derivatives of the held constraints, in the order of the sparsity pattern."""
         point = self.at(x)
         held = self._constraints(point)
         factor = np.concatenate([self._side[self._held] * self._stretch(point), np.ones(held.count - self._linear)])
@@ -120,7 +122,7 @@ class PolishProgram:
 
 
 def polished(model: Model, curve: Curve) -> Outcome:
-    """The optimum near a curve; constraints are added where a solve broke a limit, and it is solved again."""
+    """The optimum near a curve; after a solve that breaks a limit, constraints are added and it is solved again."""
     point, spent = model.at_curve(curve), 0
     side, hot = np.where(np.abs(point.linear) > NEAR, np.sign(point.linear), 0.0), model.hot(point, NEAR)
     while True:

@@ -1,13 +1,13 @@
 """The search for a reshaped move: starts on a coarse problem, the best optima solved in full.
 
-A coarse problem (few control points) is cheap to solve, and most local optima are there already (see `starts`). Where
-the duration is given, the starts are solved at the next larger one of a few durations, each half as long again as the
-one before. So durations that lie close together share their starts, and a start can be feasible where the move itself
-is hardly. Where starts of another duration of the same move are known, their optima are continued in place of them.
+A coarse problem (few control points) is cheap to solve, and already has most local optima (see `starts`). If the
+duration is given, the starts are solved at the next larger one of a series of durations with ratio `RUNG`. So nearby
+durations share their starts, and a start can be feasible even if the move itself hardly is. If starts of another
+duration of the same move are known, their optima are continued instead.
 
-But a coarse problem tells badly which optimum is the best one: its loss is up to twice that of the fine problem, by
-different amounts, and another duration has another order. So the best of every valley is solved at the duration itself
-with more control points, which takes hardly longer; the best of these are solved in full.
+But a coarse problem ranks optima badly: its loss is up to twice that of the fine problem, by different amounts, and
+another duration changes the order. So the best of every valley is solved at the duration itself with more control
+points, which takes hardly longer; the best of these are solved in full.
 """
 
 from __future__ import annotations
@@ -29,28 +29,30 @@ from energy_opt.motion.trajectory import Trajectory, row_step, whole
 from energy_opt.numerics.bspline import Basis
 
 log = logging.getLogger(__name__)
-COARSE, COARSE_PACKING = 12, 0.5  # control points of starts: with 10, every tenth move's best optimum is lost
-ITERATIONS, FINE = 60, 1e-6  # of the continued searches, where IPOPT does not polish
-TRIAL, TRUST, ROUGH = 5, 0.4, 3e-3  # iterations, first step [rad, m] and tolerance of the comparison of optima
-PER_VIA = 2  # control points more for every via point
-WIDE, MIDDLE = 10.0, 3.0  # times the width of kinks on the coarse problem, and where optima are compared
-AGAIN = 3  # descents at most from where one under kinked laws ended without convergence
-NEAR_KINKS = 0.02  # [rad, m] first steps there
-WIDTHS, ROUGHLY = (3.0, 1.7), 20  # and on the way from there to an answer, with so many iterations each at most
+# control points and packing of starts: with 10, every tenth move's best optimum is lost
+COARSE, COARSE_PACKING = 12, 0.5
+ITERATIONS, FINE = 60, 1e-6  # iterations and tolerance of the full solves, before IPOPT
+TRIAL, TRUST, ROUGH = 5, 0.4, 3e-3  # iterations, first step [rad, m] and tolerance for comparing optima
+PER_VIA = 2  # additional control points for every via point
+WIDE, MIDDLE = 10.0, 3.0  # factors of the width of kinks on the coarse problem, and for comparing optima
+AGAIN = 3  # most further descents if the laws have kinks and one ended without convergence
+NEAR_KINKS = 0.02  # [rad, m] first step of descents with kinked laws
+WIDTHS, ROUGHLY = (3.0, 1.7), 20  # decreasing factors of that width before the final solve, and most iterations of each
 RUNG = 1.5  # ratio of the durations at which starts are solved
-KEPT, WORTH_KEEPING = 5, 2.0  # so many valleys are compared at the move's own duration, if so near the best
-REFINED, WORTH_REFINING = 2, 1.03  # so many of these are solved in full, if so near the best
-EXACT = 1e-6  # share of a bound that the answer may exceed it by while it is searched
-REPAIRABLE = 0.05  # more control points may still repair an excess up to this share of a bound
+# most valleys compared at the move's own duration, and their largest cost relative to the best
+KEPT, WORTH_KEEPING = 5, 2.0
+REFINED, WORTH_REFINING = 2, 1.03  # most of these solved in full, and their largest cost relative to the best
+EXACT = 1e-6  # share of a bound: accepted excess while searching the answer
+REPAIRABLE = 0.05  # share of a bound: an excess that more control points may still repair
 
-Kept = dict[float, Optima]  # what starts led to, by the duration at which they were solved
+Kept = dict[float, Optima]  # results of the starts, by the duration at which they were solved
 
 
 @dataclass(frozen=True)
 class Answer:
-    """The best outcome of a search (None where no start leads to a feasible curve), and what it took.
+    """The best outcome of a search (None if no start leads to a feasible curve), and the effort spent.
 
-    `optima`: of different valleys, the best first, as coarse as they were compared. `wanted`: they were worth solving.
+    `optima`: of different valleys, the best first, as compared. `wanted`: False if they were not worth solving in full.
     """
 
     best: Outcome | None
@@ -79,8 +81,8 @@ class Reshaper:
     def coarse(self, vias: int) -> Level:
         """The level on which starts are solved.
 
-        Its end accelerations are free whatever the fine problem's are: a few control points cannot build them up in the
-        little time in which many can, and the loss of trying would hide by what optima differ.
+        Its end accelerations are free even if those of the fine problem are zero: few control points cannot build them
+        up as quickly as many can, and the resulting loss would hide the differences between optima.
         """
         basis = Basis(min(COARSE + PER_VIA * vias, self._controls), COARSE_PACKING)
         return self._level(Shape(self._joints, basis, free_acceleration=True, vias=vias))
@@ -89,7 +91,7 @@ class Reshaper:
         """The level of the answer.
 
         Raises:
-            BadInput: fewer control points than ends and via points take.
+            BadInput: fewer control points than ends and via points need.
         """
         least = COARSE + PER_VIA * vias - 2
         if self._controls < least:
@@ -103,10 +105,10 @@ class Reshaper:
         """The best outcome from at most `starts` starts.
 
         Args:
-            lines: first guesses, at least one; the first is bent, the others are solved as they are.
-            kept: what was found before for other durations of the same move, and is added to.
-            worth: whether a curve near the best optimum is to be solved in full; else what was found is given as it is.
-                None: always.
+            lines: first guesses, at least one; the first is bent, the others are solved directly.
+            kept: results for other durations of the same move; extended in place.
+            worth: returns whether a curve near the best optimum is to be solved in full; if not, only the coarse optima
+                are returned. None: always.
         """
         kept = {} if kept is None else kept
         optima, used, spent = self.optima(task, lines, starts, seed, stopped, kept)
@@ -124,7 +126,7 @@ class Reshaper:
         stopped: Callable[[], bool],
         kept: Kept | None = None,
     ) -> tuple[list[Outcome], int, int]:
-        """Coarse optima of the task, the best first; the starts and iterations that they took."""
+        """Coarse optima of the task, the best first; the numbers of starts and iterations."""
         coarse, fine = self.coarse(task.vias), self.fine(task.vias)
         there, used, spent = replace(task, width=WIDE), 0, 0
         if task.fixed:
@@ -157,7 +159,7 @@ class Reshaper:
         return sorted(compared, key=task.promise), used + len(lines) - 1, iterations
 
     def refined(self, task: Task, optima: Sequence[Outcome], stopped: Callable[[], bool]) -> tuple[Outcome | None, int]:
-        """The best outcome from fine trials, the best of which come first; and the iterations spent."""
+        """The best of the coarse optima solved in full, the most promising first; and the iterations spent."""
         best: Outcome | None = None
         spent = count = 0
         for outcome in optima:
@@ -176,10 +178,10 @@ class Reshaper:
     def solved(
         self, curve: Curve, task: Task, stopped: Callable[[], bool] = lambda: False, near: bool = False
     ) -> Outcome:
-        """The optimum near a curve; IPOPT polishes it where sequential quadratic programming did not converge.
+        """The optimum near a curve; IPOPT polishes it if sequential quadratic programming did not converge.
 
         Args:
-            near: the curve is an optimum of nearly the same task: neither smoothed laws lead to this one's, nor IPOPT.
+            near: the curve is an optimum of nearly the same task: neither smoothed laws nor IPOPT are used.
         """
         level = self._level(curve.shape)
         spent = 0
@@ -192,7 +194,7 @@ class Reshaper:
         trust = NEAR_KINKS if self._nodes.kinked and not near else TRUST / 4
         model = task.model(level)
         found = task.descended(model, curve, ITERATIONS, trust=trust, tolerance=FINE, give=EXACT, stopped=stopped)
-        for _ in range(AGAIN if self._nodes.kinked else 0):  # kinks: until no more is won
+        for _ in range(AGAIN if self._nodes.kinked else 0):  # kinks: repeat until no more is saved
             if found.converged or stopped():
                 break
             more = task.descended(
@@ -215,7 +217,7 @@ class Reshaper:
 
 
 def trajectory_of(curve: Curve, joints: tuple[str, ...]) -> Trajectory:
-    """Samples as near as `row_step` says, one at every knot: between samples the curve is the quintic itself."""
+    """Samples at the spacing of `row_step`, and one at every knot: between samples the curve is exactly the quintic."""
     breaks = curve.shape.basis.breaks
     count = int(np.ceil(curve.duration / row_step(curve.duration)))
     parts = [max(1, int(np.ceil(width * count))) for width in np.diff(breaks)]

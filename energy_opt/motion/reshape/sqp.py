@@ -1,9 +1,9 @@
 """Sequential quadratic programming on a reshaping problem, with a trust region and an l1 merit function.
 
-Each linearisation is one banded quadratic program (see `numerics.quadratic`). A step is taken where the merit, cost
-plus price times the sum of excesses, falls; excesses up to a small share of a bound are free, so that steps along
-curved limits are not cut short (N. Maratos' effect). After a step that fails, what is linearised at its end joins the
-program: a second-order correction.
+Each linearisation is one banded quadratic program (see `numerics.quadratic`). A step is taken if the merit, cost plus
+price times the sum of excesses, falls; excesses up to a small share of a bound are free, so that steps along curved
+limits are not cut short (the Maratos effect). After a failed step, constraints linearised at its end join the program:
+a second-order correction.
 """
 
 from __future__ import annotations
@@ -17,23 +17,23 @@ from energy_opt.motion.reshape.evaluation import Point
 from energy_opt.motion.reshape.model import Model
 from energy_opt.numerics.quadratic import LEAST_DAMPING, Banded, Constraints, Minimum, minimise
 
-PRICE = 30.0  # of a row's excess in a quadratic program, where the cost is of order one
-USED = 0.1  # share of a bound from which a linear row is held, and, in a trial, is added
-BOLD, FAIR = 0.7, 0.3  # ratios of what was won to what was expected above, and below, which the trust region changes
-LEAST_TRUST = 2e-4  # [rad]
+PRICE = 30.0  # price of a constraint's excess in a quadratic program, whose cost is of order one
+USED = 0.1  # share of a bound from which a linear constraint is held
+BOLD, FAIR = 0.7, 0.3  # ratios of actual to expected decrease: above BOLD the trust region grows, below FAIR it shrinks
+LEAST_TRUST = 2e-4  # [rad] smallest trust region
 ACCEPTED = 1e-3  # least such ratio at which a step is taken
-SHALLOW = 0.12  # excess of a numeric row below which what a failed step met joins the program
-SADDLE = 0.03  # times the tolerance, where the model is not convex: close to a saddle little is expected
-STALLED = 1e-4  # share of the cost: where no step is taken and no more is expected, it has converged
+SHALLOW = 0.12  # largest excess of a numeric constraint at which the constraints at a failed step's end are added
+SADDLE = 0.03  # factor of the tolerance if the model is not convex: near a saddle little decrease is expected
+STALLED = 1e-4  # share of the cost: converged if no step is taken and the expected decrease is less
 HEAVY = 30.0  # damping above which nodes' Hessians are made convex one by one, as at the kinks of dry friction
-LAST, LITTLE = 10, 1e-3  # a search has converged where its last so many steps won no more than that share of the cost
-KINKED = 8  # and at kinks
-TRIES = 5  # failed steps from one point
+LAST, LITTLE = 10, 1e-3  # converged if the last LAST steps saved less than the share LITTLE of the cost
+KINKED = 8  # most failed steps from one point at kinks
+TRIES = 5  # most failed steps from one point otherwise
 
 
 @dataclass
 class Descent:
-    """Where a search is: the point, multipliers by constraint, damping and trust region; iterations and steps so far.
+    """The state of a search: point, multipliers by constraint, damping, trust region, iterations and steps so far.
 
     `convex`: nodes' Hessians are made convex one by one.
     """
@@ -58,12 +58,13 @@ def descend(
     model: Model, now: Descent, iterations: int, trust: float, *, tolerance: float = 1e-4, give: float = 1e-6,
     slack: float = 0.0, loose: float = 1e-6, most: float = 0.8, stopped: Callable[[], bool] = lambda: False,
 ) -> Descent:  # fmt: skip
-    """Go on from where a search is.
+    """Continue a search from its state.
 
     Args:
-        trust: [rad, m] that control points go at most in the first step; most: in any.
-        tolerance: relative; it ends where so little is to be won.
-        give: share of a bound by which limits may be exceeded free of charge; slack: the same of numeric constraints.
+        trust: [rad, m] largest move of control points in the first step; most: in any step.
+        tolerance: relative; the search ends if the expected decrease is less.
+        give: share of a bound by which limits may be exceeded without a penalty; slack: the same of numeric
+            constraints.
         loose: the last barrier parameter of quadratic programs.
     """
     point = now.point
@@ -84,7 +85,7 @@ def descend(
                 found, constraints, held = _program(
                     model, point, hessian, gradient, others, held, bounds, damping, give, loose
                 )
-            except np.linalg.LinAlgError:  # no damping makes the program convex: numbers overflowed
+            except np.linalg.LinAlgError:  # no damping makes the program convex, because numbers overflowed
                 return now
             now.steps += found.steps
             if found.damping > HEAVY and not now.convex:
@@ -163,7 +164,7 @@ def _program(
     model: Model, point: Point, hessian: Banded, gradient: np.ndarray, others: Constraints, held: np.ndarray,
     box: tuple[np.ndarray, np.ndarray], damping: float, give: float, loose: float,
 ) -> tuple[Minimum, Constraints, np.ndarray]:  # fmt: skip
-    """The quadratic program of a linearisation; constraints that a step breaks are added, then it is solved again."""
+    """The quadratic program of a linearisation; constraints that its step breaks are added and it is solved again."""
     while True:
         constraints = model.linear_constraints(point, held).joined(others)
         found = minimise(hessian, gradient, box, constraints, PRICE, model.mass, damping, loose)

@@ -22,23 +22,23 @@ from energy_opt.motion.reshape.curve import Curve, Outcome, between
 from energy_opt.motion.reshape.task import FEASIBLE, Level, Line, Task
 
 log = logging.getLogger(__name__)
-FEWEST, OFTEN = 10, 3  # starts at least, and how many of them must have found the best optimum
-NEAR = 0.01  # relative: coarse costs that differ less count as one
-BETWEEN = (0.25, 0.5, 0.75)  # shares of the way from one optimum to another at which a ridge is looked for
-SAME = 0.5  # [rad] coarse curves of one cost that differ less everywhere are one optimum
-# Bends in turns: the share of joints that bend, the standard deviation of their amplitudes as a share of half of a
-# joint's range, and how many are drawn, of which the cheapest is the start. Some moves' best optima are found from
-# bends of all joints, others' from bends of a few: of one kind or the other, about every third start finds them.
+FEWEST, OFTEN = 10, 3  # fewest starts, and how many of them must have found the best optimum
+NEAR = 0.01  # relative: coarse costs that differ by less count as equal
+BETWEEN = (0.25, 0.5, 0.75)  # shares of the way between two optima at which a ridge is looked for
+SAME = 0.5  # [rad] coarse curves of equal cost that differ by less everywhere are one optimum
+# Kinds of bends, used in turns: share of joints that bend, standard deviation of their amplitudes as a share of half
+# a joint's range, and number of draws, of which the cheapest is the start. Some moves' best optima are found from
+# bends of all joints, others' from bends of a few; about every third start of the right kind finds them.
 BENDS = ((1.0, 0.8, 16), (0.4, 1.1, 4))
-HOPELESS = 20.0  # times a bound: a bend that breaks a limit so far, as it does on a tiny move, is taken back by half
-SMALLEST = 1e-9  # [rad] of a bend
-TOLERANCE, LOOSE = 2e-3, 1e-5  # of a coarse solve, and of its quadratic programs: enough to tell optima apart
-ITERATIONS, TRUST = 60, 0.6  # of it, and its first step [rad, m]
+HOPELESS = 20.0  # times a bound: a bend that exceeds a limit by more, as on a tiny move, is halved
+SMALLEST = 1e-9  # [rad] smallest bend
+TOLERANCE, LOOSE = 2e-3, 1e-5  # tolerances of a coarse solve and of its quadratic programs: enough to tell optima apart
+ITERATIONS, TRUST = 60, 0.6  # iterations of a coarse solve, and its first step [rad, m]
 
 
 @dataclass(frozen=True)
 class Optima:
-    """Different optima of a coarse problem, in the order found; starts and iterations that they took.
+    """Different optima of a coarse problem, in the order found, with the starts and iterations spent.
 
     `enough`: no better one is to be expected.
     """
@@ -46,7 +46,7 @@ class Optima:
     found: tuple[Outcome, ...] = ()
     starts: int = 0
     iterations: int = 0
-    costs: tuple[float, ...] = ()  # of all feasible outcomes
+    costs: tuple[float, ...] = ()  # costs of all feasible outcomes
     enough: bool = False
 
 
@@ -54,10 +54,10 @@ def search(
     level: Level, task: Task, line: Line, starts: int, seed: int, stopped: Callable[[], bool],
     known: Optima = Optima(),
 ) -> Optima:  # fmt: skip
-    """Solve from a line and from bends of it, `starts` in all, or fewer where that will do.
+    """Solve from a line and from bends of it, at most `starts` in all.
 
     Args:
-        known: what fewer starts led to, which is continued.
+        known: the result of fewer starts, which is continued.
     """
     straight, model = task.curve(level.shape, line), task.model(level)
     found, costs = list(known.found), list(known.costs)
@@ -80,7 +80,7 @@ def search(
 
 
 def followed(level: Level, task: Task, known: Optima) -> Optima:
-    """What optima of another duration lead to in the task's."""
+    """Continue the optima of another duration in the task's duration."""
     model, spent = task.model(level), 0
     found: list[Outcome] = []
     for optimum in known.found:
@@ -94,15 +94,15 @@ def followed(level: Level, task: Task, known: Optima) -> Optima:
 
 
 def _enough(costs: np.ndarray, starts: int) -> bool:
-    """Did enough of the starts find the least cost? `costs` (N,) of feasible outcomes ascend."""
+    """True if enough starts found the least cost; `costs` (N,) of feasible outcomes, ascending."""
     found = int((costs <= costs[0] + NEAR * abs(costs[0])).sum()) if len(costs) else 0
     return starts >= FEWEST and found >= OFTEN
 
 
 def _bent(level: Level, straight: Curve, task: Task, seed: int, k: int) -> Curve:
-    """The cheapest of some randomly bent copies of a curve; a broken limit makes a copy costlier.
+    """The cheapest of some randomly bent copies of a curve; a broken limit increases a copy's cost.
 
-    Two starts that follow each other bend to opposite sides.
+    Two successive starts bend to opposite sides.
     """
     rng, side = np.random.default_rng([seed, k // 2]), 1 - 2 * (k % 2)
     shape = level.shape
@@ -141,7 +141,7 @@ def _bent(level: Level, straight: Curve, task: Task, seed: int, k: int) -> Curve
 
 
 def _same(a: Outcome, b: Outcome, task: Task) -> bool:
-    """Are two coarse outcomes one optimum?"""
+    """True if two coarse outcomes are one optimum."""
     if (a.broken <= FEASIBLE) != (b.broken <= FEASIBLE):
         return False
     near = abs(task.cost(a) - task.cost(b)) <= NEAR * abs(task.cost(a))
@@ -149,7 +149,7 @@ def _same(a: Outcome, b: Outcome, task: Task) -> bool:
 
 
 def valleys(level: Level, task: Task, outcomes: Iterable[Outcome]) -> Iterator[Outcome]:
-    """The best outcome of every valley, the best first: between two of one valley the cost nowhere rises."""
+    """The best outcome of every valley, the best first; within a valley, the cost does not rise between two optima."""
     found: list[Outcome] = []
     for outcome in sorted(outcomes, key=task.rank):
         alike = (o for o in found if (o.broken <= FEASIBLE) == (outcome.broken <= FEASIBLE))
@@ -159,7 +159,7 @@ def valleys(level: Level, task: Task, outcomes: Iterable[Outcome]) -> Iterator[O
 
 
 def joined(level: Level, task: Task, a: Outcome, b: Outcome) -> bool:
-    """Do two curves lie in one valley? Between them the cost is nowhere above both."""
+    """True if two curves lie in one valley: between them the cost is nowhere above both."""
     ridge = max(task.cost(a), task.cost(b))
     for share in BETWEEN:
         curve = between(a.curve, b.curve, share)

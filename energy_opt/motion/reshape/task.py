@@ -1,4 +1,4 @@
-"""What is asked of a reshaping, the problems of one shape, first guesses, and how outcomes are ranked."""
+"""The input of a reshaping, the problems of one shape, first guesses, and the ranking of outcomes."""
 
 from __future__ import annotations
 
@@ -37,14 +37,16 @@ class Level:
     def shares(
         self, curve: Curve, parameters: np.ndarray, limits: Sequence[Limit], width: float = 1.0
     ) -> tuple[float, dict[int, np.ndarray]]:
-        """Cost, and the share of its bound that each limit uses at every place, (sites or nodes, columns) by number."""
+        """Cost, and the share of its bound that each limit uses at every place, (sites or nodes, columns) by limit
+        number.
+        """
         cost, shares = self._shares(curve.points[None], curve.duration, parameters, limits, width)
         return float(cost[0]), {number: share[0] for number, share in shares.items()}
 
     def _shares(
         self, points: np.ndarray, duration: float, parameters: np.ndarray, limits: Sequence[Limit], width: float = 1.0
     ) -> tuple[np.ndarray, dict[int, np.ndarray]]:
-        """The same of curves with control points (C, controls, n), all at once: costs (C,), shares (C, ., .)."""
+        """The same for curves with control points (C, controls, n), all at once: costs (C,), shares (C, ., .)."""
         s, count = self.shape, len(points)
         u, w = s.grid
         z = np.empty((count, len(u), 3 * s.joints + 1))
@@ -65,7 +67,7 @@ class Level:
         return rate.reshape(count, -1) @ w, shares
 
     def standing(self, q: np.ndarray, duration: float, parameters: np.ndarray, limits: Sequence[Limit]) -> np.ndarray:
-        """What standing at each of q (M, n) costs, by the second (M,)."""
+        """Cost per second (M,) of standing at each of q (M, n)."""
         count, rates = len(self.shape.grid[0]), []
         values, z = np.concatenate([parameters, values_of(limits)]), np.zeros((count, 3 * self.shape.joints + 1))
         z[:, -1] = duration
@@ -76,23 +78,23 @@ class Level:
         return np.concatenate(rates)
 
     def excess(self, curve: Curve, parameters: np.ndarray, limits: Sequence[Limit]) -> tuple[float, float]:
-        """Cost, and the worst excess over a limit; planes between bodies aside, as they are no limit of their own."""
+        """Cost, and the worst excess over a limit; clearance from bodies is not a limit here."""
         cost, excess = self.excesses(curve.points[None], curve.duration, parameters, limits)
         return float(cost[0]), float(excess[0])
 
     def excesses(
         self, points: np.ndarray, duration: float, parameters: np.ndarray, limits: Sequence[Limit]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The same (C,) of curves with control points (C, controls, n)."""
+        """The same (C,) for curves with control points (C, controls, n)."""
         costs, shares = self._shares(points, duration, parameters, limits)
         q = self.shape.matrices[0] @ points
         placed = [[limit.excess_at(x) for limit in limits] for x in q]
         return costs, np.column_stack([*(x.max(axis=(1, 2)) - 1 for x in shares.values()), placed]).max(axis=1)
 
 
-FREE = 0.02  # share of a bound that a step of sequential quadratic programming may exceed it by, to be repaired later
-SLACK = 0.01  # the same of a constraint at a place, as beside bodies and in tubes, while a search goes on
-SOON, HOPELESS = 8, 1.2  # after so many iterations a search may cost so many times what its rival does, at most
+FREE = 0.02  # share of a bound that a step of sequential quadratic programming may exceed, to be repaired later
+SLACK = 0.01  # the same for a constraint at a place, as beside bodies and in tubes, during a search
+SOON, HOPELESS = 8, 1.2  # iterations after which a search may cost at most this multiple of its rival
 FEASIBLE = 1e-4  # an outcome with a larger excess over a bound counts as infeasible
 
 
@@ -106,17 +108,18 @@ class Line:
 
     @classmethod
     def of(cls, trajectory: Trajectory) -> Line:
-        """A trajectory's."""
+        """The first guess that follows a trajectory."""
         t = trajectory.time - trajectory.time[0]
         return cls(t / t[-1], trajectory.position, trajectory.duration)
 
 
 @dataclass(frozen=True)
 class Task:
-    """One reshaping: ends, limits, the model's values, bounds on T and the cost per second that no path changes.
+    """One reshaping: ends, limits, the model's values, bounds on T and the cost per second that is the same for all
+    paths.
 
-    `width` multiplies the widths over which kinks, as of dry friction, are smoothed. What is `open` moves with the
-    curve to where that costs least.
+    `width` multiplies the widths over which kinks, as of dry friction, are smoothed. Ends and via points in `open` move
+    with the curve to where they cost least.
     """
 
     ends: Ends
@@ -138,11 +141,11 @@ class Task:
         return len(self.ends.via)
 
     def lasting(self, duration: float) -> Task:
-        """The same in exactly `duration` s."""
+        """The same task in exactly `duration` s."""
         return replace(self, durations=(duration, duration))
 
     def within(self, curve: Curve) -> Curve:
-        """A curve in a duration that is allowed."""
+        """A curve with its duration clipped to the allowed range."""
         return replace(curve, duration=float(np.clip(curve.duration, *self.durations)))
 
     def model(self, level: Level) -> Model:
@@ -150,7 +153,7 @@ class Task:
         return level.model(self.ends, self.limits, self.parameters, self.durations, self.offset, self.width, self.open)
 
     def polished(self, level: Level, found: Outcome) -> Outcome:
-        """An outcome solved again by IPOPT from where it is."""
+        """An outcome solved again by IPOPT from its curve."""
         scale = 1 / max(abs(self.cost(found)), 0.01 * abs(found.cost), 1e-6)
         return polished(self.model(level).scaled(scale), found.curve)
 
@@ -158,7 +161,7 @@ class Task:
         self, model: Model, guess: Curve, iterations: int, *, trust: float, tolerance: float, loose: float = 1e-6,
         give: float = FREE, stopped: Callable[[], bool] = lambda: False, rival: float = np.inf,
     ) -> Outcome:  # fmt: skip
-        """What sequential quadratic programming on the task's model comes to from a guess.
+        """Result of sequential quadratic programming on the task's model from a guess.
 
         Args:
             rival: cost of an optimum that is known; a search that is far above it is given up (`HOPELESS`).
@@ -179,7 +182,7 @@ class Task:
         return model.outcome(now.point, now.iterations, now.converged)
 
     def curve(self, shape: Shape, line: Line) -> Curve:
-        """The curve of a shape that is nearest to a line, with the task's ends."""
+        """The curve of a shape nearest to a line, with the task's ends."""
         duration = float(np.clip(line.duration, *self.durations))
         places = np.linspace(0, 1, self.vias + 2)[1:-1]
         for i, via in enumerate(self.ends.via):  # where the guess passes nearest, in order
@@ -188,14 +191,14 @@ class Task:
         return fitted(shape, line.u, line.q, self.ends, duration, np.sort(places))
 
     def cost(self, outcome: Outcome) -> float:
-        """What the path can change of an outcome's cost."""
+        """The part of an outcome's cost that depends on the path."""
         return outcome.cost - self.offset * outcome.curve.duration
 
     def promise(self, outcome: Outcome) -> float:
-        """What the path can change of the cost of a curve that may not hold the limits yet: more by its excess."""
+        """The part of the cost that depends on the path, increased by the excess over limits."""
         return self.cost(outcome) * (1 + max(outcome.broken, 0.0))
 
     def rank(self, outcome: Outcome) -> tuple[bool, float]:
-        """Feasible outcomes first, by cost; infeasible ones by how far they are off."""
+        """Sort key: feasible outcomes first, by cost; infeasible ones by their excess."""
         feasible = outcome.broken <= FEASIBLE
         return not feasible, self.cost(outcome) if feasible else outcome.broken

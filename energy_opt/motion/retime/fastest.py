@@ -1,4 +1,4 @@
-"""Minimum time over the timing of a fixed path, within limits that TOPP-RA knows and those that it does not."""
+"""Minimum time over the timing of a fixed path, with all limits: those that TOPP-RA supports and the others."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 
 FLOOR = 1e-6  # least squared speed, as a share of the start's largest
-CHECKS = 1001  # places of a path that are looked at
-BINDING = 0.99  # share of a bound that is used where it binds
-ROUNDING = 1e-7  # relative: by so much the fastest timing is slowed, for what lies between the grid's points
+CHECKS = 1001  # places of a path to check
+BINDING = 0.99  # share of a bound from which a limit counts as binding
+ROUNDING = 1e-7  # relative slowing of the fastest timing, for excesses between the grid's points
 
 
 def minimum_time(
@@ -28,8 +28,10 @@ def minimum_time(
     start_speed: float = 0.0,
     end_speed: float = 0.0,
 ) -> Timing:
-    """The fastest timing of a path within limits: TOPP-RA's, and from there, where limits bind that TOPP-RA does not
-    know (jerk, above all), the retiming program minimised for time: TOPP-RA's must be slowed evenly to hold them.
+    """The fastest timing of a path within limits.
+
+    It is TOPP-RA's, unless limits bind that TOPP-RA does not support (above all jerk): it would have to be slowed
+    evenly to hold these, so the retiming program is then minimised for time, starting there.
 
     Raises:
         Infeasible: the path breaks limits at any timing.
@@ -46,7 +48,7 @@ def minimum_time(
 
 
 def quickest(work: Retiming, shortest: Timing) -> Timing:
-    """The program itself, minimised for time, and slowed by what it is off; `shortest` where that is no better."""
+    """The program minimised for time, slowed by its excess over limits; `shortest` if that is no slower."""
     found = work.optimise(shortest, price=-1.0, longest=2 * shortest.duration, floor=FLOOR, energy=False)
     timing = found.timing
     if all(work.rest):

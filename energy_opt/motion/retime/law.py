@@ -1,13 +1,13 @@
-"""What a retiming sums over its points, as CasADi functions of path acceleration a and squared speed b.
+"""The sums of a retiming over its points, as CasADi functions of path acceleration a and squared speed b.
 
 A point's share of the energy is weight P(a, b) / sqrt(b), with the power law of the model. In it
 
-    sign(v)      is that of q', exactly: the path is passed forwards; a joint that the path leaves where it is is held
-                 by friction: max(|tau| - level, 0) is convex in (a, b), and so is its square over sqrt(b)
+    sign(v)      is exactly that of q': the path is passed forwards; a joint that the path does not move is held by
+                 friction: max(|tau| - level, 0) is convex in (a, b), and so is its square over sqrt(b)
     max(x, 0)    of a drive power x becomes sqrt(b) psi(x / sqrt(b)), psi(y) = (y + sqrt(y^2 + d^2) - d) / 2
 
 x / sqrt(b), energy per length, is convex in (a, b) (quadratic over concave), and psi is convex and does not fall, so
-the smoothed problem is as convex as the exact one, and psi never exceeds the exact law: bounds stay bounds.
+the smoothed problem is as convex as the exact one. psi never exceeds the exact law, so lower bounds remain valid.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure
 from energy_opt.numerics.batch import Batch
 from energy_opt.power import drive_terms
 
-# Widths of the smoothed kinks, in units of those stated at each law: an interior-point method crosses sharp kinks in
-# short steps only, so it is led to them from wide ones.
+# Widths of the smoothed kinks, as multiples of those in each law: an interior-point method crosses sharp kinks only
+# in short steps, so the program is solved with wide kinks first.
 WIDTHS = (400.0, 40.0, 4.0, 1.0)
 
 
@@ -43,9 +43,7 @@ class AlongPath(Kinks):
     width: ca.SX
 
     def direction(self, v: ca.SX, load: ca.SX, level: ca.SX) -> ca.SX:
-        """sign(v) of a joint that the path moves; for one that it does not move, the direction in which friction bears
-        the load.
-        """
+        """sign(v) of a joint that the path moves; otherwise the direction in which friction carries the load."""
         return ca.if_else(v == 0, bearing(load, level), ca.sign(v))
 
     def magnitude(self, x: ca.SX, width: float) -> ca.SX:
@@ -65,10 +63,10 @@ class AlongPath(Kinks):
 
 
 class Tangents(AlongPath):
-    """The exact kinks' supporting lines, with the slopes that the smoothed kinks have at the same place.
+    """The supporting lines of the exact kinks, with the slopes of the smoothed kinks at the same point.
 
-    A clamp is nowhere below slope * x, whatever the slope between 0 and 1, and with fixed slopes the law is convex: its
-    bounds are bounds of the exact law, without the smoothed one's offset of half its width.
+    A clamp is nowhere below slope * x for any slope between 0 and 1, and with fixed slopes the law is convex: its
+    bounds are bounds of the exact law, without the smoothed law's offset of half its width.
     """
 
     def magnitude(self, x: ca.SX, width: float) -> ca.SX:
@@ -84,7 +82,7 @@ class Tangents(AlongPath):
 
 @dataclass(frozen=True)
 class Terms:
-    """Functions of one point; z = (a, b) in the problem's unit, `at` its numbers, `shared` those of all points.
+    """Functions of one point; z = (a, b) in the problem's unit, `at` holds its numbers, `shared` those of all points.
 
     value: (z, at, shared) -> cost and its gradient (2, 1)
     curvature: (z, at, shared) -> upper triangle (3, 1) of the Hessian
@@ -102,10 +100,10 @@ def _triangle(h: ca.SX) -> ca.SX:
 
 @dataclass(frozen=True)
 class Law:
-    """The model's law at a point, (z, at, shared) -> the state there, motor torque and power among it.
+    """The model's law at a point, (z, at, shared) -> the state there, with motor torque and power.
 
-    at (6 n + 1, 1): q, q', q'', M, C, G and the time [s] (for effects that drift); shared: the model's values, the
-    unit of a and b [1/s^2] and the width of the kinks.
+    at (6 n + 1, 1): q, q', q'', M, C, G and the time [s] (for effects that depend on time); shared: the model's values,
+    the unit of a and b [1/s^2] and the width of the kinks.
     """
 
     z: ca.SX
@@ -116,7 +114,7 @@ class Law:
 
 @lru_cache(maxsize=16)
 def law(shared_by: SharedByStructure, n: int, tangents: bool = False) -> Law:
-    """Built once for a model's structure, number of joints and way of writing kinks (smooth, or as `Tangents`)."""
+    """The law of a model's structure and number of joints, with smooth kinks or `Tangents`; built once."""
     z, at = ca.SX.sym("z", 2), ca.SX.sym("at", 6 * n + 1)
     unit, width = ca.SX.sym("unit"), ca.SX.sym("width")
     p = shared_by.model.symbols(n)
@@ -140,9 +138,9 @@ def law_function(shared_by: SharedByStructure, n: int, tangents: bool = False) -
 
 @lru_cache(maxsize=16)
 def general_terms(shared_by: SharedByStructure, n: int) -> Terms:
-    """A point's share of the cost, weight / sqrt(b) (energy P + time), by any model.
+    """A point's share of the cost, weight / sqrt(b) (energy P + time), for any model.
 
-    `at` is the law's with the weight behind it, `shared` the law's with the factors of energy and time behind it.
+    `at` is that of the law, then the weight; `shared` is that of the law, then the factors of energy and time.
     """
     built, weight, factors = law(shared_by, n), ca.SX.sym("weight"), ca.SX.sym("factors", 2)
     cost = weight / ca.sqrt(built.z[1]) * (factors[0] * built.state.power + factors[1])
@@ -160,7 +158,7 @@ def _monomials(a: np.ndarray, b: np.ndarray) -> list[np.ndarray]:
     return [1 + 0 * a, a, b, a * a, a * b, b * b, root, root * a, root * b]
 
 
-DEGREES = np.array([0, 1, 1, 2, 2, 2, 0.5, 1.5, 1.5])  # of the monomials in (a, b)
+DEGREES = np.array([0, 1, 1, 2, 2, 2, 0.5, 1.5, 1.5])  # degrees of the monomials in (a, b)
 _PROBES = np.array(
     [(0, 0.02), (0, 0.15), (0, 0.4), (0, 0.8), (0, 1.3), (5, 0.05), (5, 0.4), (5, 1.2), (-4, 0.2), (-2, 0.9)],
     dtype=float,
@@ -178,10 +176,10 @@ def _probed(shared_by: SharedByStructure, n: int) -> ca.Function:
 
 
 def compressed(shared_by: SharedByStructure, n: int, at: np.ndarray, shared: np.ndarray) -> np.ndarray | None:
-    """Coefficients (9, M) of the power's monomials at points `at` (6 n + 1, M); None where the law has other terms.
+    """Coefficients (9, M) of the power's monomials at points `at` (6 n + 1, M); None if the law has other terms.
 
-    Copper loss, viscous friction and all that is affine come down to 1, a, b, a^2, a b, b^2 and sqrt(b) times 1, a, b.
-    The coefficients are found from the law itself, evaluated at ten probes, one more than there are unknowns.
+    Copper loss, viscous friction and all affine terms reduce to 1, a, b, a^2, a b, b^2 and sqrt(b) times 1, a, b. The
+    coefficients are fitted to the law at ten probes, one more than the unknowns.
     """
     power = Batch(_probed(shared_by, n), at.shape[1])(at.T, shared)[0].T
     if np.abs(_RESIDUAL @ power).max() > 1e-9 * np.abs(power).max():
@@ -191,7 +189,7 @@ def compressed(shared_by: SharedByStructure, n: int, at: np.ndarray, shared: np.
 
 @dataclass(frozen=True, eq=False)
 class LimitByStructure:
-    """A limit that equals any other of the same structure: the key under which built functions are kept."""
+    """A limit that equals any other of the same structure: the cache key of built functions."""
 
     limit: Limit
 
@@ -206,7 +204,7 @@ class LimitByStructure:
 def limit_terms(shared_by: SharedByStructure, n: int, by: LimitByStructure) -> tuple[ca.Function, ca.Function]:
     """A limit's constraints: (z, at, shared) -> value (m, 1), Jacobian (m, 2); and their Hessian for given multipliers.
 
-    `shared` is the law's with the limit's values behind it.
+    `shared` is that of the law, then the limit's values.
     """
     built, limit = law(shared_by, n), by.limit
     values, multiplier = ca.SX.sym("values", len(limit.values)), ca.SX.sym("multiplier", limit.scale.size)
@@ -220,5 +218,5 @@ def limit_terms(shared_by: SharedByStructure, n: int, by: LimitByStructure) -> t
 
 
 def point_numbers(d: PathDynamics, time: np.ndarray) -> np.ndarray:
-    """What the law is given at each point, (6 n + 1, M); see Law."""
+    """The input `at` of the law at each point, (6 n + 1, M); see Law."""
     return np.vstack([d.q.T, d.q1.T, d.q2.T, d.M.T, d.C.T, d.G.T, time])

@@ -1,4 +1,4 @@
-"""The limits along a path as a retiming sees them: where they are broken, and the constraints that repair it."""
+"""The limits of a retiming along its path: where they are broken, and the constraints added there."""
 
 from __future__ import annotations
 
@@ -14,16 +14,17 @@ from energy_opt.motion.retime.nlp import CurvedConstraints, LinearConstraints, P
 from energy_opt.motion.retime.points import Symbolic
 from energy_opt.motion.retime.quadrature import Lift, kept_lift, lift
 
-MARGIN = 5e-7  # share of every bound that is kept free, for what lies between the points
-BROKEN = 1e-7  # of a bound: more than this is a violation
-STUCK, OVER = 1e-6, 1.2  # a violation of what is held already, and how many times it is then taken off the bound
-NEAR = 0.9  # of a bound: places from here on become constraints together with the broken ones
-WIDE = 0.8  # the same for a joint's limit that is broken somewhere: tightening it moves what is beside it
-PIECE_NEAR = 0.8  # the same for jerk and its like, which move farther when they are tightened
-FAR = 1.5  # times its bound: jerk that is so far beyond it is limited all along the path
-BESIDE = 4  # so many points on both sides are taken along
-CLOSE = 1 - 1e-3  # of a bound: from here on the places between the grid's points are looked at
-EVEN = 1e-12  # relative: a limit that differs by less from place to place is the same everywhere
+MARGIN = 5e-7  # share of every bound that is kept free, for excesses between the points
+BROKEN = 1e-7  # share of a bound: a larger excess is a violation
+# excess of a held constraint that counts as stuck; factor of the excess by which its bound is then reduced
+STUCK, OVER = 1e-6, 1.2
+NEAR = 0.9  # share of a bound from which places become constraints together with the broken ones
+WIDE = 0.8  # the same for a joint's limit that is broken somewhere: tightening it changes the motion nearby
+PIECE_NEAR = 0.8  # the same for limits such as jerk, where tightening has more effect
+FAR = 1.5  # times the bound: jerk beyond this is limited along the whole path
+BESIDE = 4  # neighbouring points added on both sides
+CLOSE = 1 - 1e-3  # share of a bound from which places between the grid's points are checked
+EVEN = 1e-12  # relative: a limit that varies by less along the path counts as constant
 
 
 @dataclass(frozen=True)
@@ -37,11 +38,10 @@ class Worst:
 
 
 class AtPoints:
-    """A limit on path acceleration and squared speed, at the grid's points: where it is held, and how much tighter.
+    """A limit on path acceleration and squared speed at the grid's points: where it is held, and how much tighter.
 
-    Symbolic constraints are tighter by `reserve`, too: their law is smoothed, and may lie below the exact one. `times`
-    counts
-    how often they were found to: at kinks the exact law follows by a part of what is taken off, so ever more is.
+    Symbolic constraints are also tightened by `reserve`, because their smoothed law may be below the exact one. `times`
+    counts how often this was needed: at kinks the exact law follows a reduction only in part, so each one is larger.
     """
 
     def __init__(self, limit: Limit, d: PathDynamics, shape: tuple[int, ...], typical: float) -> None:
@@ -50,12 +50,12 @@ class AtPoints:
         self.tight, self.reserve = np.ones(shape), np.ones(shape)
         self.times = np.zeros(shape, dtype=int)
         line = limit.linear(d, typical)
-        # the same everywhere: a speed that control values' bounds stand for, an acceleration that is linear in between
+        # constant limits: of a speed, by bounds of control values; of an acceleration, linear between knots
         self.bounds_speed = line is not None and line.of_speed and _same(line.rb)
         self.bounds_slope = line is not None and not (line.rb.any() or line.r0.any()) and _same(line.ra)
 
     def tightest(self, line: Linear) -> np.ndarray:
-        """Which columns (M, m) to hold: where |ra a| <= 1 is all there is, the steepest represents the others."""
+        """The columns (M, m) to hold: if the limit is only |ra a| <= 1, the steepest column represents the others."""
         if not self.bounds_slope:
             return self.held
         slope = np.abs(line.ra) / self.tight
@@ -79,17 +79,17 @@ class OnPieces:
         self._all = functions(*self._everywhere)
 
     def use(self, control: np.ndarray) -> np.ndarray:
-        """Share of the bound that is used, (M, m)."""
+        """Used share of the bound, (M, m)."""
         z = self.lift.values(control)
         z[1] = np.maximum(z[1], 0.0)
         return np.abs(self._all.value(z[:, self._everywhere[0]])).reshape(self.held.shape)
 
 
 class PathLimits:
-    """The limits of one path on one grid; remembers which of them have become constraints."""
+    """The limits of one path on one grid; keeps track of those that have become constraints."""
 
     def __init__(self, dynamics: PathDynamics, knots: np.ndarray, limits: Sequence[Limit], typical: float) -> None:
-        """`typical` is a usual squared speed of the path."""
+        """`typical`: a typical squared speed of the path."""
         self.dynamics, self.knots = dynamics, knots
         self.lift: Lift = kept_lift(knots, dynamics.s)
         s, none = dynamics.s, np.zeros(len(dynamics.s))
@@ -111,14 +111,14 @@ class PathLimits:
         self.speed_bound = np.min([line.fastest for line in speeds], axis=0)
         even = [held.limit.linear(dynamics, typical) for held in self.at_points if held.bounds_speed]
         self.even_bound = min((float(line.fastest.min()) for line in even if line is not None), default=np.inf)
-        # where |ra a| <= 1 is the same everywhere: the steepest path acceleration that all such limits allow
+        # if |ra a| <= 1 is constant along the path: the largest path acceleration that all such limits allow
         slopes = [held.limit.linear(dynamics, typical) for held in self.at_points if held.bounds_slope]
         steepest = max((float(np.abs(line.ra[0]).max()) for line in slopes if line is not None), default=0.0)
         self.steepest = 1 / steepest if steepest > 0 else np.inf
         self._last: tuple[np.ndarray, list[np.ndarray]] | None = None
 
     def _uses(self, control: np.ndarray) -> list[np.ndarray]:
-        """Share of each bound that is used at the grid's points, (M, m) per limit. The last answer is kept."""
+        """Used share of each bound at the grid's points, (M, m) per limit; the last result is cached."""
         if self._last is None or not np.array_equal(self._last[0], control):
             self._last = control.copy(), self._used(self.dynamics, self.lift, control)
         return self._last[1]
@@ -129,7 +129,7 @@ class PathLimits:
         return [share for share in found if share is not None]
 
     def worst(self, control: np.ndarray) -> Worst:
-        """The limit that is used most."""
+        """The limit whose bound is used most."""
         found = [
             (held.limit, self.dynamics.s, use) for held, use in zip(self.at_points, self._uses(control), strict=True)
         ]
@@ -139,9 +139,9 @@ class PathLimits:
         return Worst(limit, int(j), float(s[k]), float(use[k, j] - 1))
 
     def hold(self, control: np.ndarray, *, always: bool = False) -> bool:
-        """Make constraints of the limits that `control` breaks and of those near it; True where there were any.
+        """Make constraints of the limits that `control` breaks and of those near them; True if there were any.
 
-        With `always`, also where nothing is broken; else `control` is what the constraints that are there led to.
+        With `always`, also if nothing is broken; else `control` is the solution under the present constraints.
         """
         shares = [use / held.tight for held, use in zip(self.at_points, self._uses(control), strict=True)]
         broken = [use.max(axis=0) > 1 + BROKEN for use in shares]
@@ -166,23 +166,23 @@ class PathLimits:
         if use.max() <= 1 + BROKEN:
             return False
         near = use > PIECE_NEAR
-        if use.max() > FAR:  # tightening it will move the whole course of that joint
+        if use.max() > FAR:  # tightening it changes that joint's whole motion
             near[:, np.argmax(use.max(axis=0))] = True
         third = len(near) // 3  # both ends and the middle of every interval
         piece.held |= np.tile(near[:third] | near[third : 2 * third] | near[2 * third :], (3, 1))
         return True
 
     def refine(self, control: np.ndarray) -> bool:
-        """Look between the grid's points, and at both ends, where a limit is close.
+        """Check between the grid's points, and at both ends, where a limit is close.
 
-        Where it is broken there, it is tightened at the points beside; True where there was any.
+        A limit that is broken there is tightened at the neighbouring points; True if there was any.
         """
         d = self.dynamics
         edges = np.concatenate([[0.0], d.s, [1.0]])
         inner = np.array([0.0, 1 / 3, 2 / 3])
         close = np.zeros(len(edges), dtype=bool)
         close[[0, -1]] = True
-        # where control values' bounds stand for a speed, no speed is above the largest of them
+        # speeds bounded by control values cannot exceed the largest of these
         for held, use in zip(self.at_points, self._uses(control), strict=True):
             if not held.bounds_speed:
                 close[1:-1] |= use.max(axis=1) > CLOSE
@@ -195,7 +195,7 @@ class PathLimits:
             if held.bounds_speed:
                 continue
             excess = use.reshape(len(intervals), len(inner), -1).max(axis=1) - 1
-            k, j = np.nonzero(excess > 0.9 * MARGIN)  # the margin is there for what remains
+            k, j = np.nonzero(excess > 0.9 * MARGIN)  # the margin covers the rest
             if not k.size:
                 continue
             broken = True
@@ -208,7 +208,7 @@ class PathLimits:
         return broken
 
     def loose(self, control: np.ndarray) -> np.ndarray:
-        """Which control values (N + 2,) may change a little: those inside that meet no limit anywhere near."""
+        """The control values (N + 2,) that may change slightly: inner ones with no limit near its bound."""
         out = np.ones(len(control), dtype=bool)
         out[[0, -1]] = False
         found = [(self.lift, use) for use in self._uses(control)]
@@ -218,7 +218,7 @@ class PathLimits:
         return out
 
     def constraints(self, unit: float) -> PathConstraints:
-        """The limits that are held, for control values in the given unit."""
+        """The held limits, for control values in the given unit."""
         places: list[np.ndarray] = []
         parts: list[tuple[np.ndarray, ...]] = []
         curved: list[CurvedConstraints] = []
@@ -245,7 +245,7 @@ class PathLimits:
         return PathConstraints(LinearConstraints(self.lift.part(where), ra, rb, r0, allowed), tuple(curved))
 
     def _symbolic(self, held: AtPoints, unit: float) -> CurvedConstraints:
-        """A limit that is not linear, all its columns at every place where one is held."""
+        """A limit that is not linear: all its columns at every place where one is held."""
         d, limit, k = self.dynamics, held.limit, np.unique(np.nonzero(held.held)[0])
         shared = np.concatenate([d.model.values(d.robot.n), [unit, WIDTHS[-1]], limit.values])
         numbers = point_numbers(d, np.zeros(len(d.s)))[:, k]
@@ -256,7 +256,7 @@ class PathLimits:
 
 @dataclass(frozen=True)
 class InUnit:
-    """Functions of (a, b, w) for values of them in another unit."""
+    """Functions of (a, b, w) whose arguments are in another unit."""
 
     functions: Functions
     unit: float

@@ -5,10 +5,9 @@
     subject to  T / T_ref <= 1 (or = 1), and the limits at the places where a solve broke them
 
 Derivatives are exact and sparse: point functions give value, gradient and Hessian in (a, b), and constant maps carry
-them to the control values (the Hessian has two off-diagonals, as three control values meet in every interval).
+them to the control values (the Hessian has two off-diagonals, because each interval depends on three control values).
 
-Limits are held at the places where a solve broke them, |value| <= 1 in units of the bound; each depends on three
-neighbouring control values.
+Each limit at such a place is a constraint |value| <= 1 in units of the bound, on three neighbouring control values.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from energy_opt.numerics import ipopt
 
 @dataclass(frozen=True)
 class LinearConstraints:
-    """ra a + rb b + r0 at one place each (K,): speed, acceleration, and torque where it is affine.
+    """ra a + rb b + r0 at one place each (K,): speed, acceleration, and torque if it is affine.
 
     Its bound of 1 is kept a little tighter than the true limit, which is `allowed` (K,) >= 1.
     """
@@ -40,7 +39,7 @@ class LinearConstraints:
 
     @property
     def first(self) -> np.ndarray:
-        """(K,) the first of the three control values that each row depends on."""
+        """(K,) the first of the three control values that each constraint depends on."""
         return self.lift.first
 
     @cached_property
@@ -53,7 +52,7 @@ class LinearConstraints:
         return np.einsum("mk,mk->m", self.entries, control[self.lift.touched]) + self.r0
 
     def slopes(self, control: np.ndarray) -> np.ndarray:
-        """(K, 3) derivatives with respect to the control values that each row depends on."""
+        """(K, 3) derivatives with respect to the control values that each constraint depends on."""
         return self.entries
 
     def hessian(self, control: np.ndarray, multipliers: np.ndarray) -> np.ndarray | float:
@@ -103,12 +102,12 @@ class PathConstraints:
 
     @cached_property
     def blocks(self) -> tuple[LinearConstraints | CurvedConstraints, ...]:
-        """The linear constraints, where there are any, then the curved ones."""
+        """The linear constraints, if any, then the curved ones."""
         return self.curved if self.linear is None else (self.linear, *self.curved)
 
     @cached_property
     def first(self) -> np.ndarray:
-        """(count,) the first of the three control values that each row depends on."""
+        """(count,) the first of the three control values that each constraint depends on."""
         return np.concatenate([np.zeros(0, dtype=int), *(block.first for block in self.blocks)])
 
     @property
@@ -129,7 +128,7 @@ class PathConstraints:
         return np.concatenate([np.zeros(0), *(block.values(control) for block in self.blocks)])
 
     def slopes(self, control: np.ndarray) -> np.ndarray:
-        """(count, 3) derivatives with respect to the control values that each row depends on."""
+        """(count, 3) derivatives with respect to the control values that each constraint depends on."""
         return np.concatenate([np.zeros((0, 3)), *(block.slopes(control) for block in self.blocks)])
 
     def hessian(self, control: np.ndarray, multipliers: np.ndarray) -> np.ndarray | float:
@@ -144,11 +143,11 @@ class PathConstraints:
 
 STOPPED = "User_Requested_Stop"
 OPTIONS: dict[str, object] = {
-    "tol": 1e-7,  # on a cost of order one
+    "tol": 1e-7,  # relative to a cost of order one
     "max_iter": 200,
     "bound_relax_factor": 0.0,
 }
-# Most retimings follow the barrier parameter in large steps; where that fails, it is taken down slowly.
+# Most retimings converge with large steps of the barrier parameter; otherwise it is reduced slowly.
 LEAP: dict[str, object] = {
     "mu_init": 1e-2,
     "mu_linear_decrease_factor": 0.01,
@@ -177,11 +176,11 @@ class RetimeProgram:
 
     Args:
         lift: to (a, b) at the grid's points.
-        weight: (M,) of the quadrature.
-        cost: of the points.
+        weight: (M,) quadrature weights.
+        cost: sum over the points.
         ends: (2,) first and last control value.
         reference: T_ref, in the program's unit of time.
-        constraints: constraints of the limits in force.
+        constraints: those of the limits in force.
     """
 
     def __init__(
@@ -211,7 +210,7 @@ class RetimeProgram:
         return np.concatenate([self._ends[:1], x, self._ends[1:]])
 
     def at(self, x: np.ndarray) -> Values:
-        """Cost, time and constraints at the free control values x (N,), worked out once for all that ask."""
+        """Cost, time and constraints at the free control values x (N,); the last evaluation is cached."""
         key = x.tobytes()
         if key != self._at:
             self._at = key
@@ -231,7 +230,7 @@ class RetimeProgram:
         return self.at(x).cost
 
     def gradient(self, x: np.ndarray) -> np.ndarray:
-        """Its gradient (N,)."""
+        """The cost's gradient (N,)."""
         return self.at(x).slope
 
     def constraints(self, x: np.ndarray) -> np.ndarray:
@@ -240,7 +239,7 @@ class RetimeProgram:
         return np.concatenate([[here.time], here.constraints])
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """Their derivatives, entries in the order of the sparsity pattern."""
+        """Derivatives of the constraints, in the order of the sparsity pattern."""
         slope = self.at(x).time_slope
         return np.concatenate([slope, self.held_constraints.slopes(self._control).ravel()])[self._order]
 
@@ -264,10 +263,14 @@ class RetimeProgram:
         near: bool = False,
         loosely: bool = False,
     ) -> ipopt.Answer:
-        """Solve from `start` (N,), control values within `bounds`; with `exactly`, T = T_ref in place of T <= T_ref.
+        """Solve from `start` (N,) with control values within `bounds`.
 
-        `near` says that the start is close to the answer; `loosely`, that a bound is all that is wanted. The first row
-        multiplier is that of T / T_ref.
+        The first constraint multiplier is that of T / T_ref.
+
+        Args:
+            exactly: T = T_ref instead of T <= T_ref.
+            near: the start is close to the answer.
+            loosely: only a lower bound is wanted.
         """
         lower = self.held_constraints.lower
         row_bounds = np.append(1.0 if exactly else -np.inf, lower), np.ones(1 + len(lower))

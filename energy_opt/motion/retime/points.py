@@ -1,6 +1,6 @@
-"""What a retiming's cost and its curved limits are at all points at once, with their derivatives.
+"""A retiming's cost and curved limits at all points at once, with their derivatives.
 
-A model's law comes down to nine coefficients at each point where that is all there is to it; else it is the law itself.
+A model's law reduces to nine coefficients at each point if it has no other terms; otherwise the law itself is used.
 
 z (d, M) is (a, b) at every point (and w = da/ds for jerk), in the program's unit. Hessians are upper triangles, column
 by column: (aa, ab, bb) or (aa, ab, bb, aw, bw, ww).
@@ -36,7 +36,7 @@ class Cost(Protocol):
         """The sum and its gradient (2, M)."""
 
     def curvature(self, z: np.ndarray) -> np.ndarray:
-        """Its Hessian at every point, (3, M)."""
+        """The Hessian of the sum at every point, (3, M)."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Monomials:
         return cost, self.weight * np.stack([qa * u + k[7], (qb - 0.5 * q * u * u) * u + k[8]])
 
     def curvature(self, z: np.ndarray) -> np.ndarray:
-        """Second derivatives of Q u at every point: by a twice Q_aa u; by a and b (Q_ab - Q_a u^2 / 2) u; by b twice
+        """Second derivatives of Q u at every point, (aa, ab, bb): Q_aa u; (Q_ab - Q_a u^2 / 2) u;
         (Q_bb - Q_b u^2 + 3/4 Q u^4) u.
         """
         u, q, qa, qb = self._parts(z)
@@ -77,12 +77,12 @@ class AnyLaw:
     """Sum of weight / sqrt(b) (energy P + time) by the model's law, its kinks smoothed."""
 
     batches: tuple[Batch, Batch]
-    at: np.ndarray  # (M, 6 n + 2) what the law is given at each point, and the weight
+    at: np.ndarray  # (M, 6 n + 2) the law's input at each point, and the weight
     shared: np.ndarray  # (M, values + 4) the model's values, unit, width, energy, time
 
     @classmethod
     def of(cls, shared_by: SharedByStructure, n: int, at: np.ndarray, weight: np.ndarray, shared: np.ndarray) -> AnyLaw:
-        """From the law's numbers `at` (6 n + 1, M), and the numbers (values + 4,) that all points share."""
+        """From the law's input `at` (6 n + 1, M), and the numbers (values + 4,) that all points share."""
         count = len(weight)
         numbers = np.ascontiguousarray(np.vstack([at, weight]).T)
         terms = general_terms(shared_by, n)
@@ -112,7 +112,7 @@ class Symbolic:
     def of(
         cls, shared_by: SharedByStructure, limit: Limit, at: np.ndarray, shared: np.ndarray, scale: np.ndarray
     ) -> Symbolic:
-        """From the law's numbers `at` (6 n + 1, K) and those that all points share."""
+        """From the law's input `at` (6 n + 1, K) and the numbers that all points share."""
         value, curvature = limit_terms(shared_by, (len(at) - 1) // 6, LimitByStructure(limit))
         batches = Batch(value, len(scale)), Batch(curvature, len(scale))
         return cls(batches, np.ascontiguousarray(at.T), np.tile(shared, (len(scale), 1)), scale)
@@ -137,9 +137,9 @@ class PathLaw:
     """The law at points (M,) of a path.
 
     Attributes:
-        numbers: (6 n + 1, M) what the law is given at each point.
-        unit: of squared speed [1/s^2] to which the coefficients belong.
-        coefficients: (9, M) of the power's monomials; None where the law has other terms, kinks among them.
+        numbers: (6 n + 1, M) the law's input at each point.
+        unit: unit of squared speed [1/s^2] of the coefficients.
+        coefficients: (9, M) of the power's monomials; None if the law has other terms, such as kinks.
     """
 
     model: PowerModel
@@ -165,7 +165,8 @@ class PathLaw:
         return Monomials(k, weight)
 
     def smoothing(self, z: np.ndarray, unit: float, weight: np.ndarray) -> float:
-        """What the smoothed kinks leave out of a bound [J]: supporting lines of the exact ones in their place.
+        """The error [J] of a bound by smoothed kinks: the law with the exact kinks' supporting lines minus the smoothed
+        law.
 
         At z = (a, b) (2, M) in `unit`.
         """

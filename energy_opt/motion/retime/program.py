@@ -1,12 +1,12 @@
-"""From a path, a model and limits to a solved timing: its numbers, limits added where a solve broke them, and proof.
+"""From a path, a model and limits to a solved timing, with limits added where a solve broke them, and its proof.
 
-Proof that a retiming is the best: convexity read off the law's numbers, and a lower bound by weak duality.
+The proof that a retiming is optimal: convexity follows from the law's coefficients, a lower bound from weak duality.
 
-With the power in its nine monomials (retime_terms), a point's share of the energy is, up to terms linear in (a, b),
+With the power in its nine monomials (`law`), a point's share of the energy is, up to terms linear in (a, b),
 
     [k3 a^2 + k4 a b + k5 b^2 + k1 a + k2 b + k0 - price] / sqrt(b)
 
-where `price` is what a second of the duration is credited with. Completing the square in a leaves
+where `price` is the credit for a second of the duration. Completing the square in a leaves
 R(b) = r0 + r1 b + r2 b^2, and since (square of an affine function) / sqrt(b) is convex, the share is convex on
 0 < b <= B if and only if 3 (r0 - price) - r1 b + 3 r2 b^2 >= 0 there
 (4 b^(5/2) times the second derivative of (R - price) / sqrt(b)).
@@ -37,7 +37,7 @@ from energy_opt.robot import Robot
 
 
 def largest_price(k: np.ndarray, upper: np.ndarray) -> float:
-    """The largest price [W] with which every point's share is convex on 0 < b <= upper; -inf where none is.
+    """The largest price [W] at which every point's share is convex on 0 < b <= upper; -inf if there is none.
 
     Args:
         k: (9, M) coefficients of the power's monomials.
@@ -52,23 +52,23 @@ def largest_price(k: np.ndarray, upper: np.ndarray) -> float:
     r0 = k0 - np.where(flat, 0, k1**2 / (4 * safe))
     r1 = k2 - np.where(flat, 0, k1 * k4 / (2 * safe))
     r2 = k5 - np.where(flat, 0, k4**2 / (4 * safe))
-    # least value of r2 b^2 - r1 b / 3 on [0, upper]: at the vertex where it is inside, else at an end
+    # least value of r2 b^2 - r1 b / 3 on [0, upper]: at the vertex if it is inside, else at an end
     vertex = np.clip(np.divide(r1, 6 * r2, out=np.zeros_like(r1), where=np.abs(r2) > 1e-300), 0, upper)
     at = np.stack([np.zeros_like(upper), vertex, upper])
     return float((r0 + (r2 * at**2 - r1 * at / 3).min(axis=0)).min())
 
 
 def lower_bound(program: RetimeProgram, x: np.ndarray, multipliers: np.ndarray, allowed: np.ndarray) -> float:
-    """A number that the cost of no feasible timing on the grid is below, for a convex cost and linear constraints.
+    """A lower bound of the cost of all feasible timings on the grid, for a convex cost and linear constraints.
 
     The Lagrangian at the multipliers found (of the right signs) is convex, hence nowhere below its tangent at x; the
-    tangent's least value over 0 <= control <= allowed is taken. Nothing is assumed of x and the multipliers but their
-    signs: wrong ones give a lower, still valid bound.
+    tangent's least value over 0 <= control <= allowed is the bound. Only the signs of the multipliers are assumed:
+    inaccurate x and multipliers give a lower, still valid bound.
 
     Args:
         x: (N,) free control values.
         multipliers: of T / T_ref and of the constraints.
-        allowed: (N,) what the true velocity limits would allow in place of the program's bounds.
+        allowed: (N,) bounds from the true velocity limits, instead of the program's bounds.
     """
     here = program.at(x)
     of_time, of_constraints = max(float(multipliers[0]), 0.0), multipliers[1:]
@@ -81,18 +81,18 @@ def lower_bound(program: RetimeProgram, x: np.ndarray, multipliers: np.ndarray, 
     return value + float(np.minimum(-slope * x, slope * (allowed - x)).sum())
 
 
-ROUNDS = 12  # of adding constraints
-INFEASIBLE = "Infeasible_Problem_Detected"  # IPOPT's word
-# Share of a price above standby that is used: at the price itself, creeping at one place would cost nothing.
+ROUNDS = 12  # most rounds of adding constraints
+INFEASIBLE = "Infeasible_Problem_Detected"  # IPOPT's status
+# Share of a price above standby power that is used: at the price itself, creeping at one place would cost nothing.
 CREDIT = 0.99
-FAR_OFF = 5.0  # times the start's duration, or a share of it: the program is scaled anew
-ROOM = 1.1  # times a bound that follows from others: it must not bind beside them
-RESOLVED = 1e-6  # relative: where the grid's duration is farther from the true one, energy is integrated anew
+FAR_OFF = 5.0  # factor between the durations of start and result from which the program is scaled anew
+ROOM = 1.1  # factor of a bound that follows from others, so that it does not bind as well
+RESOLVED = 1e-6  # relative: if the grid's duration differs from the true one by more, energy is integrated anew
 
 
 @dataclass
 class Tally:
-    """What all solves together took."""
+    """The effort of all solves together."""
 
     iterations: int = 0
     build: float = 0.0
@@ -111,7 +111,7 @@ class Solved:
 
     @cached_property
     def energy(self) -> float:
-        """J, by the exact laws."""
+        """Energy [J] by the exact laws."""
         return self.work.energy(self.timing)
 
 
@@ -122,7 +122,7 @@ def standing_power(robot: Robot, model: PowerModel, path: JointPath) -> float:
 
 
 class Retiming:
-    """The retiming of one path: its grid, limits and model, and all that its solves share."""
+    """The retiming of one path: its grid, limits and model, and the data that its solves share."""
 
     def __init__(self, robot: Robot, model: PowerModel, shortest: Timing, limits: Sequence[Limit]) -> None:
         self.robot, self.model, self.shortest = robot, model, shortest
@@ -136,18 +136,18 @@ class Retiming:
         self._law: PathLaw | None = None
 
     def with_model(self, model: PowerModel) -> Retiming:
-        """The same for another model with the same payload and tilt; limits found and tallies are shared."""
+        """The same for another model with the same payload and tilt; the limits found and the tally are shared."""
         other = copy.copy(self)
         other.model, other.dynamics, other._law = model, self.dynamics.under(model), None
         return other
 
     @property
     def convex(self) -> bool:
-        """Do the model's effects keep retiming convex (jerk limits aside)?"""
+        """Do the model's effects keep retiming convex (without jerk limits)?"""
         return all(effect.convex_in_retiming for effect in self.model.effects)
 
     def convex_price(self) -> float:
-        """The largest credit [W] for a second of the duration with which the cost is known to be convex."""
+        """The largest credit [W] for a second of the duration at which the cost is known to be convex."""
         least = self.model.constant_power(self.robot.n)
         law = self.law(self.shortest)
         if law.coefficients is None:
@@ -155,18 +155,18 @@ class Retiming:
         return least + CREDIT * max(0.0, largest_price(law.coefficients, self.speed_bound / law.unit) - least)
 
     def energy(self, timing: Timing) -> float:
-        """J by the exact laws: by the grid's quadrature where its duration is the true one, else integrated anew."""
+        """Energy [J] by the exact laws: by the grid's quadrature if its duration is accurate, else integrated anew."""
         a, b = z = self.limits.lift.values(timing.control)
         pace = self.grid.weight / np.sqrt(b)
         if abs(pace.sum() / timing.duration - 1) > RESOLVED:
             return self._integrated(timing)
         law = self.law(timing)
-        if law.coefficients is not None and self.convex:  # no kinks that the program takes for granted
+        if law.coefficients is not None and self.convex:  # no kinks for which the program assumes a sign
             return law.cost(self.grid.weight, 1.0, 1.0, 0.0, 0.0).value(z)[0]
         return float(pace @ self.dynamics.power(a, b, timing.time_at(self.grid.s)))
 
     def _integrated(self, timing: Timing) -> float:
-        """J by the exact laws, by Gauss quadrature in time within every piece of timing and path."""
+        """Energy [J] by the exact laws, by Gauss quadrature in time within every piece of timing and path."""
         edges = np.unique(np.concatenate([timing.times, timing.time_at(timing.path.knots[1:-1])]))
         step = np.diff(edges)
         time = (edges[:-1, None] + step[:, None] * GAUSS[0]).ravel()
@@ -175,7 +175,7 @@ class Retiming:
         return float((step[:, None] * GAUSS[1]).ravel() @ d.power(a, rate**2, time))
 
     def law(self, timing: Timing) -> PathLaw:
-        """The law at the grid's points; where it drifts, at the times at which `timing` is there."""
+        """The law at the grid's points; if it depends on time, at the times of `timing` there."""
         drifts = any(effect.drifts for effect in self.model.effects)
         if self._law is None or drifts:
             at = timing.time_at(self.grid.s) if drifts else np.zeros(len(self.grid.s))
@@ -183,12 +183,12 @@ class Retiming:
         return self._law
 
     def _upper(self) -> np.ndarray:
-        """Bounds of the free control values: the largest that the velocity limits allow anywhere near.
+        """Bounds of the free control values: the largest that the velocity limits allow nearby.
 
-        On a straight path these are the velocity limits, which no constraint holds then; elsewhere they leave room, and
-        constraints do the rest. There, too, the control polygon's slope is twice the path acceleration at a knot, so
-        that control values rise from either end no faster than the acceleration limits allow; of that a little more is
-        left, so that it never binds.
+        On a straight path these are the velocity limits, which then need no constraints; on others they are looser, and
+        constraints hold the limits. On a straight path, the control polygon's slope is also twice the path acceleration
+        at a knot, so control values rise from either end no faster than the acceleration limits allow; a little more is
+        allowed, so that this never binds.
         """
         first = self.limits.lift.first
         count = len(self.shortest.control)
@@ -216,13 +216,13 @@ class Retiming:
     ) -> Solved:
         """Minimise energy - price * duration from `start`, in at most (`exactly`: in) `longest` seconds.
 
-        No control value falls below `floor` times the start's largest, less towards the ends. With `energy` False,
-        energy counts nothing. With `only_bound`, limits between the grid's points are left out and the solver stops
-        early: the bound is no less valid for that.
+        No control value falls below `floor` times the start's largest, and less near the ends. With `energy` False, the
+        energy is left out. With `only_bound`, limits between the grid's points are not checked and the solver stops
+        early: the bound remains valid.
         """
         drifts = energy and any(effect.drifts for effect in self.model.effects)
         found = self._optimise(start, price, longest, floor, exactly, energy, only_bound)
-        # what drifts with time takes the time of the timing before, and the program is scaled by where it starts
+        # time-dependent effects use the times of the previous timing, and the program is scaled by its start
         far = abs(np.log(found.timing.duration / start.duration)) > np.log(FAR_OFF)
         if drifts or (found.solved and far):
             return self._optimise(found.timing, price, longest, floor, exactly, energy, only_bound)
@@ -239,7 +239,7 @@ class Retiming:
         only_bound: bool,
     ) -> Solved:
         unit = float(start.control.max())
-        clock = 1 / np.sqrt(unit)  # seconds in the program's unit of time
+        clock = 1 / np.sqrt(unit)  # [s] the program's unit of time
         weight, points = self.grid.weight, self.limits.lift
         law = self.law(start)
         ends, upper = self.ends / unit, self._upper() / unit
@@ -258,7 +258,7 @@ class Retiming:
         self.limits.hold(start.control, always=True)
         widths = [WIDTHS[-1]] if law.coefficients is not None else list(WIDTHS)
         wider: tuple[float, np.ndarray] | None = None  # the last width that was solved, and its answer
-        rounds, rough, halved = 0, False, False  # `halved`: a width between two others was tried
+        rounds, rough, halved = 0, False, False  # `halved`: True if a width between two others was tried
         while True:
             before = time.perf_counter()
             constraints = self.limits.constraints(unit)
@@ -271,11 +271,12 @@ class Retiming:
             self.tally.iterations += answer.iterations
             self.tally.build += built - before
             self.tally.solve += time.perf_counter() - built
-            if len(widths) > 1 and answer.status != INFEASIBLE:  # the constraints are the same for all widths
+            if len(widths) > 1 and answer.status != INFEASIBLE:  # solve all widths under the same constraints
                 width = widths.pop(0)
                 wider, x = ((width, answer.x), answer.x) if answer.success else (wider, x)
                 continue
-            if not answer.success and wider is not None:  # steps lead nowhere among narrow kinks
+            # with narrow kinks no step succeeds: keep the last width's answer
+            if not answer.success and wider is not None:
                 between, narrow = float(np.sqrt(wider[0] * widths[0])), widths[0]
                 x, rough = wider[1], halved
                 widths, wider = ([wider[0]], None) if halved else ([between, narrow], wider)

@@ -1,9 +1,9 @@
 """The grid of a retiming: points along the path, quadrature weights, and maps from control values to the points.
 
 Integrals over time are sums over points, int F dt = sum_g weight_g F_g / sqrt(b_g), with positive weights: a term that
-is convex in (a, b) at a point stays convex in the sum. Simpson's rule on every knot interval serves integrals and
-limits with the same points (knots and middles). Towards an end at rest b vanishes like s, so the rule is applied in
-sqrt(s) (from the other end, sqrt(1 - s)), and the first interval at such an end has three Gauss points instead.
+is convex in (a, b) at a point stays convex in the sum. Simpson's rule on every knot interval uses the same points for
+integrals and limits (knots and middles). Towards an end at rest, b vanishes like s, so the rule is applied in sqrt(s)
+(from the other end, sqrt(1 - s)), and the first interval at such an end has three Gauss points instead.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ GAUSS = ((_X + 1) / 2, _W / 2)
 
 @dataclass(frozen=True)
 class Grid:
-    """Points s (M,) and weights (M,); s rises, and holds every knot but those at rest."""
+    """Points s (M,) and weights (M,); s rises and contains every knot except those at rest."""
 
     knots: np.ndarray
     s: np.ndarray
@@ -31,7 +31,7 @@ class Grid:
 
 
 def quadrature(knots: np.ndarray, rest: tuple[bool, bool]) -> Grid:
-    """The grid for `knots` (N + 1,); `rest` says which ends are at rest."""
+    """The grid for `knots` (N + 1,); `rest`: which ends are at rest."""
     middle = 0.5
     left, right = knots[:-1], knots[1:]
     from_start = rest[0] & (right <= middle)
@@ -63,17 +63,17 @@ def quadrature(knots: np.ndarray, rest: tuple[bool, bool]) -> Grid:
 
 @dataclass(frozen=True)
 class Band:
-    """Symmetric matrices (N, N) in which only entries at most two off the diagonal are not zero.
+    """Symmetric matrices (N, N) whose entries more than two off the diagonal are zero.
 
-    Three neighbouring control values meet in every interval, so the Hessian of any sum over points is of this form. It
-    is kept as its upper triangle (3 N,), entry (i, j) at 3 j + 2 - (j - i), of which three places lie outside.
+    Each interval depends on three neighbouring control values, so the Hessian of any sum over points has this form. It
+    is stored as its upper triangle (3 N,), entry (i, j) at 3 j + 2 - (j - i), of which three places are outside.
     """
 
     count: int
 
     @cached_property
     def inside(self) -> np.ndarray:
-        """The places (3 N - 3,) that lie inside, column by column."""
+        """The places (3 N - 3,) inside the matrix, column by column."""
         place = np.arange(3 * self.count)
         return place[place // 3 + place % 3 >= 2]
 
@@ -85,7 +85,8 @@ class Band:
         return ca.Sparsity(self.count, self.count, starts.tolist(), (column + self.inside % 3 - 2).tolist())
 
 
-PAIRS = tuple((p, q) for q in range(3) for p in range(q + 1))  # of the three control values that meet at a point
+# pairs of the three control values that a point depends on
+PAIRS = tuple((p, q) for q in range(3) for p in range(q + 1))
 
 
 @dataclass(frozen=True)
@@ -126,7 +127,7 @@ class Lift:
 
     @cached_property
     def _down(self) -> csr_array:
-        """Its transpose, for the free control values only."""
+        """The transpose of the matrix, for the free control values only."""
         return self._matrix[:, 1:-1].T.tocsr()
 
     def values(self, control: np.ndarray) -> np.ndarray:
@@ -166,22 +167,24 @@ class Lift:
 
 
 def gathered(first: np.ndarray, entries: np.ndarray, count: int) -> np.ndarray:
-    """The sum over points of entries (M, 3) at control values first (M,) and the next two; the free ones of `count`."""
+    """The sum over points of entries (M, 3) at control values first (M,) and the next two; only the free ones of
+    `count`.
+    """
     touched = first[:, None] + np.arange(3)
     return np.bincount(touched.ravel(), entries.ravel(), count)[1:-1]
 
 
 def lift(knots: np.ndarray, s: np.ndarray, kinds: str = "ab", piece: np.ndarray | None = None) -> Lift:
-    """The maps from control values to the points `s`; `piece` says which interval where s is a knot."""
+    """The maps from control values to the points `s`; `piece`: the interval to use if s is a knot."""
     return Lift.of(quadratic_basis(knots, s, piece), kinds, len(knots) + 1)
 
 
 @lru_cache(maxsize=8)
 def _kept(knots: bytes, s: bytes) -> Lift:
-    """`lift` of arrays as bytes, so that results can be kept."""
+    """`lift` of arrays as bytes, so that results can be cached."""
     return lift(np.frombuffer(knots), np.frombuffer(s))
 
 
 def kept_lift(knots: np.ndarray, s: np.ndarray) -> Lift:
-    """The maps to (a, b) at the points of a grid; with all that was derived from them, they serve the next move too."""
+    """The maps to (a, b) at the points of a grid; cached with their derived matrices for further moves."""
     return _kept(knots.tobytes(), s.tobytes())

@@ -1,18 +1,18 @@
 """Minimum energy over the timing of a fixed path.
 
-The squared path speed b(s) is a quadratic B-spline (timing_law); the program is convex where the model allows it, and
-is solved by IPOPT from TOPP-RA's timing (retime_program). This module decides what to solve for the duration asked for.
+The squared path speed b(s) is a quadratic B-spline (`timing.law`); the program is convex if the model allows it, and is
+solved by IPOPT from TOPP-RA's timing (`retime.program`). This module decides what to solve for a given duration.
 
-"At most T" is convex as it is. "Exactly T" is not, since T(b) is convex. It is solved as the equality it is, with
+"At most T" is convex. "Exactly T" is not, since T(b) is convex. It is solved as an equality, with
 
     minimise  E(b) - price * T(b)   subject to  T(b) = T
 
-where a second of the duration is credited with a price [W], a constant that changes no answer; up to a certain price
-the cost stays convex (standby power always belongs to it). A multiplier of T of at least zero then makes the answer one
-of the convex program with T(b) <= T, hence the global one, and weak duality gives its bound. Else a second costs more
-than that price: the arm would rather have moved faster, and creeps where holding is cheap. The convex program is then
-solved from there, and R* + price * T, R* its least cost, says how much at most is missing; where that is much, its
-answer is one more start.
+where a second of the duration is credited with a price [W], a constant that does not change the answer; up to a certain
+price the cost stays convex (this always includes standby power). If the multiplier of T is at least zero, the answer is
+that of the convex program with T(b) <= T, hence the global one, and weak duality gives its bound. Otherwise a second
+costs more than that price: a faster motion would cost less, and the arm creeps where holding is cheap. The convex
+program is then solved from there, and R* + price * T, with R* its least cost, bounds how much is missing at most; if
+that is much, its answer is one more start.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 
-LONGEST = 50.0  # a free duration ends at this many times the shortest one
+LONGEST = 50.0  # longest free duration, as a multiple of the shortest one
 GLOBAL_GAP = 0.25  # [%] an answer with a bound closer than this is called the global optimum
-USELESS = 1.0  # share of the energy: a bound farther away than this says nothing and is not reported
+USELESS = 1.0  # share of the energy: a bound farther away is not reported
 USED_UP = 1e-5  # relative slack of the duration below which it counts as used up
 PROVED = 1e-4  # relative: an answer with a bound closer than this needs no better bound
-CORRECTIONS = 4  # of a duration that the grid does not resolve
-HELD = 3e-7  # of a bound beyond the tighter one that the program is held to
-CREEP = 1e-2  # the same where creeping pays: slower than a tenth of the top speed is not resolved by the grid
+CORRECTIONS = 4  # most corrections of a duration that the grid does not resolve
+HELD = 3e-7  # share of a bound: allowed excess over the tighter bound in the program
+CREEP = 1e-2  # as FLOOR, if creeping saves energy: speeds below a tenth of the top speed are not resolved by the grid
 
 
 @dataclass(frozen=True)
@@ -53,13 +53,13 @@ class RetimeSolution:
         timing: the path with its squared speed.
         s, b: points along the path and the squared speed there, (M,).
         energy: J, by the exact laws on the grid.
-        kind: "global" where a lower bound proves it (model convex, no jerk limit active), else "local".
-        lower_bound: J, None where the program is not convex.
+        kind: "global" if a lower bound proves it (model convex, no jerk limit active), else "local".
+        lower_bound: J; None if the program is not convex.
         gap_percent: between energy and bound, of the energy.
         iterations, build_seconds, solve_seconds: of the solver, summed over all solves.
-        converged: False where the solver gave up and the best feasible timing is returned instead.
-        message: what a user should know; empty where there is nothing.
-        fastest: the minimum-time timing it was started from.
+        converged: False if the solver gave up and the best feasible timing is returned instead.
+        message: a note for the user; may be empty.
+        fastest: the minimum-time timing from which it was started.
     """
 
     trajectory: Trajectory
@@ -80,7 +80,7 @@ class RetimeSolution:
 
 @dataclass(frozen=True)
 class _Plan:
-    """What was found: a timing, its energy [J], a proven bound [J] if any, and what to say about it."""
+    """An answer: a timing, its energy [J], a proven bound [J] if any, and a message about it."""
 
     timing: Timing
     energy: float
@@ -90,7 +90,7 @@ class _Plan:
 
     @property
     def gap(self) -> float:
-        """How far the bound is below, as a share of the energy; infinite without one."""
+        """Distance of the bound below the energy, as a share of the energy; infinite without a bound."""
         if self.bound is None or np.isinf(self.energy):
             return np.inf
         return (self.energy - self.bound) / max(abs(self.energy), 1e-12)
@@ -112,11 +112,11 @@ def retime(
 
     Args:
         duration: exactly so long, s.
-        max_duration: at most so long, s. With neither, as long as is best (at most 50 times the shortest).
-        shortest: the minimum-time timing where it is known already; it gives grid and end speeds.
-        grid: grid intervals, or the grid itself, of the minimum-time timing otherwise.
+        max_duration: at most so long, s. Without either, the duration is free (at most 50 times the shortest).
+        shortest: the minimum-time timing if it is known; it gives grid and end speeds.
+        grid: if it is not known: number of grid intervals, or the grid itself.
         limits: in place of the robot's own.
-        jerk: False leaves jerk limits aside.
+        jerk: False ignores jerk limits.
 
     Raises:
         Infeasible: the path breaks limits at any timing, or the duration is too short for it.
@@ -141,17 +141,18 @@ def retime(
 
 
 def _shorter(work: Retiming, shortest: Timing, wanted: float) -> Timing:
-    """A timing that takes less than TOPP-RA's.
+    """A timing faster than TOPP-RA's.
 
     Raises:
-        Infeasible: there is none that takes only `wanted` seconds.
+        Infeasible: no timing takes at most `wanted` seconds.
     """
     best = quickest(work, shortest)
     if best.duration <= wanted:
         return best
     worst = work.limits.worst(best.control * (best.duration / wanted) ** 2)
     line = worst.limit.linear(work.dynamics, 1.0)
-    excess = worst.excess if line is None or not line.of_speed else np.sqrt(1 + worst.excess) - 1  # a square there
+    # a speed limit is on the square
+    excess = worst.excess if line is None or not line.of_speed else np.sqrt(1 + worst.excess) - 1
     joint = worst.limit.where(work.robot.joints, worst.column)
     raise Infeasible(
         f"{joint}: the {worst.limit.name} limit would be exceeded by {100 * excess:.3g} % at path position "
@@ -166,7 +167,7 @@ def _shorter(work: Retiming, shortest: Timing, wanted: float) -> Timing:
 
 
 def _free(work: Retiming, start: Timing, longest: float | None) -> _Plan:
-    """As long as is best, at most `longest` seconds."""
+    """The answer for a free duration of at most `longest` seconds."""
     cap = LONGEST * work.shortest.duration if longest is None else longest
     found = _best(work, start, price=0.0, longest=cap, floor=FLOOR)
     if not found.solved:
@@ -178,7 +179,7 @@ def _free(work: Retiming, start: Timing, longest: float | None) -> _Plan:
 
 
 def _exact(work: Retiming, start: Timing, duration: float) -> _Plan:
-    """Exactly `duration` seconds; see the module's text."""
+    """The answer for exactly `duration` seconds; see the module."""
     price = work.convex_price()
     best = _equality(work, start, price, duration)
     if work.convex and best.gap > PROVED:
@@ -204,11 +205,12 @@ def _exact(work: Retiming, start: Timing, duration: float) -> _Plan:
 
 
 def _equality(work: Retiming, start: Timing, price: float, duration: float) -> _Plan:
-    """Minimum energy in exactly `duration` seconds, from `start`; of infinite energy where limits do not hold."""
+    """Minimum energy in exactly `duration` seconds, from `start`; of infinite energy if limits do not hold."""
     found = _best(work, start, price=price, longest=duration, floor=CREEP, exactly=True)
     bound = None if found.bound is None else found.bound + price * duration
     timing, nearer = _stretched(work, found.timing, duration), duration
-    for _ in range(CORRECTIONS):  # creeping is not resolved by the grid: its durations are a little off the true ones
+    # the grid does not resolve creeping, so its duration differs slightly from the true one
+    for _ in range(CORRECTIONS):
         if not found.solved or work.limits.worst(timing.control).excess <= HELD:
             break
         nearer *= (1 - 1e-7) * duration / found.timing.duration
@@ -222,9 +224,9 @@ def _equality(work: Retiming, start: Timing, price: float, duration: float) -> _
 def _best(
     work: Retiming, start: Timing, *, price: float, longest: float, floor: float, exactly: bool = False
 ) -> Solved:
-    """The answer from `start`; for a model that is not convex, the better of it and the one from the convex optimum.
+    """The answer from `start`; for a nonconvex model, the better of this and the answer from the convex optimum.
 
-    The convex optimum is that of the model without the effects that spoil convexity.
+    The convex optimum is that of the model without its nonconvex effects.
     """
     found = work.optimise(start, price=price, longest=longest, floor=floor, exactly=exactly)
     if work.convex:
@@ -239,7 +241,7 @@ def _best(
 
 
 def _given_up(work: Retiming, start: Timing, reason: str, bound: float | None = None) -> _Plan:
-    """The start, which is feasible: TOPP-RA's timing, slowed. No failure where the bound proves it good enough."""
+    """The feasible start, TOPP-RA's timing, slowed; it counts as converged if the bound proves it good enough."""
     plan = _Plan(start, work.energy(start), bound, True)
     if plan.gap <= GLOBAL_GAP / 100:
         return plan
@@ -247,7 +249,7 @@ def _given_up(work: Retiming, start: Timing, reason: str, bound: float | None = 
 
 
 def _stretched(work: Retiming, timing: Timing, duration: float) -> Timing:
-    """The timing stretched a little so that it takes `duration`: where no limit is near, if that will do."""
+    """The timing stretched slightly to take `duration`: only where no limit is near, if evenly breaks a limit."""
     evenly = _exactly(timing, duration)
     if work.limits.worst(evenly.control).excess <= HELD:
         return evenly
@@ -257,10 +259,10 @@ def _stretched(work: Retiming, timing: Timing, duration: float) -> Timing:
 
 
 def _exactly(timing: Timing, duration: float, where: np.ndarray | slice = slice(1, -1)) -> Timing:
-    """The timing stretched a little, at the control values `where`, so that it takes `duration`."""
+    """The timing stretched slightly, at the control values `where`, to take `duration`."""
     pace = np.zeros(len(timing.control))
     pace[1:-1] = 1 / np.sqrt(timing.control[1:-1])
-    share = pace[where].sum() / pace.sum()  # of the duration, about
+    share = pace[where].sum() / pace.sum()  # approximate share of the duration
     for _ in range(20):
         factor = timing.duration / duration
         if abs(factor - 1) < 1e-13:
@@ -301,7 +303,7 @@ def _solution(work: Retiming, plan: _Plan, shortest: Timing) -> RetimeSolution:
 def _standing(
     robot: Robot, model: PowerModel, path: JointPath, duration: float | None, shortest: Timing
 ) -> RetimeSolution:
-    """A move of no length: the arm holds its pose, for as long as was asked for."""
+    """A move of no length: the arm holds its pose for the duration asked for."""
     timing = shortest if duration is None else shortest.slowed(duration)
     energy = standing_power(robot, model, path) * timing.duration
     s = np.array([0.0, 1.0])

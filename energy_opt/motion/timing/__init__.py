@@ -1,1 +1,1 @@
-"""How a path is run through in time: the timing law, and TOPP-RA's fastest one."""
+"""Timing of a path: the timing law, and TOPP-RA's fastest timing."""

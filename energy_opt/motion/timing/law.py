@@ -1,12 +1,11 @@
-"""How a path is run through in time: the squared path speed b(s) = (ds/dt)^2 as a quadratic B-spline.
+"""Timing of a path: the squared path speed b(s) = (ds/dt)^2 as a quadratic B-spline.
 
 Knots s_0 = 0 < ... < s_N = 1 (both ends threefold) and N + 2 control values c at the Greville points
 g = (0, s_1 / 2, (s_1 + s_2) / 2, ..., 1). At a knot, b lies on the control polygon and the path acceleration
 a = d^2 s/dt^2 = b'(s) / 2 is half the polygon's slope; a is linear in s between knots and continuous everywhere.
 
-On one interval a = a_0 + w x with x = s - s_k, so s(t) solves x'' = a_0 + w x, and everything is closed form: from
-speed v_0 to v_1 over the length h takes 2 / sqrt(w) artanh(sqrt(w) h / (v_0 + v_1)) (w < 0: arctan), at rest ends
-as well.
+On one interval a = a_0 + w x with x = s - s_k, so s(t) solves x'' = a_0 + w x in closed form: from speed v_0 to v_1
+over the length h takes 2 / sqrt(w) artanh(sqrt(w) h / (v_0 + v_1)) (w < 0: arctan), at ends at rest too.
 """
 
 from __future__ import annotations
@@ -20,17 +19,17 @@ from energy_opt.motion.path import JointPath
 from energy_opt.motion.trajectory import Trajectory, row_step, whole
 from energy_opt.numerics.bspline import greville, quadratic_basis
 
-CLOSE = 1e-3  # samples nearer to each other than this share of the sample step are merged
-HOLD = 1e-3  # [s] duration of a move of no length that was given none
+CLOSE = 1e-3  # share of the sample step: samples nearer to each other are merged
+HOLD = 1e-3  # [s] default duration of a move of no length
 
 
 def _tau(w: np.ndarray, x: np.ndarray, v_sum: np.ndarray) -> np.ndarray:
-    """Time to cover the length x on which a grows by w per length, v_sum the sum of the speeds at both ends."""
+    """Time to cover the length x, where a grows by w per length and v_sum is the sum of the speeds at both ends."""
     z = x / v_sum
     k = w * z * z
     root = np.sqrt(np.abs(k))
     with np.errstate(divide="ignore", invalid="ignore"):
-        # artanh has no value at 1 and beyond, where rounding alone can bring a start from rest
+        # artanh is infinite at 1, which a start from rest may reach by rounding
         exact = np.where(k > 0, np.arctanh(np.minimum(root, 1 - 1e-16)), np.arctan(root)) / root
     return 2 * z * np.where(root < 1e-4, 1 + k / 3, exact)
 
@@ -40,10 +39,10 @@ class Timing:
     """A path and the squared speed along it.
 
     Attributes:
-        path: where.
+        path: the path.
         knots: (N + 1,) of the B-spline.
         control: (N + 2,) its control values [1/s^2], first and last the squared end speeds.
-        hold: duration [s] where the path has no length.
+        hold: duration [s] if the path has no length.
     """
 
     path: JointPath
@@ -106,7 +105,7 @@ class Timing:
         return s, v0 * (1 + z2 * second) + a0 * t * first, a0 + w * x
 
     def slowed(self, duration: float) -> Timing:
-        """The same timing stretched evenly to `duration` (s); speeds at moving ends shrink with it."""
+        """The same timing stretched evenly to `duration` (s); speeds at moving ends are reduced as well."""
         if not self.path.moves:
             return replace(self, hold=duration)
         return replace(self, control=self.control * (self.duration / duration) ** 2)
@@ -114,14 +113,14 @@ class Timing:
     def trajectory(self, joints: tuple[str, ...]) -> Trajectory:
         """Samples at most 4 ms apart (beyond 80 s, a 20,000th of the duration), at least 200, one at every knot.
 
-        Position, velocity and acceleration of a row are exactly those of path(s(t)); the third derivative jumps only at
-        samples (half a nanosecond beside them), so that the quintic polynomials between them follow the curve closely.
+        Position, velocity and acceleration of a sample are exactly those of path(s(t)); the third derivative jumps only
+        at samples (within half a nanosecond), so that the quintic polynomials between them follow the curve closely.
         Samples lie on whole nanoseconds.
         """
         if not self.path.moves:
             q = np.repeat(self.path.start[None], 3, axis=0)
             return Trajectory(joints, whole(np.linspace(0, self.hold, 3)), q, np.zeros_like(q), np.zeros_like(q))
-        timing = self.slowed(float(whole(self.duration)))  # by half a nanosecond at most
+        timing = self.slowed(float(whole(self.duration)))  # changes it by at most half a nanosecond
         time = np.unique(whole(timing._row_times()))
         s, v, a = timing.at(time)
         s[-1] = 1.0

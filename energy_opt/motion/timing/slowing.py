@@ -1,4 +1,4 @@
-"""Even slowing of a timing: what it breaks, and by how much it must be slowed to be inside all limits."""
+"""Even slowing of a timing: the limits that it breaks, and the slowing that holds all limits."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from energy_opt.motion.path_dynamics import PathDynamics
 from energy_opt.motion.timing.law import Timing
 from energy_opt.robot import Robot
 
-TOLERANCE = 1e-7  # of a bound: less than this is no violation
-SLOWEST = 50.0  # times the duration: slowing further repairs nothing
+TOLERANCE = 1e-7  # share of a bound: a smaller excess is no violation
+SLOWEST = 50.0  # largest factor of the duration: slowing further repairs nothing
 
 
 def uses(limits: Sequence[Limit], dense: PathDynamics, timing: Timing) -> list[Use]:
-    """Which share of each limit a timing uses at the places of `dense`."""
+    """The share of each limit that a timing uses at the places of `dense`."""
     b, a, w = timing.speed(dense.s)
     return used(limits, dense, a, b, w)
 
@@ -27,11 +27,13 @@ def broken(limit: Limit, dense: PathDynamics, timing: Timing) -> bool:
 
 
 def slowing(limits: Sequence[Limit], dense: PathDynamics, timing: Timing) -> float:
-    """By how much to slow a timing evenly so that all limits hold that it breaks by more than the tolerance."""
+    """The factor by which to slow a timing evenly so that all limits hold which it breaks by more than the
+    tolerance.
+    """
     worse = [use for use in uses(limits, dense, timing) if use.worst[0] > 1 + TOLERANCE]
     if not worse:
         return 1.0
-    # a derivative falls with that power of the duration; other limits are tried
+    # a derivative of order k falls with the k-th power of the duration; other limits are tried
     factor = max([1.0, *(use.worst[0] ** (1 / use.limit.order) for use in worse if use.limit.order)])
     others = [use.limit for use in worse if not use.limit.order]
     while factor < SLOWEST and others:
@@ -43,7 +45,7 @@ def slowing(limits: Sequence[Limit], dense: PathDynamics, timing: Timing) -> flo
 
 
 def not_held(robot: Robot, limits: Sequence[Limit], dense: PathDynamics, timing: Timing, text: str) -> Infeasible:
-    """That the limit which is broken most cannot be held, and where."""
+    """The error that the limit which is broken most cannot be held, with its place."""
     use = max(uses(limits, dense, timing), key=lambda use: use.worst[0])
     share, k, j = use.worst
     where, s = use.limit.where(robot.joints, j), float(dense.s[k])

@@ -1,9 +1,8 @@
 """Minimum-time timing of a path by reachability analysis (TOPP-RA). The only module that imports toppra.
 
-The grid's points serve as Greville points of the timing's B-spline, and TOPP-RA's squared speeds as its control values:
-at every knot (the middle of a grid interval) speed and path acceleration are then TOPP-RA's own. What the library
-returns is not believed but checked on a dense grid; where a limit is broken by more than 1e-7 it is tightened there and
-solved again.
+The grid's points are the Greville points of the timing's B-spline, and TOPP-RA's squared speeds its control values: at
+every knot (the middle of a grid interval) speed and path acceleration are then TOPP-RA's own. The library's result is
+checked on a dense grid; where a limit is broken by more than 1e-7, it is tightened and the problem solved again.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ from energy_opt.robot import Robot
 INTERVALS = 200
 ROUNDS = 8
 CHECKS_PER_INTERVAL = 5
-GAIN = 1e-3  # relative: smaller gains of a minimum time are not waited for
+GAIN = 1e-3  # relative: smaller gains of a minimum time end the iteration
 
 
 def fastest(
@@ -50,9 +49,9 @@ def fastest(
 ) -> Timing:
     """The fastest timing within limits (torque with every torque effect of `model`).
 
-    TOPP-RA knows limits that are linear in path acceleration and squared speed, or that a tangent replaces. Where the
-    result breaks others, such as jerk (left aside where `jerk` is False), coarser grids, which switch more gently, and
-    an even slowing down are tried, and the fastest that holds them is returned.
+    TOPP-RA supports limits that are linear in path acceleration and squared speed, or that a tangent replaces. If the
+    result breaks others, such as jerk (ignored if `jerk` is False), coarser grids, which switch more gently, and even
+    slowing are tried, and the fastest valid timing is returned.
 
     Args:
         grid: number of grid intervals, or the knots of the timing (grid points lie between them and at both ends).
@@ -60,8 +59,8 @@ def fastest(
         limits: in place of the robot's own.
 
     Raises:
-        Infeasible: names joint, limit, path position and excess, where that is known before solving; else the place
-            where TOPP-RA gave up.
+        Infeasible: names joint, limit, path position and excess if known before solving; else the place where TOPP-RA
+            gave up.
     """
     held = joint_limits(robot.limits) if limits is None else tuple(limits)
     if not jerk:
@@ -103,7 +102,7 @@ def _within_all(
                 break
         factor = slowing(rest, dense, timing)
         if factor > 1 and any(ends):
-            continue  # the end speeds are given: they cannot be slowed
+            continue  # given end speeds cannot be slowed
         slowed = timing.slowed(timing.duration * factor * (1 + TOLERANCE)) if factor > 1 else timing
         if best is None or slowed.duration < best.duration:
             best = slowed
@@ -124,7 +123,7 @@ def _faster(
     dense: PathDynamics,
     best: Timing,
 ) -> Timing:
-    """TOPP-RA again and again with tangents at the fastest timing so far that is inside all limits."""
+    """TOPP-RA, repeated with tangents at the fastest timing so far that is inside all limits."""
     at, timing = PathDynamics(robot, model, best.path, greville(best.knots)), best
     for _ in range(ROUNDS):
         b, a, _ = timing.speed(at.s)
@@ -171,7 +170,7 @@ def _within_tangents(
 
 
 def _fastest_speed(limits: Sequence[Limit], at: PathDynamics) -> np.ndarray:
-    """Largest squared path speed (M,) that the limits on speed alone allow."""
+    """Largest squared path speed (M,) under the limits of speed alone."""
     fastest = np.full(len(at.s), np.inf)
     for limit in limits:
         line = limit.linear(at, 1.0)
@@ -183,7 +182,9 @@ def _fastest_speed(limits: Sequence[Limit], at: PathDynamics) -> np.ndarray:
 def _slowed_until_inside(
     robot: Robot, timing: Timing, dense: PathDynamics, limits: Sequence[Limit], ends: tuple[float, float]
 ) -> Timing:
-    """Even slowing brings torque towards what holding takes, and all else to zero."""
+    """The timing slowed evenly: this reduces torque towards the holding torque, and all other limited values to
+    zero.
+    """
     factor = 1.0 if any(ends) else slowing(limits, dense, timing)
     if 1 < factor < SLOWEST:
         return timing.slowed(timing.duration * factor * (1 + TOLERANCE))
@@ -191,7 +192,7 @@ def _slowed_until_inside(
 
 
 class _Later(ModuleType):
-    """A module that is imported when something of it is asked for."""
+    """A module that is imported when one of its attributes is used."""
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__") or sys.modules.get(self.__name__) is self:
@@ -201,7 +202,7 @@ class _Later(ModuleType):
 
 @cache
 def _without_pyplot() -> None:
-    """Import toppra without matplotlib, which only its inspection plots need: they import it. Saves 0.4 s of CPU."""
+    """Import toppra but defer matplotlib, which only its inspection plots need. Saves 0.4 s of CPU."""
     absent = [name for name in ("matplotlib", "matplotlib.pyplot") if name not in sys.modules]
     sys.modules.update({name: _Later(name) for name in absent})
     try:
@@ -226,7 +227,7 @@ def _solve(
     held = _Constraints.of(
         robot.joints, [(limit, line, tight.of(limit)) for limit, line in tangents if line is not None]
     )
-    # in the unit of time in which squared speeds are of order one: the library's tolerances are absolute
+    # in a unit of time that brings squared speeds to order one: the library's tolerances are absolute
     unit = float(min(held.speed.max(), max(ends) ** 2 if any(ends) else np.inf, held.typical()))
     algorithm = TOPPRA([_constraint(held, unit)], _Interval(robot.n), gridpoints=at.s, solver_wrapper="seidel")
     speeds = [end / np.sqrt(unit) for end in ends]
@@ -250,7 +251,7 @@ class _Constraints:
     r0: np.ndarray
     speed: np.ndarray
     names: tuple[tuple[str, str], ...]  # (m,) joint and limit
-    fastest: tuple[tuple[str, str], ...]  # (M,) those of the limit that bounds the speed
+    fastest: tuple[tuple[str, str], ...]  # (M,) joint and limit that bound the speed
 
     @classmethod
     def of(cls, joints: tuple[str, ...], lines: Sequence[tuple[Limit, Linear, np.ndarray | float]]) -> _Constraints:
@@ -280,7 +281,7 @@ class _Constraints:
 
 
 class _Interval:
-    """All that the library needs to know of a path whose constraints are given as numbers."""
+    """The attributes that the library needs of a path whose constraints are given as numbers."""
 
     path_interval = (0.0, 1.0)
 
@@ -312,7 +313,7 @@ def _constraint(held: _Constraints, unit: float) -> Any:
 
 
 def _failure(held: _Constraints, s: np.ndarray, ends: tuple[float, float], sets: np.ndarray | None) -> Infeasible:
-    """Where and on which limit the reachability analysis gave up."""
+    """The error where and on which limit the reachability analysis failed."""
     lost = np.flatnonzero(np.isnan(sets).any(axis=1)) if sets is not None else np.zeros(0, dtype=int)
     if lost.size or sets is None:
         k, b = int(lost.max()) if lost.size else 0, float(ends[1] ** 2)
@@ -341,7 +342,7 @@ def _tightest(held: _Constraints, k: int, b: float) -> tuple[str, str, float]:
     with np.errstate(divide="ignore"):
         ends = np.stack([(1 - rest) / slope, (-1 - rest) / slope])
     steep = np.abs(slope) > 1e-12
-    upper = np.where(steep, ends.max(axis=0), np.inf)  # largest path acceleration that each row allows
+    upper = np.where(steep, ends.max(axis=0), np.inf)  # largest path acceleration that each constraint allows
     row = int(np.argmin(upper))
     a = float(upper[row])
     value = np.abs(slope * a + rest if np.isfinite(a) else rest) - 1

@@ -40,9 +40,10 @@ class Layer:
 def unreached(pose: Pose, found: Reached) -> Infeasible:
     """The error of a pose that no joint positions reach."""
     joint, beyond = found.beyond
+    length, angle = round(1e3 * found.distance, 3), round(np.degrees(found.angle), 2)
     return Infeasible(
-        f"{pose.name}: no joint positions reach it; the nearest that can be reached is "
-        f"{1e3 * found.distance:.4g} mm and {np.degrees(found.angle):.3g} deg away{beyond and '; ' + beyond}",
+        f"{pose.name}: no joint positions reach it; the nearest that can be reached is {length:g} mm and {angle:g} deg "
+        f"away{beyond and '; ' + beyond}",
         joint=joint or None,
         limit="position" if joint else "pose",
     )

@@ -99,8 +99,7 @@ def _installed(file: str) -> Path | None:
 
 
 POSES = 64  # postures for estimating the efforts of an arm without limits
-# estimated effort over the largest torque for holding and accelerating there; strongest joints have 0.9 to 3.3
-ROOM = 1.5
+ROOM = 1.5  # estimated effort over the largest torque to hold and accelerate; strongest joints have 0.9 to 3.3
 WEAKEST = 0.1  # least rating of a joint over that of the strongest one; a UR5e's wrist has 0.19, a Panda's 0.14
 
 

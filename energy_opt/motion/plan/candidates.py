@@ -76,8 +76,7 @@ def unsearched(context: Context, move: Move, timing: Timing) -> Candidate:
         )
     duration = min(wanted, longest)
     trajectory = timing.slowed(duration).trajectory(context.robot.joints)
-    # in so short a time, rounding of many samples breaks limits
-    if timing.path.moves and not context.judge(trajectory).within.valid:
+    if timing.path.moves and not context.judge(trajectory).within.valid:  # rounding of many samples in a short time
         trajectory = _in_one(context, move, duration)
     return Candidate(
         trajectory,
@@ -259,8 +258,7 @@ def reshaped(
     if best is None and not context.stopped():
         best, more = _from_the_fastest(context, move, task, lines, line is not None, reference)
         spent += more
-    # few control points did not suffice: start at the finest level
-    if best is None and line is not None and not context.stopped():
+    if best is None and line is not None and not context.stopped():  # few control points did not suffice
         last = reshaper.from_line(Line.of(line.trajectory), task)
         best, spent, starts = last if last.broken <= FEASIBLE else None, spent + last.iterations, starts + 1
     if best is None:

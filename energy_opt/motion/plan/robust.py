@@ -152,8 +152,7 @@ class RobustPlanner:
         progress = Progress(self._planner.settings.deadline if deadline is None else deadline, self._stopped)
 
         def find(planner: Planner, known: list[Trajectory]) -> Result:
-            # Weights are prices of energy beyond that of the evenly slowed move, which has the same duration.
-            if not known or self.kind == "worst":
+            if not known or self.kind == "worst":  # else weights price energy beyond the evenly slowed move's
                 return planner.solve(move, [*warm, *known], progress.left, confirm)
             held = replace(move, duration=known[-1].duration, max_duration=None)
             return planner.as_ending(known[-1]).solve(held, [*warm, *known], progress.left, confirm)

@@ -182,9 +182,7 @@ def _fastest_speed(limits: Sequence[Limit], at: PathDynamics) -> np.ndarray:
 def _slowed_until_inside(
     robot: Robot, timing: Timing, dense: PathDynamics, limits: Sequence[Limit], ends: tuple[float, float]
 ) -> Timing:
-    """The timing slowed evenly: this reduces torque towards the holding torque, and all other limited values to
-    zero.
-    """
+    """The timing slowed evenly: torque falls towards the holding torque, all other limited values towards zero."""
     factor = 1.0 if any(ends) else slowing(limits, dense, timing)
     if 1 < factor < SLOWEST:
         return timing.slowed(timing.duration * factor * (1 + TOLERANCE))
@@ -227,7 +225,7 @@ def _solve(
     held = _Constraints.of(
         robot.joints, [(limit, line, tight.of(limit)) for limit, line in tangents if line is not None]
     )
-    # in a unit of time that brings squared speeds to order one: the library's tolerances are absolute
+    # the unit of time scales squared speeds to order one, as the library's tolerances are absolute
     unit = float(min(held.speed.max(), max(ends) ** 2 if any(ends) else np.inf, held.typical()))
     algorithm = TOPPRA([_constraint(held, unit)], _Interval(robot.n), gridpoints=at.s, solver_wrapper="seidel")
     speeds = [end / np.sqrt(unit) for end in ends]

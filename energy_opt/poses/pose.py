@@ -131,13 +131,8 @@ def matrix_of(given: Sequence[float] | np.ndarray, name: str) -> np.ndarray:
         size = float(np.linalg.norm(numbers[3:]))
         if not abs(size - 1) <= UNIT:
             raise BadInput(f"{name}: the quaternion has norm {size:.4g}; expected 1")
-        x, y, z, w = numbers[3:] / size
-        turn = [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-        numbers = np.block([[np.array(turn), numbers[:3, None]], [np.zeros(3), 1.0]])
+        turn = Rotation.from_quat(numbers[3:]).as_matrix()
+        numbers = np.block([[turn, numbers[:3, None]], [np.zeros(3), 1.0]])
     elif numbers.ndim < 2:
         raise BadInput(f"{name}: {numbers.size} numbers; expected {FORM}")
     if numbers.shape != (4, 4) or not np.isfinite(numbers).all() or np.abs(numbers[:3, 3]).max() > FAR:

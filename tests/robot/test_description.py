@@ -154,6 +154,12 @@ def test_names_that_could_break_a_file_are_refused(tmp_path: Path, name: str) ->
         load_robot(path)
 
 
+def test_a_chain_of_many_fixed_links_is_loaded(tmp_path: Path) -> None:
+    """More links than Python calls can be nested."""
+    robot = load_robot(chain(tmp_path, *[""] * 1200, fixed=tuple(range(2, 1200))))
+    assert robot.joints == ("j1",) and robot.body.link_frames()["l1199"][0] == 0
+
+
 @pytest.mark.parametrize("name", ["panda", "ur10", "kinova", "xarm7", "z1", "ur5e"])
 def test_the_model_is_the_one_that_pinocchio_reads_from_the_file(name: str) -> None:
     robot = load_robot(name)

@@ -60,7 +60,7 @@ def page(
         Chart("Energy of each step", "energy, standby included [J]", "", bars={"result": energies}),
     )
     report.table(
-        ["step", "begins [s]", "takes [s]", "energy [J]", "payload [kg]", "from", "first path", "status"],
+        ["step", "begins [s]", "takes [s]", "energy [J]", "payload [kg]", "mode", "first path", "status"],
         [
             [name, *(row.get(key) for key in COLUMNS), _first_path(row), row.get("status")]
             for name, row in zip(names, steps, strict=True)

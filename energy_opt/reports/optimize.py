@@ -228,11 +228,22 @@ def assumed(report: Report, document: Mapping[str, Any]) -> None:
     share = document.get("break_even_friction")
     if share is not None:
         report.text(f"The move saves as long as dry friction is below {100 * share:.2g} % of the effort limits.")
-    for row in document.get("travel", ()):
-        where = f"{row['step']}: " if "step" in row else ""
-        report.text(
-            f"{where}{row['joint']} travels {row['path']:.3g}; its goal is {row['straight']:.3g} away [rad, m]."
+    if far := document.get("travel"):
+        report.section("Joints that travel more than 1.5 times the distance to their goal").table(
+            ["joint", "travels [rad, m]", "distance to the goal [rad, m]"],
+            [
+                [
+                    f"{row['step']}: {row['joint']}" if "step" in row else row["joint"],
+                    *map(_short, (row["path"], row["straight"])),
+                ]
+                for row in far
+            ],
         )
+
+
+def _short(length: float) -> float:
+    """A length [rad or m] without digits below a hundredth of a mrad or mm."""
+    return round(length, 5)
 
 
 def _certificate(report: Report, document: Mapping[str, Any], robot: Robot) -> None:

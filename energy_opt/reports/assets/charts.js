@@ -117,7 +117,7 @@ function layoutOf(chart, width) {
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: ink, size: 12, family: "system-ui, sans-serif" },
     margin: { l: 56, r: 12, t: 28, b: 46 + 19 * legendRows(chart, width) }, xaxis: axis(chart.x),
     yaxis: bars ? { ...axis(chart.y), autorange: "reversed", categoryarray: chart.blocks.length ? lanesOf(chart) : undefined } : { ...axis(chart.y), range: chart.waterfall.length ? floorOf(chart) : undefined },
-    barmode: chart.blocks.length ? "overlay" : chart.stacked ? "stack" : "group", hovermode: bars ? "closest" : (chart.timed ? "x unified" : "closest"),
+    barmode: chart.blocks.length ? "overlay" : chart.stacked ? "stack" : "group", uniformtext: { minsize: 9, mode: "hide" }, hovermode: bars ? "closest" : (chart.timed ? "x unified" : "closest"),
     hoverlabel: { bgcolor: styleOf("--panel"), bordercolor: rule, font: { color: ink } },
     modebar: { bgcolor: "rgba(0,0,0,0)", color: styleOf("--dim"), activecolor: ink },
     legend: { orientation: "h", x: 0, xref: "container", y: 0, yref: "container", yanchor: "bottom", itemsizing: "constant", font: { size: 11 } },

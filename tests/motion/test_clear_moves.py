@@ -122,6 +122,29 @@ def test_a_real_problem_with_its_planners_path(planner: Planner, panda: Robot) -
     assert result.saving is not None and result.saving["loss_percent"] > 35
 
 
+@pytest.mark.skipif(not PROBLEMS.is_dir(), reason="the planning problems are not beside the checkout")
+def test_costly_optima_that_are_nearly_clear_are_tried(panda: Robot, model: PowerModel) -> None:
+    """The best optimum without bodies is deep in a box; one that costs 27 % more leads to the best clear curve."""
+    from energy_opt.formats import read_path
+
+    name = "panda_table_pick_0070"
+    path = read_path(PROBLEMS / "paths" / f"{name}.csv", panda.joints)
+    planner = Planner(panda, model, cell=Cell(panda, CellRequest(), read_scene(PROBLEMS / "scenes" / f"{name}.yaml")))
+    move = Move(path.start, path.goal, path=path)
+    result = planner.solve(Move(path.start, path.goal, path=path, duration=1.5 * planner.minimum_time(move)))
+    assert result.status == "solved" and result.certificate.clearance.proven
+    assert result.saving is not None and result.saving["loss_percent"] > 48  # 43 without
+
+
+def test_another_optimum_may_lead_to_less_beside_the_own_body(panda: Robot, model: PowerModel) -> None:
+    """The first mixture saves most of what the best optimum would, and another one a tenth of the loss."""
+    start = np.array([-1.6511, -0.7279, 1.4557, -2.2308, -0.4404, 2.8872, -1.3443])
+    goal = np.array([-0.3135, 0.637, -1.672, -2.3492, 1.4948, 2.2842, -0.8308])
+    result = Planner(panda, model, cell=Cell(panda, CellRequest())).solve(Move(start, goal, duration=2.48346))
+    assert result.status == "solved" and touches(panda, result.trajectory) == 0
+    assert result.energy.loss < 1.5  # 1.56 without
+
+
 def test_a_result_says_that_self_collision_was_off(panda: Robot) -> None:
     import energy_opt as eo
 

@@ -25,19 +25,17 @@ from energy_opt.motion.retime.solve import RetimeSolution
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 
-# number of optima found without bodies to start from, and their largest cost relative to the least
-OPTIMA, WORTH = 3, 1.25
+OPTIMA = 5  # most optima found without bodies to start from
+WORTH = 1.25  # an optimum of a larger cost relative to the least is not mixed with the first path
 NEARLY = 0.0015  # [m] an optimum whose clearance is short by less is continued first
-TOUCHING, DEEP = 0.8, 0.2  # a start may touch at this share of places, and be this deep [m] in a body
+DEEP = 0.1  # [m] a start is at most this deep in a body
 TOWARDS = (0.9, 0.75, 0.6, 0.45, 0.3)  # shares of the way from the first path to an optimum: mixtures to try
 # a search from a mixture of at least CLOSE ends all others if less than the share LEFT of the saving is missing
 CLOSE, LEFT = 0.6, 0.12
 BOLD = 0.25  # [rad, m] first step from such a mixture
-TRIAL, ROUGH = 7, 3e-3  # iterations of each trial search, and the relative change of cost at which it ends
-ITERATIONS, DONE = 30, 1e-4  # the same for searches that are continued
-FINISHED, RIVAL = 3, 1.1  # most trials to continue, and their largest merit relative to the best
+ITERATIONS, DONE = 30, 1e-4  # iterations of a search, and the relative change of cost at which it ends
+FINISHED = 3  # most trials to continue
 APART = 0.3  # [rad, m] curves whose control points differ by less lead to the same optimum
-DEEPER, WIDER = 0.15, 0.5  # like DEEP [m] and TOUCHING, for the mixture half-way to an optimum
 HOPES = (1.3, 1.1)  # largest merit relative to the best after the first and second trial, to be continued
 HALF = 0.05  # share of the cost: if the optimum without bodies saves more, a search starts half-way to it
 LITTLE = 0.25  # share of the loss of the first path slowed evenly: if less is saved, another initial path is looked for
@@ -123,34 +121,55 @@ class Clearing:
 
     def search_from(self, free: Candidate) -> None:
         """Find the best result of searches from the first paths and from the optima found without bodies."""
-        search, trials_from = self.search, [(curve, TRUST) for curve in self.curves]
-        optima = self._optima(free)
+        search, optima = self.search, self._optima(free)
+        trials_from = [(curve, trust) for curve in self.curves for trust in (TRUST, BOLD)]
         for number, optimum in enumerate(optima):
-            gap, touching = search.gap(optimum)
-            if gap > -NEARLY and self.finish(optimum, TRUST) and number == 0:
-                return
-            if touching < TOUCHING and gap > -DEEP:
-                trials_from.append((optimum, BOLD))
-            clear = (share for share in TOWARDS if search.gap(between(self.first, optimum, share))[0] > -HAIR)
-            share = next(clear, None)
-            if share is None:
+            gap = search.gap(optimum)
+            if gap > -NEARLY and self.finish(optimum, TRUST):
+                if number == 0:
+                    return
                 continue
-            mix = between(self.first, optimum, share)
-            if number == 0 and share >= CLOSE and self.finish(mix, BOLD) and self._left(optimum) < LEFT:
-                return
+            if gap > -DEEP:
+                trials_from.append((optimum, BOLD))
+            mix, share = self._mixture(optimum) if self._cost(optimum) <= WORTH * self._cost(optima[0]) else (None, 0.0)
+            if mix is None:
+                continue
+            if number == 0 and share >= CLOSE and self.finish(mix, BOLD):
+                if self._left(optimum) < LEFT:
+                    self._others(optima[1:])
+                    return
+                continue
             trials_from.append((mix, BOLD))
         self.best_of(trials_from)
         self._half_way(optima)
 
+    def _mixture(self, optimum: Curve) -> tuple[Curve | None, float]:
+        """The curve nearest to an optimum, of mixtures of it with the first path, that keeps clear, and its share."""
+        for share in TOWARDS:
+            mix = between(self.first, optimum, share)
+            if self.search.gap(mix) > -HAIR:
+                return mix, share
+        return None, 0.0
+
+    def _others(self, optima: Sequence[Curve]) -> None:
+        """Search from mixtures with optima that cost much less than the best."""
+        for optimum in optima:
+            assert self.best is not None
+            least = self.task.cost(self.best)
+            mix, _ = self._mixture(optimum) if self._cost(optimum) < (1 - HALF) * least else (None, 0.0)
+            if mix is None or self.context.stopped():
+                continue
+            trial = self.search.trial(mix, BOLD)
+            if self.search.merit(trial) < self._scaled(self.best):
+                self.finish(self.search.curve_of(trial), TRUST)
+
     def _optima(self, free: Candidate) -> list[Curve]:
         """Optima found without bodies that have the answer's shape, the best first."""
-        shape, out = self.search.level.shape, []
-        if free.outcome is not None and free.outcome.curve.shape is shape:
-            out.append(free.outcome.curve)
-        near = [o for o in free.optima if self.task.promise(o) <= WORTH * self.task.promise(free.optima[0])]
-        for optimum in near[:OPTIMA]:
-            if optimum.curve.shape is shape and not any(alike(optimum.curve, curve) for curve in out):
-                out.append(optimum.curve)
+        shape, out = self.search.level.shape, list[Curve]()
+        for outcome in (free.outcome, *free.optima):
+            curve = None if outcome is None else outcome.curve
+            if curve is not None and curve.shape is shape and not any(alike(curve, other) for other in out):
+                out.append(curve)
         return out[:OPTIMA]
 
     def best_of(self, trials_from: Sequence[tuple[Curve, float]]) -> None:
@@ -159,20 +178,31 @@ class Clearing:
         if len(trials_from) == 1:
             self.finish(*trials_from[0])
             return
-        trials = [search.descent(curve, TRIAL, trust, ROUGH) for curve, trust in trials_from]
-        ranked = sorted(trials, key=search.merit)
+        trials = [search.trial(curve, trust) for curve, trust in trials_from]
         done: list[Descent] = []
-        for trial in ranked[:FINISHED]:
-            if self.context.stopped() and self.best is not None:
-                return
-            if self.best is not None and search.merit(trial) > RIVAL * self._scaled(self.best):
+        for trial in sorted(trials, key=search.merit):
+            if len(done) == FINISHED or (self.context.stopped() and self.best is not None):
                 return
             if any(np.abs(trial.point.points - other.point.points).max() < APART for other in done):
                 continue
             done.append(trial)
-            self.finish(search.curve_of(trial), TRUST)
+            curve = self._hopeful(trial)
+            if curve is not None:
+                self.finish(curve, TRUST)
         if self.best is None and not self.context.stopped():
             self.finish(self.first, TRUST / 3)
+
+    def _hopeful(self, trial: Descent) -> Curve | None:
+        """The curve of a trial after another one where that is needed; None if it is far from the best."""
+        for most in HOPES:
+            merit = self.search.merit(trial)
+            if self.best is None or merit < self._scaled(self.best):
+                break
+            if merit > most * self._scaled(self.best):
+                return None
+            if most is HOPES[0]:
+                trial = self.search.trial(self.search.curve_of(trial), BOLD)
+        return self.search.curve_of(trial)
 
     def finish(self, curve: Curve, trust: float) -> bool:
         """Search from a curve and keep the result if it is the best; True if it led to a proven one."""
@@ -186,31 +216,26 @@ class Clearing:
         """How much more the best costs than an optimum found without bodies, as a share of how much more the first path
         costs.
         """
-        level, task = self.search.level, self.task
-        first, least = (level.excess(c, task.parameters, task.limits)[0] - task.offset * c.duration
-                        for c in (self.first, optimum))  # fmt: skip
+        first, least = self._cost(self.first), self._cost(optimum)
         assert self.best is not None
-        return (task.cost(self.best) - least) / max(first - least, 1e-9)
+        return (self.task.cost(self.best) - least) / max(first - least, 1e-9)
+
+    def _cost(self, curve: Curve) -> float:
+        """The part of a curve's cost that depends on the path."""
+        cost, _ = self.search.level.excess(curve, self.task.parameters, self.task.limits)
+        return cost - self.task.offset * curve.duration
 
     def _half_way(self, optima: Sequence[Curve]) -> None:
         """Search from half-way to the best optimum without bodies: this may lead to another valley."""
         if self.best is None or not optima or self.context.stopped():
             return
-        cost, _ = self.search.level.excess(optima[0], self.task.parameters, self.task.limits)
-        if self.task.cost(self.best) - (cost - self.task.offset * optima[0].duration) < HALF * self.task.cost(
-            self.best
-        ):
+        least = self.task.cost(self.best)
+        if least - self._cost(optima[0]) < HALF * least:
             return
         middle = between(self.best.curve, optima[0], 0.5)
-        gap, touching = self.search.gap(middle)
-        if gap < -DEEPER or touching > WIDER:
-            return
-        for most in HOPES:
-            trial = self.search.descent(middle, TRIAL, BOLD, ROUGH)
-            middle = self.search.curve_of(trial)
-            if self.search.merit(trial) > most * self._scaled(self.best):
-                return
-        self.finish(middle, TRUST)
+        curve = self._hopeful(self.search.trial(middle, BOLD))
+        if curve is not None:
+            self.finish(curve, TRUST)
 
     def _scaled(self, outcome: Outcome) -> float:
         return self.search.scale * self.task.cost(outcome)

@@ -26,7 +26,7 @@ from energy_opt.motion.plan.candidates import (
     repaired_timing,
     task_of,
 )
-from energy_opt.motion.plan.clear import APART, ROUGH, TRIAL, Clearing, repaired_clear
+from energy_opt.motion.plan.clear import APART, Clearing, repaired_clear
 from energy_opt.motion.plan.single import Single
 from energy_opt.motion.plan.standing import at_rest
 from energy_opt.motion.reshape.clear import TRUST
@@ -182,7 +182,7 @@ class Neighbours:
             curve = replace(neighbour.outcome.curve, duration=task.durations[0])
         work = Clearing.of(self._context, task, [curve])
         if here is not None:
-            trial = work.search.descent(curve, TRIAL, TRUST, ROUGH)
+            trial = work.search.trial(curve, TRUST)
             # of the path alone, as merits are
             known = here.energy.total - here.energy.stored - task.offset * task.durations[0]
             if work.search.merit(trial) > (1 + PROMISING) * work.search.scale * known:

@@ -15,7 +15,7 @@ from energy_opt.motion.plan.single import first_timing
 from energy_opt.motion.reshape.clear import ClearSearch
 from energy_opt.motion.reshape.curve import Curve
 from energy_opt.motion.reshape.open import Open
-from energy_opt.motion.reshape.search import EXACT, ITERATIONS, trajectory_of
+from energy_opt.motion.reshape.search import ITERATIONS, trajectory_of
 from energy_opt.motion.reshape.task import FEASIBLE, Line, Task
 from energy_opt.motion.trajectory import Trajectory
 
@@ -70,7 +70,7 @@ def settled(context: Context, move: Move, motion: Trajectory, open_: Open) -> Se
         return (motion, move.via) if best.broken > FEASIBLE else _settled(context, best.curve, task)
     scale = 1 / max(abs(level.excess(curve, task.parameters, task.limits)[0] - task.offset * curve.duration), 1e-6)
     search = ClearSearch(context.cell, context.robot.joints, level, task, scale, context.stopped)
-    found = search.descent(curve, ITERATIONS, FIRST, SETTLED, EXACT, slack=0.0)
+    found = search.descent(curve, ITERATIONS, FIRST, SETTLED)
     return _settled(context, search.curve_of(found), task)
 
 

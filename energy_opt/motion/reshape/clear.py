@@ -38,6 +38,8 @@ GIVE = 0.1  # share of a bound: smaller excesses are accepted in the first desce
 NEARBY = 0.06  # [rad, m] first step of each descent but the first
 FINE = 1e-3  # relative: such a descent ends if it can save less
 MET = 1e-7  # [rad] allowed error of via points: a tenth of that of poses
+TRIAL, ROUGH = 7, 3e-3  # iterations of a trial, and the relative change of cost at which it ends
+SOON, STUCK = 3, 0.3  # it ends after so many iterations if more than this share of its violations is left
 RESOLVED, EXACT = 15, 1e-6  # iterations after limits changed slightly, and the accepted excess over them
 
 
@@ -115,28 +117,36 @@ class ClearSearch:
         t = trajectory_of(curve, self.joints)
         return self.cell.prove(t.time, t.position, t.velocity, t.acceleration, self.wanted)
 
-    def gap(self, curve: Curve) -> tuple[float, float]:
-        """The least distance beyond the margins at the usual places [m], and the share of these places where bodies
-        touch.
-        """
+    def gap(self, curve: Curve) -> float:
+        """The least distance beyond the margins at the usual places [m]."""
         places = Places.evenly(len(self.wanted))
         k, number, distance, _, _ = self.near.measured(places.u, curve.position(places.u), BESIDE)
         if not len(k):
-            return BESIDE, 0.0
-        margin = self.margins.at(places)[k, self.near.pair[number]]
-        return float((distance - margin).min()), len(np.unique(k[distance < 0])) / len(places.u)
+            return BESIDE
+        return float((distance - self.margins.at(places)[k, self.near.pair[number]]).min())
 
-    def descent(
-        self, curve: Curve, iterations: int, trust: float, tolerance: float, give: float = GIVE, slack: float = SLACK
-    ) -> Descent:
-        """A few iterations from a curve, at the usual places."""
+    def trial(self, curve: Curve, trust: float) -> Descent:
+        """A few iterations from a curve, at the usual places; fewer if bodies do not come apart in the first ones."""
+        model, now = self._started(curve, trust)
+        most = STUCK * max(model.broken(now.point, GIVE, SLACK), 1.0)
+
+        def ended() -> bool:
+            return self.stopped() or (now.iterations >= SOON and model.broken(now.point, GIVE, SLACK) > most)
+
+        descend(model, now, TRIAL, trust, tolerance=ROUGH, give=GIVE, slack=SLACK, stopped=ended)
+        self.iterations += now.iterations
+        return now
+
+    def descent(self, curve: Curve, iterations: int, trust: float, tolerance: float) -> Descent:
+        """Some iterations from a curve, at the usual places, with hardly any excess over limits."""
+        model, now = self._started(curve, trust)
+        descend(model, now, iterations, trust, tolerance=tolerance, give=EXACT, stopped=self.stopped)
+        self.iterations += now.iterations
+        return now
+
+    def _started(self, curve: Curve, trust: float) -> tuple[Model, Descent]:
         model = self._with(Places.evenly(len(self.wanted)))
-        now = begin(model.at_curve(curve, trust))
-        found = descend(
-            model, now, iterations, trust, tolerance=tolerance, give=give, slack=slack, stopped=self.stopped
-        )
-        self.iterations += found.iterations
-        return found
+        return model, begin(model.at_curve(curve, trust))
 
     def merit(self, found: Descent) -> float:
         """Scaled cost plus a penalty on violations."""

@@ -12,7 +12,7 @@ from energy_opt.errors import BadInput
 from energy_opt.front.desk import Desk
 from energy_opt.front.given import DEFAULT, carried, model_from, several
 from energy_opt.motion import Result
-from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.judge.energy import COARSER, Scorer
 from energy_opt.motion.plan.robust import SAME, Kind, Rival, row_of
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.motion.travel import detours
@@ -26,7 +26,6 @@ from energy_opt.robot import Robot
 if TYPE_CHECKING:
     from energy_opt.requests.groups import AnyModel
 
-COARSER = 2  # places between two samples: added friction and draws change the power smoothly
 FAST = 50.0  # [rad/s^2, m/s^2] larger accelerations are implausible for an arm
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from energy_opt.effects import Payload
 from energy_opt.formats.program import standing
 from energy_opt.jobs.legs import Job, Leg, Step, holding_power
-from energy_opt.motion.judge.energy import Energy, Scorer
+from energy_opt.motion.judge.energy import DENSER, Energy, Scorer
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.poses.pose import Pose
 from energy_opt.power import PowerModel
@@ -128,10 +128,10 @@ class Plan:
     rest: Rest
     left: float
 
-    def under(self, job: Job, scorers: Scorers) -> Plan:
-        """The same motions and waits, scored by other models."""
+    def under(self, job: Job, scorers: Scorers, factor: int = DENSER) -> Plan:
+        """The same motions and waits, scored by other models on a grid `factor` times denser than the samples."""
         pairs = zip(self.legs, self.answers, strict=True)
-        answers = tuple(replace(a, energy=scorers.of(leg.step).energy(a.trajectory)) for leg, a in pairs)
+        answers = tuple(replace(a, energy=scorers.of(leg.step).energy(a.trajectory, factor)) for leg, a in pairs)
         power = standing_power(scorers, job.steps[self.rest.after], self.rest.brakes)
         return replace(self, answers=answers, rest=replace(self.rest, power=power))
 

@@ -190,14 +190,14 @@ def holding_power(scorer: Scorer, q: np.ndarray) -> np.ndarray:
     return power
 
 
-def front_of(leg: Leg, timing: Timing, scorer: Scorer, limits: Sequence[Limit], most: float) -> Front:
-    """The front of a leg up to a duration of `most` [s]; `timing` is its fastest."""
+def front_of(leg: Leg, timing: Timing, scorer: Scorer, limits: Sequence[Limit], most: float, compile: str) -> Front:
+    """The front of a leg up to a duration of `most` [s]; `timing` is its fastest; `compile`: see numerics.compile."""
     robot, model = scorer.robot, scorer.model
     shortest, longest = max(timing.duration, leg.least), min(leg.most, LONGEST * timing.duration, most)
     holding = float(holding_power(scorer, leg.path(np.linspace(0, 1, SAMPLES))).mean())
     if not leg.path.moves:
         return Front(shortest, shortest, holding, lambda price: Solved(shortest, holding * shortest, None))
-    work = Retiming(robot, model, timing, limits)
+    work = Retiming(robot, model, timing, limits, compile)
     last = [timing]
 
     def at_price(price: float) -> Solved:

@@ -9,6 +9,7 @@ from typing import Any
 from energy_opt.jobs.cycle import Plan, Scorers, assembled, energy_of
 from energy_opt.jobs.run import JobResult, Plain
 from energy_opt.jobs.work import unloaded
+from energy_opt.motion.judge.energy import COARSER
 from energy_opt.motion.plan.robust import SAME, Rival, exceeds
 from energy_opt.motion.travel import detours
 from energy_opt.power import Mixture, PowerModel
@@ -50,7 +51,9 @@ def grounded(result: JobResult, rivals: Sequence[Rival]) -> JobResult:
     def saved(model: PowerModel) -> float:
         assert slowed is not None
         scorers = Scorers(job.robot, unloaded(model))
-        theirs, ours = (energy_of(assembled(job, scorers, p.under(job, scorers))) for p in (slowed, result.plan))
+        theirs, ours = (
+            energy_of(assembled(job, scorers, p.under(job, scorers, COARSER))) for p in (slowed, result.plan)
+        )
         return theirs - ours - SAME * abs(theirs)
 
     share = None if slowed is None else break_even(saved, rivals[0].model, job.robot)

@@ -106,7 +106,8 @@ class Worker:
 
     def front(self, leg: Leg, timing: Timing, most: float) -> Front:
         """The leg's front over the timing of its first path, up to a duration of `most` [s]."""
-        return front_of(leg, timing, self.scorers.of(leg.step), self.planner(leg).limits(), most)
+        planner, scorer = self.planner(leg), self.scorers.of(leg.step)
+        return front_of(leg, timing, scorer, planner.limits(), most, planner.settings.compile)
 
     def slowed(self, leg: Leg, timing: Timing, duration: float, name: str = "scaled") -> Answer:
         """The leg's fastest timing, slowed evenly; infeasible if it exceeds a limit."""

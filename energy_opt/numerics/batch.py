@@ -55,9 +55,15 @@ class Batch:
                 buffer.set_res(i, out[first : first + block].data)
             self._calls.append(partial(_evaluated, buffer, evaluate))
 
+    def held(self, first: int, *arguments: np.ndarray) -> Batch:
+        """The same batch, with constant arguments from number `first` on; a row (inputs,) counts for every point."""
+        for given, value in zip(self._given[first:], arguments, strict=True):
+            given[...] = value
+        return self
+
     def __call__(self, *arguments: np.ndarray) -> list[np.ndarray]:
-        """The results; each call overwrites those of the call before."""
-        for given, value in zip(self._given, arguments, strict=True):
+        """The results; each call overwrites those of the call before. Last arguments may be left out if `held`."""
+        for given, value in zip(self._given, arguments, strict=False):
             given[...] = value
         for call in self._calls:
             call()

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
+from scipy.optimize import brentq
 
 from energy_opt.effects import CoulombFriction
 from energy_opt.errors import BadInput
@@ -14,14 +16,14 @@ from energy_opt.power.model import PowerModel
 from energy_opt.robot import Robot
 
 MOST_FRICTION = 0.2  # largest share of the effort limits at which a break-even is sought; arms have 0.01 to 0.06
-TRIALS = 8  # shares that are tried before the first one without a saving is narrowed down
+TRIALS = 8  # shares that are tried to find the first one without a saving
 CLOSE = 1e-5  # tolerance of the break-even, as a share of the effort limits
 
 
 def break_even(saved: Callable[[PowerModel], float], model: PowerModel, robot: Robot) -> float | None:
     """The share of the effort limits at which dry friction, added to `model`, ends a saving.
 
-    The first of TRIALS shares without a saving is bracketed, then bisected to CLOSE.
+    It is sought below the first of TRIALS shares without a saving, to CLOSE.
 
     Args:
         saved: the saving [J] under a model. model: the model without the added friction. robot: for its effort limits.
@@ -32,6 +34,7 @@ def break_even(saved: Callable[[PowerModel], float], model: PowerModel, robot: R
     own = model.get("coulomb_friction")
     held = np.zeros(robot.n) if own is None else np.broadcast_to(own.values["tau_c"], robot.n)
 
+    @cache
     def with_share(share: float) -> float:
         return saved(model.replaced(CoulombFriction(tau_c=held + share * robot.rated.effort)))
 
@@ -40,10 +43,7 @@ def break_even(saved: Callable[[PowerModel], float], model: PowerModel, robot: R
     low = 0.0
     for high in np.linspace(0, MOST_FRICTION, TRIALS + 1)[1:].tolist():
         if with_share(high) <= 0:
-            while high - low > CLOSE:
-                middle = (low + high) / 2
-                low, high = (middle, high) if with_share(middle) > 0 else (low, middle)
-            return float(low)
+            return float(brentq(with_share, low, high, xtol=CLOSE))
         low = high
     return None
 

@@ -19,6 +19,7 @@ from energy_opt.power.law import body_of, idle_time, returned_power, rigid_input
 from energy_opt.robot import Robot
 
 DENSER = 10  # places per sample interval at which a trajectory is judged; even, for Simpson's rule
+COARSER = 2  # the same for differences under added friction and draws, which change the power smoothly
 # most places evaluated at once: some 200 MB for seven joints; laws with memory start anew in each block
 BLOCK = 300_000
 
@@ -193,9 +194,9 @@ class Scorer:
         driven = self._law(q, v, a, time, idle, np.interp(time, dense.time, back))[:5]
         return Dense(dense.trajectory, dense.body, 1, time, q, v, a, jerk, *driven)
 
-    def energy(self, trajectory: Trajectory) -> Energy:
-        """Energy of the curve through the samples."""
-        pieces = [self.spent(self.dense(trajectory, DENSER, part)) for part in blocks(trajectory, DENSER)]
+    def energy(self, trajectory: Trajectory, factor: int = DENSER) -> Energy:
+        """Energy of the curve through the samples, on a grid `factor` (even) times denser."""
+        pieces = [self.spent(self.dense(trajectory, factor, part)) for part in blocks(trajectory, factor)]
         return self.together(trajectory, pieces)
 
     def energy_of(self, dense: Dense) -> Energy:

@@ -23,6 +23,8 @@ from energy_opt.effects.parameter import bearing
 from energy_opt.motion.limits.base import Limit, State
 from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure
 from energy_opt.numerics.batch import Batch
+from energy_opt.numerics.compile import compiled
+from energy_opt.numerics.lanes import Compiled
 from energy_opt.power import drive_terms
 
 # Widths of the smoothed kinks, as multiples of those in each law: an interior-point method crosses sharp kinks only
@@ -80,18 +82,6 @@ class Tangents(AlongPath):
         return x * (1 + y / ca.sqrt(y * y + d * d)) / 2
 
 
-@dataclass(frozen=True)
-class Terms:
-    """Functions of one point; z = (a, b) in the problem's unit, `at` holds its numbers, `shared` those of all points.
-
-    value: (z, at, shared) -> cost and its gradient (2, 1)
-    curvature: (z, at, shared) -> upper triangle (3, 1) of the Hessian
-    """
-
-    value: ca.Function
-    curvature: ca.Function
-
-
 def _triangle(h: ca.SX) -> ca.SX:
     """The upper triangle of a matrix, column by column."""
     full = ca.densify(h)
@@ -137,19 +127,24 @@ def law_function(shared_by: SharedByStructure, n: int, tangents: bool = False) -
 
 
 @lru_cache(maxsize=16)
-def general_terms(shared_by: SharedByStructure, n: int) -> Terms:
-    """A point's share of the cost, weight / sqrt(b) (energy P + time), for any model.
+def general_terms(shared_by: SharedByStructure, n: int, compile: str) -> list[ca.Function] | list[Compiled]:
+    """A point's share of the cost, weight / sqrt(b) (energy P + time), for any model, compiled by the policy `compile`.
 
-    `at` is that of the law, then the weight; `shared` is that of the law, then the factors of energy and time.
+    z = (a, b) in the problem's unit; `at` is that of the law, then the weight; `shared` is that of the law, then the
+    factors of energy and time.
+
+    Returns:
+        (z, at, shared) -> cost and its gradient (2, 1); and (z, at, shared) -> upper triangle (3, 1) of the Hessian.
     """
     built, weight, factors = law(shared_by, n), ca.SX.sym("weight"), ca.SX.sym("factors", 2)
     cost = weight / ca.sqrt(built.z[1]) * (factors[0] * built.state.power + factors[1])
     given = [built.z, ca.vertcat(built.at, weight), ca.vertcat(built.shared, factors)]
     slope = ca.densify(ca.gradient(cost, built.z))
-    return Terms(
+    functions = [
         ca.Function("value", given, [cost, slope]),
         ca.Function("curvature", given, [_triangle(ca.hessian(cost, built.z)[0])]),
-    )
+    ]
+    return compiled(functions, compile)[0]
 
 
 def _monomials(a: np.ndarray, b: np.ndarray) -> list[np.ndarray]:
@@ -202,7 +197,8 @@ class LimitByStructure:
 
 @lru_cache(maxsize=32)
 def limit_terms(shared_by: SharedByStructure, n: int, by: LimitByStructure) -> tuple[ca.Function, ca.Function]:
-    """A limit's constraints: (z, at, shared) -> value (m, 1), Jacobian (m, 2); and their Hessian for given multipliers.
+    """A limit's constraints: (z, at, shared) -> value (m, 1), Jacobian (m, 2); and (z, multipliers, at, shared) ->
+    upper triangle of their weighted Hessians.
 
     `shared` is that of the law, then the limit's values.
     """
@@ -213,7 +209,7 @@ def limit_terms(shared_by: SharedByStructure, n: int, by: LimitByStructure) -> t
     held = ca.hessian(ca.dot(multiplier, constraints), built.z)[0]
     return (
         ca.Function("limited", given, [constraints, ca.densify(ca.jacobian(constraints, built.z))]),
-        ca.Function("limited_curvature", [*given, multiplier], [_triangle(held)]),
+        ca.Function("limited_curvature", [built.z, multiplier, *given[1:]], [_triangle(held)]),
     )
 
 

@@ -2,10 +2,13 @@
 
     minimise    sum over points of weight / sqrt(b) (energy_factor P(a, b) + time_factor)
     over        b's free control values, within their bounds
-    subject to  T / T_ref <= 1 (or = 1), and the limits at the places where a solve broke them
+    subject to  T / T_ref <= 1 (or = 1) where `timed`, and the limits at the places where a solve broke them
 
 Derivatives are exact and sparse: point functions give value, gradient and Hessian in (a, b), and constant maps carry
 them to the control values (the Hessian has two off-diagonals, because each interval depends on three control values).
+
+Without the constraint on T, which is curved, and with linear limits, IPOPT's iterates stay feasible. With it, full
+steps may trade its slack against the cost in a cycle of hundreds of iterations.
 
 Each limit at such a place is a constraint |value| <= 1 in units of the bound, on three neighbouring control values.
 """
@@ -181,6 +184,7 @@ class RetimeProgram:
         ends: (2,) first and last control value.
         reference: T_ref, in the program's unit of time.
         constraints: those of the limits in force.
+        timed: False leaves out the constraint on T.
     """
 
     def __init__(
@@ -191,19 +195,20 @@ class RetimeProgram:
         ends: np.ndarray,
         reference: float,
         constraints: PathConstraints,
+        timed: bool = True,
     ) -> None:
-        self.lift, self.points, self.held_constraints = lift, cost, constraints
+        self.lift, self.points, self.held_constraints, self._timed = lift, cost, constraints, int(timed)
         self._pace, self._ends = weight / reference, ends
         self.band = Band(lift.count - 2)
         self.hessian_pattern = self.band.pattern
         self._at = b""
         n, first = lift.count - 2, constraints.first
-        row = np.concatenate([np.zeros(n, dtype=int), np.repeat(1 + np.arange(len(first)), 3)])
-        column = np.concatenate([np.arange(n), (first[:, None] + np.arange(3) - 1).ravel()])
+        row = np.concatenate([np.zeros(timed * n, dtype=int), np.repeat(timed + np.arange(len(first)), 3)])
+        column = np.concatenate([np.arange(timed * n), (first[:, None] + np.arange(3) - 1).ravel()])
         order = np.lexsort((row, column))
         self._order = order[(column[order] >= 0) & (column[order] < n)]
         starts = np.searchsorted(column[self._order], np.arange(n + 1))
-        self.jacobian_pattern = ca.Sparsity(1 + len(first), n, starts.tolist(), row[self._order].tolist())
+        self.jacobian_pattern = ca.Sparsity(timed + len(first), n, starts.tolist(), row[self._order].tolist())
 
     def control(self, x: np.ndarray) -> np.ndarray:
         """All control values, ends included."""
@@ -234,21 +239,24 @@ class RetimeProgram:
         return self.at(x).slope
 
     def constraints(self, x: np.ndarray) -> np.ndarray:
-        """T / T_ref, then the constraints of the limits."""
+        """T / T_ref where `timed`, then the constraints of the limits."""
         here = self.at(x)
-        return np.concatenate([[here.time], here.constraints])
+        return np.concatenate([[here.time] * self._timed, here.constraints])
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         """Derivatives of the constraints, in the order of the sparsity pattern."""
         slope = self.at(x).time_slope
-        return np.concatenate([slope, self.held_constraints.slopes(self._control).ravel()])[self._order]
+        return np.concatenate([slope[: self._timed * len(x)], self.held_constraints.slopes(self._control).ravel()])[
+            self._order
+        ]
 
     def hessian(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray:
         """Entries of the Hessian of factor cost + multipliers . constraints, in the order of the sparsity pattern."""
-        return self.banded_hessian(x, factor, multipliers)[self.band.inside]
+        of_time = np.zeros(1 - self._timed)
+        return self.banded_hessian(x, factor, np.concatenate([of_time, multipliers]))[self.band.inside]
 
     def banded_hessian(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray:
-        """The Hessian of factor cost + multipliers . constraints, in the form of `Band`."""
+        """The Hessian of factor cost + multipliers . constraints, that of T / T_ref first, in the form of `Band`."""
         self.at(x)
         at_points = factor * self.points.curvature(self._z)
         at_points[2] += multipliers[0] * 0.75 * self._share / (self._z[1] * self._z[1])
@@ -265,7 +273,7 @@ class RetimeProgram:
     ) -> ipopt.Answer:
         """Solve from `start` (N,) with control values within `bounds`.
 
-        The first constraint multiplier is that of T / T_ref.
+        The first constraint multiplier is that of T / T_ref, 0 without this constraint.
 
         Args:
             exactly: T = T_ref instead of T <= T_ref.
@@ -273,13 +281,16 @@ class RetimeProgram:
             loosely: only a lower bound is wanted.
         """
         lower = self.held_constraints.lower
-        row_bounds = np.append(1.0 if exactly else -np.inf, lower), np.ones(1 + len(lower))
+        least_time = [1.0 if exactly else -np.inf] * self._timed
+        row_bounds = np.append(least_time, lower), np.ones(self._timed + len(lower))
         start = np.clip(start, *bounds)
         used = 0
-        for way in (NEAR if near else LEAP, CREEP):
+        # without the constraint on T, a cost that hardly depends on T leads IPOPT to ever longer T: no second attempt
+        for way in (NEAR if near else LEAP, CREEP)[: 1 + self._timed]:
             options = {**OPTIONS, **way, **(LOOSE if loosely else {})}
             answer = ipopt.solve(self, start, bounds, row_bounds, options)
             used += answer.iterations
             if answer.success or answer.status == STOPPED:
                 break
-        return replace(answer, iterations=used)
+        of_time = np.zeros(1 - self._timed)
+        return replace(answer, iterations=used, row_multipliers=np.concatenate([of_time, answer.row_multipliers]))

@@ -76,27 +76,28 @@ class Monomials:
 class AnyLaw:
     """Sum of weight / sqrt(b) (energy P + time) by the model's law, its kinks smoothed."""
 
-    batches: tuple[Batch, Batch]
-    at: np.ndarray  # (M, 6 n + 2) the law's input at each point, and the weight
-    shared: np.ndarray  # (M, values + 4) the model's values, unit, width, energy, time
+    terms: Batch
+    hessian: Batch
 
     @classmethod
-    def of(cls, shared_by: SharedByStructure, n: int, at: np.ndarray, weight: np.ndarray, shared: np.ndarray) -> AnyLaw:
-        """From the law's input `at` (6 n + 1, M), and the numbers (values + 4,) that all points share."""
-        count = len(weight)
-        numbers = np.ascontiguousarray(np.vstack([at, weight]).T)
-        terms = general_terms(shared_by, n)
-        batches = Batch(terms.value, count), Batch(terms.curvature, count)
-        return cls(batches, numbers, np.tile(shared, (count, 1)))
+    def of(
+        cls, shared_by: SharedByStructure, n: int, at: np.ndarray, weight: np.ndarray, shared: np.ndarray, compile: str
+    ) -> AnyLaw:
+        """From the law's input `at` (6 n + 1, M), and the numbers (values + 4,) that all points share.
+
+        `compile`: "auto", "always" or "never", see numerics.compile.
+        """
+        numbers = np.vstack([at, weight]).T
+        return cls(*(Batch(f, len(weight)).held(1, numbers, shared) for f in general_terms(shared_by, n, compile)))
 
     def value(self, z: np.ndarray) -> tuple[float, np.ndarray]:
-        """The sum and its gradient, by CasADi."""
-        cost, slope = self.batches[0](z.T, self.at, self.shared)
+        """The sum and its gradient."""
+        cost, slope = self.terms(z.T)
         return float(cost.sum()), slope.T.copy()
 
     def curvature(self, z: np.ndarray) -> np.ndarray:
-        """The Hessian at every point, by CasADi."""
-        return self.batches[1](z.T, self.at, self.shared)[0].T.copy()
+        """The Hessian at every point."""
+        return self.hessian(z.T)[0].T.copy()
 
 
 @dataclass(frozen=True)
@@ -104,32 +105,33 @@ class Symbolic:
     """A limit's symbolic constraints at each point by the model's law, times `scale`; see limits.base.Functions."""
 
     batches: tuple[Batch, Batch]
-    at: np.ndarray  # (K, 6 n + 1)
-    shared: np.ndarray  # (K, values + 2 + values of the limit) the model's values, unit, width, the limit's values
     scale: np.ndarray  # (K, m)
 
     @classmethod
     def of(
         cls, shared_by: SharedByStructure, limit: Limit, at: np.ndarray, shared: np.ndarray, scale: np.ndarray
     ) -> Symbolic:
-        """From the law's input `at` (6 n + 1, K) and the numbers that all points share."""
-        value, curvature = limit_terms(shared_by, (len(at) - 1) // 6, LimitByStructure(limit))
-        batches = Batch(value, len(scale)), Batch(curvature, len(scale))
-        return cls(batches, np.ascontiguousarray(at.T), np.tile(shared, (len(scale), 1)), scale)
+        """From the law's input `at` (6 n + 1, K) and the numbers that all points share.
+
+        These are the model's values, unit, width and the limit's values.
+        """
+        functions = limit_terms(shared_by, (len(at) - 1) // 6, LimitByStructure(limit))
+        value, curvature = (Batch(f, len(scale)).held(k, at.T, shared) for k, f in enumerate(functions, start=1))
+        return cls((value, curvature), scale)
 
     def value(self, z: np.ndarray) -> np.ndarray:
         """(K, m)."""
-        return self.batches[0](z.T, self.at, self.shared)[0] * self.scale
+        return self.batches[0](z.T)[0] * self.scale
 
     def slope(self, z: np.ndarray) -> np.ndarray:
         """(K, m, 2)."""
         count, m = self.scale.shape
-        by_column = self.batches[0](z.T, self.at, self.shared)[1].reshape(count, 2, m)
+        by_column = self.batches[0](z.T)[1].reshape(count, 2, m)
         return by_column.transpose(0, 2, 1) * self.scale[:, :, None]
 
     def curvature(self, z: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         """Upper triangles of the Hessians for given multipliers, (3, K)."""
-        return self.batches[1](z.T, self.at, self.shared, multipliers * self.scale)[0].T.copy()
+        return self.batches[1](z.T, multipliers * self.scale)[0].T.copy()
 
 
 @dataclass(frozen=True)
@@ -140,6 +142,7 @@ class PathLaw:
         numbers: (6 n + 1, M) the law's input at each point.
         unit: unit of squared speed [1/s^2] of the coefficients.
         coefficients: (9, M) of the power's monomials; None if the law has other terms, such as kinks.
+        compile: whether the law's functions are compiled in this case, see numerics.compile.
     """
 
     model: PowerModel
@@ -147,19 +150,21 @@ class PathLaw:
     numbers: np.ndarray
     unit: float
     coefficients: np.ndarray | None
+    compile: str
 
     @classmethod
-    def of(cls, model: PowerModel, dynamics: PathDynamics, unit: float, time: np.ndarray) -> PathLaw:
+    def of(cls, model: PowerModel, dynamics: PathDynamics, unit: float, time: np.ndarray, compile: str) -> PathLaw:
         """At the points of `dynamics`, which are passed at `time` (M,) [s]."""
         numbers, n = point_numbers(dynamics, time), dynamics.robot.n
         shared = np.append(model.values(n), [unit, WIDTHS[0]])
-        return cls(model, n, numbers, unit, compressed(SharedByStructure(model), n, numbers, shared))
+        return cls(model, n, numbers, unit, compressed(SharedByStructure(model), n, numbers, shared), compile)
 
     def cost(self, weight: np.ndarray, unit: float, energy: float, time: float, width: float) -> Cost:
         """Sum over points of weight / sqrt(b) (energy P + time), with a and b in `unit` and kinks `width` wide."""
         if self.coefficients is None:
             shared = np.append(self.model.values(self.joints), [unit, width, energy, time])
-            return AnyLaw.of(SharedByStructure(self.model), self.joints, self.numbers, weight, shared)
+            structure = SharedByStructure(self.model)
+            return AnyLaw.of(structure, self.joints, self.numbers, weight, shared, self.compile)
         k = energy * self.coefficients * (unit / self.unit) ** DEGREES[:, None]
         k[0] += time
         return Monomials(k, weight)

@@ -122,10 +122,16 @@ def standing_power(robot: Robot, model: PowerModel, path: JointPath) -> float:
 
 
 class Retiming:
-    """The retiming of one path: its grid, limits and model, and the data that its solves share."""
+    """The retiming of one path: its grid, limits and model, and the data that its solves share.
 
-    def __init__(self, robot: Robot, model: PowerModel, shortest: Timing, limits: Sequence[Limit]) -> None:
-        self.robot, self.model, self.shortest = robot, model, shortest
+    Args:
+        compile: whether functions of the model are compiled, see numerics.compile.
+    """
+
+    def __init__(
+        self, robot: Robot, model: PowerModel, shortest: Timing, limits: Sequence[Limit], compile: str = "never"
+    ) -> None:
+        self.robot, self.model, self.shortest, self._compile = robot, model, shortest, compile
         self.ends = shortest.control[[0, -1]]
         self.rest = (bool(self.ends[0] == 0), bool(self.ends[1] == 0))
         self.grid = quadrature(shortest.knots, self.rest)
@@ -179,7 +185,7 @@ class Retiming:
         drifts = any(effect.drifts for effect in self.model.effects)
         if self._law is None or drifts:
             at = timing.time_at(self.grid.s) if drifts else np.zeros(len(self.grid.s))
-            self._law = PathLaw.of(self.model, self.dynamics, float(self.shortest.control.max()), at)
+            self._law = PathLaw.of(self.model, self.dynamics, float(self.shortest.control.max()), at, self._compile)
         return self._law
 
     def _upper(self) -> np.ndarray:
@@ -221,11 +227,16 @@ class Retiming:
         early: the bound remains valid.
         """
         drifts = energy and any(effect.drifts for effect in self.model.effects)
-        found = self._optimise(start, price, longest, floor, exactly, energy, only_bound)
+        timed = exactly or only_bound
+        found = self._optimise(start, price, longest, floor, timed, exactly, energy, only_bound)
+        if not timed and found.timing.duration > longest:
+            timed = True
+            found = self._optimise(start, price, longest, floor, timed, exactly, energy, only_bound)
         # time-dependent effects use the times of the previous timing, and the program is scaled by its start
         far = abs(np.log(found.timing.duration / start.duration)) > np.log(FAR_OFF)
         if drifts or (found.solved and far):
-            return self._optimise(found.timing, price, longest, floor, exactly, energy, only_bound)
+            again = self._optimise(found.timing, price, longest, floor, timed, exactly, energy, only_bound)
+            return again if again.timing.duration <= longest or not found.solved else found
         return found
 
     def _optimise(
@@ -234,10 +245,12 @@ class Retiming:
         price: float,
         longest: float,
         floor: float,
+        timed: bool,
         exactly: bool,
         energy: bool,
         only_bound: bool,
     ) -> Solved:
+        """One solve and its corrections; without `timed`, `longest` is ignored."""
         unit = float(start.control.max())
         clock = 1 / np.sqrt(unit)  # [s] the program's unit of time
         weight, points = self.grid.weight, self.limits.lift
@@ -250,7 +263,7 @@ class Retiming:
 
         def program(constraints: PathConstraints, width: float) -> RetimeProgram:
             cost = law.cost(weight, unit, clock * energy / size, -price * clock / size, width)
-            return RetimeProgram(points, weight, cost, ends, longest / clock, constraints)
+            return RetimeProgram(points, weight, cost, ends, longest / clock, constraints, timed)
 
         whole = program(PathConstraints(), WIDTHS[0])
         size = max(abs(whole.cost(x)), 1e-3 * abs(price) * start.duration, 1e-12)

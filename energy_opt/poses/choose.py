@@ -4,7 +4,7 @@ reach       every joint goal that the poses and goals allow
 estimate    what the straight move to each is likely to cost; goals that touch something are left out
 improve     the most promising are moved along their freedom to where the estimate is least
 screen      these are sketched, in order, while the next may be better than the best
-settle      of the best sketch, curve and goal are optimized together, within what the pose leaves free
+settle      of each sketch, curve and goal are optimized together, within what the pose leaves free
 solve       the best in full, settled once more; and the goal nearest to the start at that duration: that is the saving
             (settled too where it costs less than the best)
 """
@@ -112,15 +112,11 @@ class Chooser:
             raise self._none(move, goals, found)
         promising = self._improved(move, open_)
         tried = self._screened(move, promising)
-        settled: list[Sketched] = []
-        if tried:
-            best = min(tried, key=_cost)
-            # within limits, which a sketch need not be: it replaces the sketch
-            settled = self._settling(move, *best, False)
-            tried = [*settled, *(item for item in tried if item is not best)] if settled else tried
+        # within limits, which a sketch need not be: each replaces its sketch
+        tried = [found for item in tried for found in self._settling(move, *item, False) or [item]]
         answer, solved = self._full(move, promising, tried)
-        same = settled and np.array_equal(settled[0][0].goal, answer[0].goal)
-        if not (same and abs(_cost(settled[0]) - _cost(answer)) < self._worth(answer)):
+        settled = next((found for found in tried if found[0].goal is answer[0].goal), None)
+        if settled is None or abs(_cost(settled) - _cost(answer)) >= self._worth(answer):
             answer = self._refined(move, answer, solved)
         nearest = min(open_, key=lambda c: self._distance(move, c.goal))
         near = self._compared(move, nearest, answer)

@@ -224,7 +224,8 @@ class Planner:
         """The optimum near a motion, with the open coordinates optimized too; `clear`: of bodies."""
         if move.mode == "retime" or self.settings.objective != "energy" or unseen(move):
             return motion, move.via
-        return settled((self if clear else self.around(None)).context(move), move, motion, open_)
+        planner = (self if clear else self.around(None)).as_ending(motion)
+        return settled(planner.context(move), move, motion, open_)
 
     def _long_turns(self, move: Move) -> list[str]:
         """Warnings for joints without limits that reach the same pose by a shorter turn the other way."""

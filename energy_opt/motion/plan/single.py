@@ -73,20 +73,36 @@ def candidates_of(
 
     @cache
     def retimed() -> RetimeSolution | None:
-        possible = wanted is None or timing is None or wanted >= timing.duration * (1 - 1e-9) or not timing.path.moves
-        return least_energy_timing(context, move, timing) if timing is not None and possible else None
+        return least_energy_timing(context, move, timing) if timing is not None and _in_time(timing, wanted) else None
 
     if is_at_rest(move) or (context.stopped() and timing is not None):
         return Work(timing, None, None, None, warm, retimed)
     curve = _curve(context, move, timing, retimed, warm, kept)
-    hurried = wanted is None or timing is None or wanted < HURRIED * timing.duration or curve.trajectory is None
-    zero = context.settings.end_acceleration == "zero" and hurried and not context.stopped()
-    if zero and _costs_more(context, curve, retimed):
-        freed = replace(context, settings=replace(context.settings, end_acceleration="free"))
-        other = _curve(freed, move, timing, retimed, warm, kept)
+    may = may_free(context, move, timing, curve.trajectory is None) and not context.stopped()
+    if may and _costs_more(context, curve, retimed):
+        other = _curve(freed(context), move, timing, retimed, warm, kept)
         if other.trajectory is not None and not _costs_more(context, other, retimed):
             curve = replace(other, iterations=curve.iterations + other.iterations)
     return Work(timing, None, curve, None, warm, retimed)
+
+
+def freed(context: Context) -> Context:
+    """The context with free accelerations at a move's ends."""
+    return replace(context, settings=replace(context.settings, end_acceleration="free"))
+
+
+def may_free(context: Context, move: Move, timing: Timing | None, failed: bool = False) -> bool:
+    """Are free accelerations tried where zero ones are asked for? In hurried and failed moves, if the first path has a
+    timing in time: its end accelerations are free too.
+    """
+    wanted = move.duration if move.duration is not None else move.max_duration
+    if context.settings.end_acceleration != "zero" or timing is None or not _in_time(timing, wanted):
+        return False
+    return failed or wanted is None or wanted < HURRIED * timing.duration
+
+
+def _in_time(timing: Timing, wanted: float | None) -> bool:
+    return wanted is None or wanted >= timing.duration * (1 - 1e-9) or not timing.path.moves
 
 
 def _curve(

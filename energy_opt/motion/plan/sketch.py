@@ -11,7 +11,7 @@ from energy_opt.errors import Infeasible
 from energy_opt.motion.move import Move
 from energy_opt.motion.plan.candidates import first_line, least_energy_timing, reference_time, task_of
 from energy_opt.motion.plan.context import Context
-from energy_opt.motion.plan.single import first_timing
+from energy_opt.motion.plan.single import first_timing, freed, may_free
 from energy_opt.motion.reshape.clear import ClearSearch
 from energy_opt.motion.reshape.curve import Curve
 from energy_opt.motion.reshape.open import Open
@@ -52,11 +52,24 @@ def sketched(context: Context, move: Move, warm: Sequence[Trajectory] = ()) -> T
 def settled(context: Context, move: Move, motion: Trajectory, open_: Open) -> Settled:
     """The optimum near a motion, which is bent first if its ends differ from the move's; with its via positions.
 
-    Beside bodies it keeps the usual distances; nothing is proven. Returns the motion itself if the search fails.
+    Beside bodies it keeps the usual distances; nothing is proven. Returns the motion itself if the search fails. If a
+    hurried motion breaks limits, and costs more within them, it is also settled with free accelerations at its ends.
 
     Args:
         open_: the free coordinates of the ends and via points, optimized together with the curve.
     """
+    found = _optimum(context, move, motion, open_)
+    cost = lambda at: context.judge(at).energy.total  # noqa: E731
+    zero = context.settings.end_acceleration == "zero"
+    if not zero or cost(found[0]) <= cost(motion) or context.judge(motion).within.valid:
+        return found
+    other = _optimum(freed(context), move, motion, open_)
+    there = replace(move, start=other[0].position[0], via=other[1], goal=other[0].position[-1])
+    better = cost(other[0]) < cost(found[0]) and may_free(context, there, first_timing(context, there))
+    return other if better else found
+
+
+def _optimum(context: Context, move: Move, motion: Trajectory, open_: Open) -> Settled:
     task = task_of(context, move, motion.duration, move.duration)
     task = replace(task, open=open_)
     reshaper = context.reshaper("energy")

@@ -10,7 +10,7 @@ Many moves are looked at together. Over the duration, energy is close to
 
 Where a joint is near its velocity limit v, a quintic would exceed it. With a trapezoid of velocity, whose plateau is v,
 losses of acceleration are 2 b^3 / (b - 1) way^2 / T^3 with b = v T / way; with a quintic they are 120/7 way^2 / T^3.
-Where that is less, the terms in 1 / T take the ratio more.
+Where that is less, c and d take the ratio more if they are positive: below zero they are what gravity gives back.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ class Curves:
         share = duration / self.shortest[:, None]
         spare = np.maximum(duration / np.maximum(self.cruising[:, None], 1e-9), 1 + 1e-3)
         ratio = np.maximum(2 * spare**3 / (spare - 1) / QUINTIC, 1.0)
-        basis = np.stack([share, np.ones_like(share), ratio / share, ratio * share**-3.0], axis=-1)
-        return np.einsum("pk,pmk->pm", self.coefficients, basis)
+        a, b, c, d = self.coefficients.T[:, :, None]
+        return np.asarray(a * share + b + np.maximum(c, c * ratio) / share + np.maximum(d, d * ratio) / share**3)
 
     def cheapest(
         self, price: float = 0.0, longest: float | np.ndarray = np.inf, least: float = 0.0

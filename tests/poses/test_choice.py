@@ -144,6 +144,48 @@ def test_the_ring_is_the_cheapest_of_all(ur: ToolKinematics) -> None:
     assert energy == pytest.approx(min(costs.values()))
 
 
+def test_an_estimate_does_not_fall_as_a_free_turn_nears_its_velocity_limit(ur: ToolKinematics) -> None:
+    """Gravity gives energy back here; what it gives back grew with the turn of a joint that carries nothing."""
+    scorer = [Scorer(ur.robot, source_model(ur.robot))]
+    start = np.array([[-0.339, 1.016, -1.881, 2.436, 1.571, 0.0]])
+    goals = np.array([[-0.529, 2.316, 1.926, 0.471, -1.571, turn] for turn in (0.0, 2.4, 3.8, 4.05)])
+    energy = [curves(scorer, start, goal[None]).at(np.array([[1.5]]))[0, 0] for goal in goals]
+    assert np.min(energy[1:]) > energy[0] - 0.01, energy
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("start", "known", "duration", "least"),
+    [
+        (  # the sketch is beyond the limits; within them, only a start with acceleration reaches this goal in time
+            [0.1008, -0.5952, -1.341, 1.9577, -0.4337, 0.1576, 1.8111],
+            [-0.6542, -0.5456, -1.4115, 0.4006, -0.9987, 1.6923, 0.5898],
+            1.062,
+            [-0.0973, 2.0939, -1.3285, 0.4034, 1.0101, 1.717, 1.348],
+        ),
+        (  # the better sketch settles at the worse goal
+            [-1.60383429, 0.78931919, -1.25413971, 2.11811819, -0.28921283, -0.32222646, 1.63934497],
+            [-0.18259955, -1.10057066, 1.74947275, 2.02031943, -1.81561487, 1.50636817, 1.43025678],
+            1.123,
+            [-3.9112, 1.891, -3.0211, 1.942, 0.1628, 0.803, 0.079],
+        ),
+    ],
+)
+def test_redundancy_and_free_turn_cost_no_more_than_the_best_goal_of_an_enumeration(
+    start: list[float], known: list[float], duration: float, least: list[float]
+) -> None:
+    robot = load_robot("xarm7")
+    turn, origin = ToolKinematics(robot)(np.array([known]))
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = turn[0], origin[0]
+    pose = eo.Pose(matrix, free=["rz"])
+    model, enumerated = source_model(robot), Move(np.array(start), np.array(least), "reshape", duration)
+    best = Planner(robot, model, Settings()).solve(enumerated)
+    found = eo.optimize(robot, "source-method-2", start=start, goal=pose, duration=duration)
+    assert found.status == best.status == "solved"
+    assert found.energy.total <= best.energy.total + 0.01 * best.energy.loss
+
+
 def test_a_sketch_is_near_the_answer_and_goals_without_one_are_solved_in_full(ur: ToolKinematics) -> None:
     robot, model = ur.robot, source_model(ur.robot)
     planner, start = Planner(robot, model, Settings(starts=1)), np.array([0.0, -1.5, 1.5, -1.6, -1.5, 0.0])

@@ -1,6 +1,6 @@
 """Moves among things: how many are solved, proven and how fast, beside OMPL, OMPL smoothed, and Drake.
 
-    python benchmarks/cells.py [--problems N] [--part PART ...] [--solve] [--rivals] [--keep rows.jsonl] [--out FILE]
+    python benchmarks/cells.py [--problems N] [--part PART ...] [--solve] [--rivals] [--solver sqp] [--keep FILE]
 
 Problems are MotionBenchMaker's, from the folder of shared data beside the checkout, where that is there, and the moves
 of benchmarks/suites/cells.toml. Parts are
@@ -207,12 +207,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--solve", action="store_true", help="all parts but rivals")
     parser.add_argument("--rivals", action="store_true", help="that part too")
     parser.add_argument("--seed", type=int, default=0, metavar="N")
+    parser.add_argument("--solver", choices=("ipopt", "sqp"), default="ipopt", help="of whole answers (ipopt)")
     parser.add_argument("--keep", type=Path, metavar="FILE", help="rows so far, one a line; a run goes on from there")
     parser.add_argument("--out", type=Path, metavar="FILE", help="the numbers as JSON")
     args = parser.parse_args(arguments)
     parts = args.part or list(PARTS[:-1] if args.solve else PARTS[:1])
     parts += ["rivals"] if args.rivals and "rivals" not in parts else []
-    kept, workers = Kept(args.keep, {"seed": args.seed}), Workers(args.seed)
+    kept, workers = Kept(args.keep, {"seed": args.seed}), Workers(args.seed, args.solver)
     shown: dict[str, dict[str, Row]] = {}
     for part in parts:
         shown[part] = {}

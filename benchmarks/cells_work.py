@@ -134,6 +134,7 @@ class Workers:
     """Planners of robots, each warm: what is built for one move serves all others."""
 
     seed: int = 0
+    solver: str = "ipopt"
     _known: dict[tuple[str, int | None, bool], Planner] = field(default_factory=dict)
 
     def of(self, robot: Robot, ways: int | None = None, payload: bool = False) -> Planner:
@@ -143,7 +144,7 @@ class Workers:
             model = source_method_2(robot.name)
             if payload:
                 model = model.replaced(Payload(mass=PAYLOAD[0], com=list(PAYLOAD[1:])))
-            settings = Settings(compile="always", seed=self.seed, initial_paths=ways)
+            settings = Settings(compile="always", seed=self.seed, initial_paths=ways, solver=self.solver)
             self._known[key] = Planner(robot, model, settings)
             case = cases(robot, self._known[key], 1)[0]
             self._known[key].solve(case.move)

@@ -199,7 +199,7 @@ def _likeliest_size(base: Fit, c: Chart, amounts: np.ndarray) -> np.ndarray:
     return np.array([min(sizes.tolist(), key=squares)])
 
 
-def alternatives(found: Search, accepted: Fit, reach: float = RIVAL) -> tuple[Fit, ...]:
+def alternatives(found: Search, accepted: Fit, reach: float) -> tuple[Fit, ...]:
     """The accepted fit, then fits with one effect exchanged whose scores are within `reach` of it."""
     if all(c.term.name in found.world.given for c in accepted.charts):
         return (accepted,)

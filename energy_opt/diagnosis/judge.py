@@ -35,6 +35,10 @@ class Judge:
     seen: dict[int, tuple[Fit, Quality]] = field(default_factory=dict)
     foreseen: dict[int, tuple[Fit, list[tuple[np.ndarray, np.ndarray, np.ndarray]]]] = field(default_factory=dict)
 
+    def under_most_noise(self) -> Judge:
+        """The same judge under the largest plausible noise."""
+        return Judge(self.held, self.most, self.most, self.drifts)
+
     def of(self, f: Fit) -> Quality:
         """Error of the model that is written for a fit."""
         if id(f) not in self.seen:

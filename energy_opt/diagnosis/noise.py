@@ -24,6 +24,7 @@ from energy_opt.diagnosis.predict import Prediction
 FLOOR = 0.8  # least noise of a fit, over the noise of single readings
 NORMAL_MEDIAN = 0.6745  # median of |x| of a standard normal x
 EDGE, DOUBTED = 2, 0.15  # samples around the start and end of a motion, and their weight
+NEAR, SWITCHED = 8, 3.0  # readings beside the middle of a dwell; step of power there over the noise of single readings
 SETTLED, FEW = 0.5, 40  # [s] settling time of drives after a stop; least readings to estimate the noise
 JUMP = 6.0  # standard deviations of the difference of neighbouring readings beyond which it is a step, not noise
 SWITCHES = 0.02  # share of samples at which a signal changes; below it the signal counts as switched
@@ -226,12 +227,29 @@ def weighted(samples: Samples, now: Prediction) -> Samples:
         slope = np.gradient(now.power[span], samples.t[span]) if span.stop - span.start > 1 else np.zeros(1)
         variance = (SLACK * slope) ** 2 + open_power[span] ** 2
         own = 1 / np.sqrt(1 + variance / noise**2)
-        for k in 1 + np.flatnonzero(moving[span][1:] != moving[span][:-1]):
+        edges = 1 + np.flatnonzero(np.diff(moving[span]))
+        for k in [*edges, *_switches(samples, span, part, noise)]:
             own[max(0, k - EDGE) : k + EDGE] *= DOUBTED
         weight[part] = group_weight(own, samples.group) if grouped else own / samples.group**0.5
         whole = len(variance) // samples.group * samples.group
         allowed[part] = variance[:whole].reshape(-1, samples.group).mean(axis=1) if grouped else variance
     return replace(samples, weight=weight, allowed=allowed)
+
+
+def _switches(samples: Samples, span: slice, part: slice, noise: float) -> list[int]:
+    """Nodes of a run in the middle of a dwell where the power at rest steps, as if a payload changed there.
+
+    Speeds from positions show begin and end of a dwell, and so its middle, a few readings early or late.
+    """
+    power, still = samples.power[part], ~samples.moving[part]
+    out = []
+    for k in (1 + np.flatnonzero(np.diff(samples.dwell[span]))).tolist():
+        at = k // samples.group
+        before, after = (slice(max(at - NEAR, 0), max(at - EDGE, 0)), slice(at + EDGE, at + NEAR))
+        levels = [np.median(power[own][still[own]]) for own in (before, after) if still[own].any()]
+        if len(levels) == 2 and abs(levels[1] - levels[0]) > SWITCHED * noise:
+            out.append(k)
+    return out
 
 
 def _open_power(samples: Samples, now: Prediction) -> np.ndarray:

@@ -169,7 +169,7 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
     rivals: tuple[Fit, ...] = (accepted,)
     unknown = bool(accepted.free) or judge.of(accepted).ratio >= NOISE or bool(claims and structures(found, accepted))
     if claims and not accepted.free:
-        rivals = alternatives(found, accepted)
+        rivals = alternatives(found, accepted, 2 * RIVAL)  # motions held out may make a less likely set likelier
         best = max((best, *rivals), key=found.score)
     start = root(found.world, best.nuisance)
     if accepted.free:
@@ -177,7 +177,9 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
         claims = tuple(Claim(c.odds, plain_fit(found, c.without)) for c in claims)
     if claims:
         rivals = _as_good(found, judge, accepted) if unknown else left_open(found, judge, rivals)
-        borne = {id(f): _borne_out(found, judge, *claimed(found, f)) for f in rivals if f is not accepted}
+        borne = {
+            id(f): _borne_out(found, judge, *claimed(found, f), shaped=not unknown) for f in rivals if f is not accepted
+        }
         borne[id(accepted)] = accepted, claims
         rivals = tuple(f for f in rivals if borne[id(f)][1] and borne[id(f)][0].names == f.names)
         accepted, claims = borne[id(rivals[0])]
@@ -194,7 +196,7 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
             model, after = world.declared, declared
     # the residual may be noise alone: judge with the largest plausible noise
     if not claims and not best.names and not best.free:
-        judge = Judge(judge.held, judge.most, judge.most, best)
+        judge = replace(judge.under_most_noise(), drifts=best)
         declared, after = judge.of_model(world.declared, nothing), judge.of_model(model, accepted)
     linked = _links_are_off(found, judge, start, declared) if not claims else False
     if linked:
@@ -271,25 +273,30 @@ def left_open(found: Search, judge: Judge, rivals: tuple[Fit, ...]) -> tuple[Fit
     return tuple(rivals[k] for k in order if odds[k] > odds[order[0]] - RIVAL)
 
 
-def _borne_out(found: Search, judge: Judge, accepted: Fit, claims: tuple[Claim, ...]) -> tuple[Fit, tuple[Claim, ...]]:
+def _borne_out(
+    found: Search, judge: Judge, accepted: Fit, claims: tuple[Claim, ...], shaped: bool = True
+) -> tuple[Fit, tuple[Claim, ...]]:
     """Keep the claims that held-out motions support: each lowers the error there.
 
     If more than noise is left, several effects may imitate an unknown law. Then each must explain a good part, and all
-    together most of the excess, whichever motion is left out.
+    together most of the excess over the largest plausible noise, whichever motion is left out.
+
+    Args:
+        shaped: True if effects must have the library's shape. Beside an unknown law no rival's shape is right.
     """
     moving = sum(accepted.world.samples.kinds[g[0]] == "motion" for g in clusters(accepted.world.samples))
     blind = judge.held is None and moving < FEWEST  # too few motions to leave one out
+    loud = judge.under_most_noise()
     while claims and not blind:
         other = next((c for c in claims if is_a_step(accepted, c) or is_a_line(accepted, c)), None)
-        if other is None and (k := shaped_otherwise(found, accepted)) is not None:
+        if other is None and shaped and (k := shaped_otherwise(found, accepted)) is not None:
             other = next((c for c in claims if accepted.names[k] not in c.without.names), None)
         if other is not None:
             accepted, claims = claimed(found, other.without)
             continue
         plain, start = plain_fit(found, accepted), root(found.world, accepted.nuisance)
-        left = judge.of(plain)
-        noisy = left.ratio >= NOISE
-        if noisy and not mostly_explained(judge.of(start), left, bool(accepted.free)):
+        noisy = judge.of(plain).ratio >= NOISE
+        if noisy and not mostly_explained(loud.of(start), loud.of(plain), bool(accepted.free)):
             return without_effects(found, accepted), ()
         whole = BESIDE * float(np.sum(judge.gains(plain, start))) if noisy else 0.0
         fewer = [plain_fit(found, c.without) for c in claims]

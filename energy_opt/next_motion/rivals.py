@@ -94,13 +94,37 @@ def separations(rivals: Sequence[Rival], body: RigidBody, trajectory: Trajectory
     Args:
         step: [s] between the readings that are compared.
     """
+    count = int(trajectory.duration / step) + 1
+    return np.sqrt([left / count for left, _, _ in _left(rivals, body, trajectory, step)])
+
+
+def nearest(
+    rivals: Sequence[Rival], body: RigidBody, trajectory: Trajectory, step: float, pair: int
+) -> list[PowerModel]:
+    """The rivals' models, one of `pair` with the numbers by which it resembles the other most on a motion.
+
+    A motion that is changed to let these differ tells more than their numbers can take up (Danskin's theorem).
+    """
+    _, k, u = _left(rivals, body, trajectory, step)[pair]
+    models, slack = [rival.model for rival in rivals], rivals[k].slack
+    if slack is not None:
+        models[k] = models[k].with_values(models[k].values(body.n) + slack.values @ u[:-1], body.n)
+    return models
+
+
+def _left(
+    rivals: Sequence[Rival], body: RigidBody, trajectory: Trajectory, step: float
+) -> list[tuple[float, int, np.ndarray]]:
+    """Of every two rivals: the squares [W^2] that `separations` counts, which of them takes up more, its unknowns."""
     samples = samples_of(body, trajectory, step)
     shown = [_shown(rival, samples) for rival in rivals]
-    left = []
-    for (a, x), (b, y) in combinations(zip(rivals, shown, strict=True), 2):
-        d = x[0] - y[0]
-        left.append(min(_unexplained(d, a.slack, x[1], step), _unexplained(d, b.slack, y[1], step)))
-    return np.sqrt(np.array(left) / len(samples.power))
+    out = []
+    for a, b in combinations(range(len(rivals)), 2):
+        d = shown[a][0] - shown[b][0]
+        both = ((k, *_unexplained(x, rivals[k].slack, shown[k][1], step)) for k, x in ((a, -d), (b, d)))
+        k, left, u = min(both, key=lambda row: row[1])
+        out.append((left, k, u))
+    return out
 
 
 def _shown(rival: Rival, samples: Samples) -> tuple[np.ndarray, np.ndarray]:
@@ -113,14 +137,14 @@ def _shown(rival: Rival, samples: Samples) -> tuple[np.ndarray, np.ndarray]:
     return p.reading, np.column_stack([p.jacobian @ slack.values + p.external, np.full(len(p.reading), slack.level)])
 
 
-def _unexplained(d: np.ndarray, slack: Slack | None, by: np.ndarray, step: float) -> float:
-    """Sum of squares [W^2] of a difference that the unknowns cannot explain."""
+def _unexplained(d: np.ndarray, slack: Slack | None, by: np.ndarray, step: float) -> tuple[float, np.ndarray]:
+    """Sum of squares [W^2] of a difference that the unknowns cannot explain, and the unknowns that explain the rest."""
     if slack is None:
-        return float(d @ d)
+        return float(d @ d), np.zeros(0)
     noise = slack.density / step
     taken = by.T @ d
     u = np.linalg.solve(by.T @ by + noise * np.eye(by.shape[1]), taken)
-    return max(float(d @ d - taken @ u), 0.0)
+    return max(float(d @ d - taken @ u), 0.0), u
 
 
 def samples_of(body: RigidBody, trajectory: Trajectory, step: float) -> Samples:

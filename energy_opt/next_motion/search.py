@@ -26,13 +26,14 @@ from energy_opt.motion.reshape.task import Level
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.next_motion.contrast import contrast_functions, contrast_parameters
 from energy_opt.next_motion.legs import Way, joined, reshaped, shortest
-from energy_opt.next_motion.rivals import Rival, separations
+from energy_opt.next_motion.rivals import Rival, nearest, separations
 from energy_opt.numerics.bspline import Basis
+from energy_opt.power import PowerModel
 from energy_opt.robot import Limits, Robot
 
 DRAWN, TRIED = 40, 3  # pairs of poses that are drawn; most that are reshaped, the best ones
 WORK = 60_000  # [instructions] fewer pairs are reshaped if a Hessian at a node takes more than a third of this
-ROUNDS = 2  # rounds of reshaping: the second for pairs of rivals that share a motion and for limits broken in the first
+ROUNDS = 4  # rounds of reshaping, each for the rivals that differ least on the last motion and for limits broken in it
 SPAN = 2.0  # [rad] motions stay within this distance of the middle of a joint's range
 ACCELERATION, JERK = 12.0, 1500.0  # [rad/s^2], [rad/s^3] limits if an arm's own are higher or unknown
 SLOWER = 2.5  # factor on the duration of the slow pass, whose velocity limits are divided by it
@@ -111,6 +112,10 @@ class _Judge:
         """Rms difference [W] of every two rivals over a motion, (pairs,)."""
         return separations(self.rivals, self.robot.body, joined(legs, self.robot.joints), step)
 
+    def nearest(self, legs: Sequence[Curve], pair: int) -> list[PowerModel]:
+        """The models, those of a pair of rivals as similar on a motion as what is known of them allows."""
+        return nearest(self.rivals, self.robot.body, joined(legs, self.robot.joints), COARSE, pair)
+
     def score(self, apart: np.ndarray) -> float:
         """The smallest difference [W] of the `live` pairs."""
         return float(apart[self.live].min())
@@ -138,13 +143,12 @@ def _improved(
     for bend in (rng, *(None,) * (ROUNDS - 1)):
         least = judge.score(apart)
         weights = judge.live * least**2 / np.maximum(apart, SAME) ** 4  # largest weight for the pairs that differ least
-        parameters = contrast_parameters(judge.models, judge.robot.n, weights)
+        models = judge.nearest(legs, int(np.argmin(np.where(judge.live, apart, np.inf))))
+        parameters = contrast_parameters(models, judge.robot.n, weights)
         legs = [reshaped(level, way, leg, parameters, bend) for way, leg in zip(paths, legs, strict=True)]
         apart, torque = judge.apart(legs, FINE), judge.torque(legs).max(axis=0)
         if (torque <= 1).all():
             found.append((judge.score(apart), legs))
-            if judge.live.sum() == 1:
-                break
         less = 1 / np.maximum(1.0, 1 + 1.5 * (torque - 1))
         paths = [replace(way, limits=way.limits.replace(effort=way.limits.effort * less)) for way in paths]
     return found

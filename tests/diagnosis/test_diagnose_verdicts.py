@@ -295,6 +295,24 @@ def test_motions_veto_an_effect_that_they_are_worse_with(gains, against):
     assert contradicted(gains) is against
 
 
+@pytest.mark.parametrize(("arm", "seed"), [("z1", 11120049), pytest.param("ur5", 10120021, marks=pytest.mark.slow)])
+def test_a_payload_picked_up_in_mid_run_is_found_where_its_moment_is_uncertain(arm, seed, tmp_path):
+    """Speeds from positions show begin and end of a dwell a few readings early or late."""
+    truth = write_world(World(arm, seed, (0.03, 0.05), "ar1", "payload_change"), tmp_path / "set")
+    d = diagnose(read_set(truth.folder, truth.robot), truth.declared).document
+    assert [e["name"] for e in d["effects"]] == ["payload_change"]
+    low, high = d["effects"][0]["ci95"]["mass"]
+    assert low < truth.values["mass"][0] < high
+
+
+@pytest.mark.slow
+def test_a_model_that_explains_a_part_only_cannot_plan(tmp_path):
+    """What is left above the noise follows no known law, so nothing is known of it on other motions."""
+    truth = write_world(World("z1", 10110018, (0.0, 0.05), "ar1", "motion_power", unlisted="belt"), tmp_path / "set")
+    d = diagnose(read_set(truth.folder, truth.robot), truth.declared).document
+    assert d["verdict"] == "partly" and not d["usable"] and "no known law" in d["foreseen"]["reason"]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("world", "true"),
@@ -304,6 +322,11 @@ def test_motions_veto_an_effect_that_they_are_worse_with(gains, against):
         (World("panda", 100008, (0.0, 0.05), "white", unlisted="field_weakening"), set()),
         (World("panda", 9800008, (0.0, 0.05), "white", unlisted="field_weakening"), set()),
         (World("panda", 10100016, (0.0, 0.05), "white", unlisted="thixotropy"), {"viscous_friction"}),
+        (World("xarm7", 10110026, (0.0, 0.05), "ar1", "viscous_friction", unlisted="dahl"), {"viscous_friction"}),
+        # the true law is the likelier one on motions held out
+        (World("xarm7", 10110011, (0.0, 0.05), "ar1", "viscous_friction", unlisted="phases"), {"viscous_friction"}),
+        # noise at rest is louder than the standstills fitted
+        (World("xarm7", 11120038, (0.03, 0.05), "ar1", "load_friction"), {"load_friction"}),
         (World("z1", 8330002, (0.0, 0.0), "white", "payload"), {"payload"}),  # links can stand for it
         (World("z1", 220002, (0.03, 0.05), "ar1", "payload"), {"payload"}),
         (World("panda", 220004, (0.03, 0.05), "ar1", "armature"), {"armature"}),

@@ -7,7 +7,22 @@ from typing import Any
 
 import numpy as np
 
+from energy_opt.jobs.cycle import Plan
+from energy_opt.jobs.posed import Ends
 from energy_opt.jobs.run import JobResult
+
+
+@dataclass(frozen=True)
+class Rough:
+    """A rough cycle at a placement x, y, z, yaw (4,): positions at its ends, motions, and energy [J].
+
+    Without motions, and of infinite energy, if none was found.
+    """
+
+    point: np.ndarray
+    ends: Ends
+    plan: Plan | None
+    energy: float
 
 
 @dataclass(frozen=True)

@@ -24,14 +24,14 @@ class PlaceRequest:
         fixture: the object of the scene to place in the box instead of the base; None for the base.
         looked_at: number of placements at which the job is estimated.
         seeds: number of best estimates at which the job is solved.
-        steps: most steps from the best of these.
+        steps: most placements at which it is solved roughly after these.
     """
 
     box: tuple[float, float, float, float, float, float]
     yaw: tuple[float, float] | None = None
     looked_at: int = 120
     seeds: int = 3
-    steps: int = 4
+    steps: int = 5
     fixture: str | None = None
 
     def __post_init__(self) -> None:

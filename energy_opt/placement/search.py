@@ -3,7 +3,8 @@
 estimate   the job at placements all over the box: the cheapest ring through the branches of its poses
 seed       rough cycles at the best estimates, far from each other
 descend    a cycle's motions, bent to the ends for another base, cost at least as much as that base's optimum, and the
-           same at this base (envelope theorem), so a base at which they cost less is better; there they settle again
+           same at this base (envelope theorem), so a base at which they cost less is better; there they settle again;
+           where none costs less, neighbours are tried: bent motions overestimate these where limits bind
 solve      the job in full, with its scene, only at the given placement and at the answer
 """
 
@@ -11,7 +12,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from itertools import product
 
 import numpy as np
 from scipy.optimize import minimize
@@ -20,20 +22,20 @@ from scipy.spatial.transform import Rotation
 from energy_opt.cell.load import scene_of
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput, Infeasible
-from energy_opt.jobs.cycle import Plan
 from energy_opt.jobs.file import Job
 from energy_opt.jobs.posed import Ends, Posed, run_posed
 from energy_opt.jobs.rough import RoughCycles
 from energy_opt.jobs.run import JobResult
 from energy_opt.motion.move import Settings
-from energy_opt.placement.placement import Looked, Placement
+from energy_opt.placement.placement import Looked, Placement, Rough
 from energy_opt.placement.request import PlaceRequest
 from energy_opt.poses.given import WORLD
 from energy_opt.power import PowerModel
 
 TRIES = 2  # times as many seeds are tried if rough cycles fail
 APART = 0.15  # share of the box: least distance of seeds
-FARTHEST = 0.2  # share of the box: longest step
+FARTHEST = 0.5  # share of the box: longest step of bent motions
+BESIDE = 0.2  # share of the box: step to a neighbour
 WORTH = 1e-3  # share of the losses: a step that promises to save less ends the search
 POOL = 48  # positions from which inverse kinematics starts at a placement
 # initial and largest factor of steps: bent motions bound the optimum from above, and overestimate long steps
@@ -41,19 +43,6 @@ RELAXED, MOST_RELAXED = 1.6, 3.0
 EVALUATIONS = 60  # most evaluations of bent motions in a step, per coordinate
 ANSWERS = 3  # most placements to solve in full until one is proven
 UNREACHED = 1e9  # [J] assumed cost of a placement from which a pose is out of reach
-
-
-@dataclass(frozen=True)
-class Rough:
-    """A rough cycle at a placement x, y, z, yaw (4,): positions at its ends, motions, and energy [J].
-
-    Without motions, and of infinite energy, if none was found.
-    """
-
-    point: np.ndarray
-    ends: Ends
-    plan: Plan | None
-    energy: float
 
 
 class Search:
@@ -208,13 +197,13 @@ class Search:
             return None
         return {k: there.sets[k][0] if k in there.poses else q for k, q in ends.items()}
 
-    def step(self, here: Rough, relax: float) -> tuple[Rough | None, float]:
-        """A rough cycle that costs less, None if none is near, and the factor of the next step."""
+    def step(self, here: Rough, relax: float, most: int) -> tuple[Rough | None, float]:
+        """A rough cycle that costs less, None if none is near among `most`, and the factor of the next step."""
         assert here.plan is not None
         at, gain = self.better(here)
         if gain < WORTH * sum(answer.energy.loss for answer in here.plan.answers):
             return None, relax
-        for factor in (relax, 1.0) if relax > 1 else (1.0,):
+        for factor in ((relax, 1.0) if relax > 1 else (1.0,))[:most]:
             point = np.clip(here.point + factor * (at - here.point), self.bounds[:, 0], self.bounds[:, 1])
             ends = self.ends_at(point, here.ends)
             found = None if ends is None else self.settled(point, "step", here, ends)
@@ -222,6 +211,21 @@ class Search:
                 further = float(np.clip(factor * (here.energy - found.energy) / gain, 1.0, MOST_RELAXED))
                 return found, further if factor > 1 else 1.0
         return None, relax
+
+    def beside(self, here: Rough, most: int) -> Rough | None:
+        """A rough cycle that costs less, a step away along one coordinate; None if there is none among `most`."""
+        for k, sign in product(self.free, (-1, 1)):
+            point = here.point.copy()
+            point[k] = np.clip(point[k] + sign * BESIDE * self.span[k], *self.bounds[k])
+            if most == 0 or abs(point[k] - here.point[k]) < BESIDE / 2 * self.span[k]:
+                continue
+            ends = self.ends_at(point, here.ends)
+            if ends is not None:
+                most -= 1
+                found = self.settled(point, "step", here, ends)
+                if found.energy < here.energy:
+                    return found
+        return None
 
     @staticmethod
     def point(place: tuple[float, ...]) -> np.ndarray:
@@ -303,11 +307,11 @@ def place(
         seeds.append(search.settled(point, "seed"))
     seeds.sort(key=lambda at: at.energy)
     relax = RELAXED
-    for k in range(request.steps):
-        if stopped() or not seeds or seeds[0].plan is None:
-            break
-        progress(f"step {k + 1}/{request.steps}", 0.6 + 0.1 * k / request.steps)
-        lower, relax = search.step(seeds[0], relax)
+    last = len(search.path) + request.steps
+    while (left := last - len(search.path)) > 0 and seeds and seeds[0].plan is not None and not stopped():
+        progress(f"step {request.steps - left + 1}/{request.steps}", 0.7 - 0.1 * left / request.steps)
+        lower, relax = search.step(seeds[0], relax, left)
+        lower = lower or search.beside(seeds[0], last - len(search.path))
         if lower is None:
             break
         seeds.insert(0, lower)

@@ -104,7 +104,7 @@ def test_a_rough_cycle_follows_the_base_and_a_step_costs_less(tmp_path: Path, ur
     box = PlaceRequest((-0.1, 0.1, -0.1, 0.1, 0.0, 0.0))
     search = Search(job, model, box, Settings(starts=1), CellRequest(), lambda: False, lambda text, share: None)
     here = search.settled(np.zeros(4), "seed")
-    there, _ = search.step(here, 1.0)
+    there, _ = search.step(here, 1.0, 1)
     assert there is not None and there.energy < here.energy
     anew = search.settled(there.point, "grid", ends=there.ends)  # from straight lines, its time shared anew
     losses = sum(answer.energy.loss for answer in there.plan.answers)

@@ -80,6 +80,7 @@ def main(words: Sequence[str] | None = None) -> int:
         planner = workers.of(problem.robot).around(problem.cell)
         for way, move in zip(("forwards", "backwards"), moves(problem), strict=True):
             move = replace(move, duration=SLOWER * planner.minimum_time(move))
+            planner.solve(move)  # what is kept of a move is there for all
             for name in ("whole", *args.without):
                 with WITHOUT.get(name, whole)():
                     begin = time.process_time()

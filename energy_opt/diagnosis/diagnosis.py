@@ -114,8 +114,6 @@ def diagnose(
     offset = float(np.hypot(best.nuisance.offset, best.nuisance.drift))
     others = [written(f) for f in (*found.rivals[1:], best)]
     ahead = foreseen(model, samples, noise, drift, offset, found.accepted, others, best.free)
-    if found.verdict == "partly" and not ahead.reason:
-        ahead = replace(ahead, reason="a part of what is above the noise follows no known law")
     floor = found.after.noise
     records = side_records(side, joints, limits, found.accepted if enough else None)
     modes = modes_of(model, samples)

@@ -305,14 +305,6 @@ def test_a_payload_picked_up_in_mid_run_is_found_where_its_moment_is_uncertain(t
 
 
 @pytest.mark.slow
-def test_a_model_that_explains_a_part_only_cannot_plan(tmp_path):
-    """What is left above the noise follows no known law, so nothing is known of it on other motions."""
-    truth = write_world(World("z1", 10110018, (0.0, 0.05), "ar1", "motion_power", unlisted="belt"), tmp_path / "set")
-    d = diagnose(read_set(truth.folder, truth.robot), truth.declared).document
-    assert d["verdict"] == "partly" and not d["usable"] and "no known law" in d["foreseen"]["reason"]
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("world", "true"),
     [

@@ -2,7 +2,8 @@
 
     python benchmarks/stages.py [--without STAGE ...] [--problems N] [--robot panda] [--out numbers.json]
 
-Each problem is solved forwards and backwards; backwards it is another problem, which was used once: to reject a single first step. Stages are
+Each problem is solved forwards and backwards; backwards it is another problem, which was used once: to reject a single
+first step. Stages are
 
     half     searches from half-way between the best curve and the best optimum without bodies
     second   second trials from curves that are above the best by up to 30 %, and searches from those within 10 %

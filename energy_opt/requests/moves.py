@@ -172,7 +172,7 @@ class PlaceRequest(PlannedCellGroup, SeedGroup, RobustGroup, PrefixGroup, RobotG
     )
     looked_at: int = option(120, "number of placements to estimate (120)", "N", kind=int)
     seeds: int = option(3, "number of the best estimates to solve (3)", "N", kind=int)
-    steps: int = option(4, "largest number of further solves from the best one (4)", "N", kind=int)
+    steps: int = option(5, "largest number of further rough solves from the best one (5)", "N", kind=int)
     starts: int | None = option(None, "largest number of starting points of each move (24)", "N", kind=int)
     compile: str = option("auto", "compile the model's functions to machine code: auto, always or never (auto)", "WHEN")
     folder: str | PathLike[str] | None = option(None, "where the files are that the job names", internal=True)

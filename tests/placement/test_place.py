@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import fields
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -20,6 +21,7 @@ from energy_opt.motion import Settings
 from energy_opt.placement import PlaceRequest, place
 from energy_opt.placement.search import Rough, Search
 from energy_opt.poses.inverse import ToolKinematics
+from energy_opt.requests import moves
 from energy_opt.robot import load_robot
 
 
@@ -168,3 +170,9 @@ def test_a_placement_at_which_the_likely_positions_fail_is_solved_with_the_neare
     assert cheaper is not None and cheaper.energy == 4.0  # a job takes the better of both, too
     nearest = search.posed(np.zeros(4)).greedy()
     assert all(np.array_equal(tried[1][k], nearest[k]) for k in nearest)
+
+
+def test_the_command_and_the_search_have_the_same_defaults() -> None:
+    search, command = ({field.name: field.default for field in fields(c)} for c in (PlaceRequest, moves.PlaceRequest))
+    for name in ("looked_at", "seeds", "steps"):
+        assert command[name] == search[name]

@@ -77,7 +77,8 @@ class Choice:
     Attributes:
         ends: positions (n,) [rad] at the end of each step that has a pose; poses: these, in the base frame.
         branches: number of positions considered for each.
-        greedy: J of the cycle with the nearest branches; None if not solved, or infeasible.
+        energy: J of the cycle when the choice was made, by the model that it was planned with.
+        greedy: the same of the cycle with the nearest branches; None if not solved, or infeasible.
         solves: number of cycles solved.
         tool: the value of --tool.
     """
@@ -85,6 +86,7 @@ class Choice:
     ends: Mapping[int, np.ndarray]
     poses: Mapping[int, Pose]
     branches: Mapping[int, int]
+    energy: float
     greedy: float | None
     solves: int
     tool: str | None = None

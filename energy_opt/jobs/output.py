@@ -131,7 +131,7 @@ def _chosen(result: JobResult) -> dict[str, Any]:
             {"step": k + 1, "name": steps[k].name, "goal": q, "looked_at": choice.branches[k], **missed[names[k]]}
             for k, q in choice.ends.items()
         ],
-        "choice": {"energy_total": result.energy, "greedy_nearest": choice.greedy, "solves": choice.solves},
+        "choice": {"energy_total": choice.energy, "greedy_nearest": choice.greedy, "solves": choice.solves},
     }
 
 

@@ -298,7 +298,7 @@ def run_posed(
         raise errors[0]
     branches = {k: len(posed.sets[k]) for k in posed.poses}
     ends = {k: best[0][k] for k in posed.poses}
-    return replace(best[1], choice=Choice(ends, posed.poses, branches, greedy, solves, cell.tool))
+    return replace(best[1], choice=Choice(ends, posed.poses, branches, best[1].energy, greedy, solves, cell.tool))
 
 
 def _rank(result: JobResult) -> tuple[bool, float]:

@@ -172,6 +172,28 @@ def test_a_placement_at_which_the_likely_positions_fail_is_solved_with_the_neare
     assert all(np.array_equal(tried[1][k], nearest[k]) for k in nearest)
 
 
+@pytest.mark.slow
+def test_the_choice_of_positions_compares_energies_under_the_same_models(tmp_path: Path) -> None:
+    """Without --model a job is planned for the mean of two models, and stated under the first."""
+    out = tmp_path / "out"
+    path = tmp_path / "job.toml"
+    path.write_text("""format = "energy-opt/job/1"
+robot = "ur5e"
+cycle_time = 6.0
+mode = "retime"
+home = [0.0, -1.57, 1.57, -1.57, -1.57, 0.0]
+[[step]]
+pose = [0.45, 0.2, 0.2, 3.14159, 0, 0]
+[[step]]
+to = "home"
+""")
+    assert main(["job", str(path), "--self-collision", "off", "--quiet", "--out", str(out)]) == 0
+    found = json.loads((out / "job.json").read_text())
+    choice, first, mean = found["choice"], found["energy_total"], found["robust"]["total"]
+    assert choice["energy_total"] <= choice["greedy_nearest"] + 1e-9
+    assert abs(choice["energy_total"] - mean) < abs(choice["energy_total"] - first) / 5
+
+
 def test_the_command_and_the_search_have_the_same_defaults() -> None:
     search, command = ({field.name: field.default for field in fields(c)} for c in (PlaceRequest, moves.PlaceRequest))
     for name in ("looked_at", "seeds", "steps"):

@@ -34,7 +34,7 @@ def write(placement: Placement, request: Mapping[str, Any], out: Path) -> dict[s
     picture = png(figure)
     (Path(out) / "map.png").write_bytes(picture)
     what = placement.fixture or "base"
-    report = Report(f"{found['robot']}: where the {what} stands cheapest").headline(headline(found))
+    report = Report(f"{found['robot']}: the cheapest place of the {what}").headline(headline(found))
     for warning in found["warnings"]:
         report.warning(warning)
     report.picture(picture, f"Estimates of the cycle's energy over x and y of the {what}, and the path of the search")
@@ -53,7 +53,9 @@ def headline(found: Mapping[str, Any]) -> str:
     what = found.get("fixture")
     x, y, z, _, _, yaw = found["base" if what is None else "pose"]
     at = f"{what or 'Base'} at x {x:.4g} m, y {y:.4g} m, z {z:.4g} m, yaw {yaw:.4g} rad"
-    words = f"{at}: {found['energy_total']:.4g} J a cycle"
+    models = [model["name"] for model in (found["request"].get("robust") or {}).get("models", ())]
+    mean = f" in the mean of {' and '.join(models)}" if models else ""
+    words = f"{at}: {found['energy_total']:.4g} J a cycle{mean}"
     if found["saving"] is None:
         return words + "; the job cannot be done where it was given."
     given, percent = found["given"]["energy_total"], found["saving"]["percent"]

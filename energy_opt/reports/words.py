@@ -41,10 +41,9 @@ def goals_words(found: Mapping[str, Any]) -> str:
         return words + "the nearest one is the cheapest"
     percent = 100 * near["saving_joules"] / abs(near["energy"])
     same = "in the same time" if abs(near["duration"] - found["duration"]) < 1e-6 else f"in {near['duration']:.4g} s"
-    return (
-        words
-        + f"the nearest one takes {near['energy']:.4f} J {same}: saved {near['saving_joules']:.4g} J, {percent:.3g} %"
-    )
+    mean = " in the mean of the models" if found.get("robust") else ""
+    takes = f"the nearest one takes {near['energy']:.4f} J {same}"
+    return f"{words}{takes}: saved {near['saving_joules']:.4g} J, {percent:.3g} %{mean}"
 
 
 def limits_words(certificate: Mapping[str, Any], unit: Callable[[str, str], str]) -> str:
@@ -57,7 +56,7 @@ def limits_words(certificate: Mapping[str, Any], unit: Callable[[str, str], str]
     sizes = list(certificate["max_violation"].values())
     place = f"{worst['joint']} {worst['limit']}".strip()
     if any(size is None for size in sizes):
-        return f"limits not kept: {place} cannot be told at {worst['time']:.4g} s"
+        return f"limits not kept: {place} is not known at {worst['time']:.4g} s"
     excess = max(sizes)
     if excess > ALLOWED:
         return (

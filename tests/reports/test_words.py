@@ -40,7 +40,7 @@ def test_one_clearance_is_said_everywhere():
         (-1e-7, "all limits kept; tightest: j2 acceleration, 99.99 % used at 1.954 s"),
         (0.0, "all limits kept; tightest: j2 acceleration, 100 % used at 1.954 s"),
         (0.009, "limits not kept: j2 acceleration is 7.57 rad/s^2 at 1.954 s, 7.5 is allowed (0.9 % over)"),
-        (None, "limits not kept: j2 acceleration cannot be told at 1.954 s"),
+        (None, "limits not kept: j2 acceleration is not known at 1.954 s"),
     ],
 )
 def test_limits_in_one_sentence(excess, text):

@@ -58,7 +58,8 @@ class Pose:
 
     Attributes:
         matrix: (4, 4) pose of the tool in the robot's base frame, lengths in m; given as such, or as x, y, z, roll,
-            pitch, yaw or x, y, z and a quaternion x, y, z, w [m, rad]. R = Rz(yaw) Ry(pitch) Rx(roll), as in URDF.
+            pitch, yaw or x, y, z and a quaternion x, y, z, w [m, rad], also in one text with commas.
+            R = Rz(yaw) Ry(pitch) Rx(roll), as in URDF.
         free: directions of the tool's frame in which it may differ; given as such, or in words (`Freedom.of`).
         tolerance: distance [m] and angle [rad] by which it may be missed; given as such, or as `1mm,1deg`.
         name: for messages.
@@ -114,13 +115,13 @@ def pose_from(
     """
     if isinstance(given, Pose):
         return given
-    if isinstance(given, str):
-        given = np.array([finite_number(word, f"{name} {given}", FORM) for word in words_of(given)])
     return Pose(given, free, tolerance or EXACT, name)  # type: ignore[arg-type]
 
 
-def matrix_of(given: Sequence[float] | np.ndarray, name: str) -> np.ndarray:
-    """A pose (4, 4) from six or seven numbers, or from itself; see `Pose`."""
+def matrix_of(given: str | Sequence[float] | np.ndarray, name: str) -> np.ndarray:
+    """A pose (4, 4) from six or seven numbers, also as text, or from itself; see `Pose`."""
+    if isinstance(given, str):
+        given = [finite_number(word, f"{name} {given}", FORM) for word in words_of(given)]
     try:
         numbers = np.asarray(given, dtype=float)
     except (TypeError, ValueError):

@@ -159,7 +159,7 @@ def identify(robot: str, poses: Sequence[Pose]) -> Identification:
         return Identification(robot, tuple(poses), mean, interval, None, word)
     spread = float(np.std(load))
     if spread <= 1e-6 * max(float(load.mean()), 1e-12) or spread < 1e-3:
-        word = "Method 2 refused: the poses' gravity torques are all alike, so r_over_kt2 cannot be separated from overhead"
+        word = "Method 2 refused: all gravity torques are alike, so r_over_kt2 cannot be separated from overhead"
         return Identification(robot, tuple(poses), mean, interval, None, word)
     matrix = np.column_stack([np.ones(count), load])
     (standby, r), *_ = np.linalg.lstsq(matrix, power, rcond=None)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from tool_poses import JOB
 
+import energy_opt as eo
 from energy_opt.cell.load import scene_of
 from energy_opt.cell.request import CellRequest
 from energy_opt.cli.main import main
@@ -113,3 +114,10 @@ def test_named_numbers_that_may_be_a_pose_are_remarked(tmp_path: Path, ur: ToolK
     assert "part: these 6 numbers are joint positions; a pose of the tool is part = { pose = [...] }" in said
     path.write_text(JOB.replace(part, "part = [0.45, 0.2, 0.1, 0, 1, 0, 0]"))
     assert any("a pose of the tool is { pose = [...] }" in line for line in check_job(path, lambda name: ur.robot))
+
+
+def test_a_pose_is_numbers_or_the_same_in_one_text() -> None:
+    numbers = [0.45, 0.25, 0.3, 1.0, 0.0, 0.0, 0.0]
+    assert eo.Pose("0.45,0.25,0.3,1,0,0,0").same_as(eo.Pose(numbers))
+    with pytest.raises(BadInput, match=r"pose 0\.45,up"):
+        eo.Pose("0.45,up,0.3,0,0,0")

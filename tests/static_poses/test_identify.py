@@ -50,7 +50,7 @@ def test_an_overhead_below_zero_is_told():
 @pytest.mark.parametrize(
     ("load", "power", "word"),
     [
-        ([500, 500.0, 500, 500], [90, 91, 92, 91], "all alike"),
+        ([500, 500.0, 500, 500], [90, 91, 92, 91], "are alike"),
         ([100, 900], [90, 93], "2 different pose"),
         ([500, 501, 502, 503], [90, 93, 89, 92], "do not vary enough"),
         ([100, 900, 1600, 2500], [95, 92, 90, 87], "falls with gravity torque"),

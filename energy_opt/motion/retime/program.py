@@ -227,17 +227,18 @@ class Retiming:
         early: the bound remains valid.
         """
         drifts = energy and any(effect.drifts for effect in self.model.effects)
-        timed = exactly or only_bound
-        found = self._optimise(start, price, longest, floor, timed, exactly, energy, only_bound)
-        if not timed and found.timing.duration > longest:
-            timed = True
-            found = self._optimise(start, price, longest, floor, timed, exactly, energy, only_bound)
+
+        def attempt(start: Timing) -> Solved:
+            for timed in (False, True)[exactly or only_bound :]:
+                found = self._optimise(start, price, longest, floor, timed, exactly, energy, only_bound)
+                if found.solved and found.timing.duration <= longest:
+                    break
+            return found
+
+        found = attempt(start)
         # time-dependent effects use the times of the previous timing, and the program is scaled by its start
         far = abs(np.log(found.timing.duration / start.duration)) > np.log(FAR_OFF)
-        if drifts or (found.solved and far):
-            again = self._optimise(found.timing, price, longest, floor, timed, exactly, energy, only_bound)
-            return again if again.timing.duration <= longest or not found.solved else found
-        return found
+        return attempt(found.timing) if drifts or (found.solved and far) else found
 
     def _optimise(
         self,

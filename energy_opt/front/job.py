@@ -162,6 +162,10 @@ def table(found: Mapping[str, Any], cycles: float | None, out: Path) -> str:
         else:
             saved = 100 * (1 - found["energy_total"] / row["energy_total"])
             lines.append(f"  {name} {row['energy_total']:.3f} J (this plan saves {saved:.2f} %)")
+    choice, mean = found.get("choice"), " in the mean of the models" if found.get("robust") else ""
+    if choice and choice["greedy_nearest"] is not None:
+        chosen, nearest = choice["energy_total"], choice["greedy_nearest"]
+        lines.append(f"positions at the poses: {chosen:.3f} J a cycle, with the nearest ones {nearest:.3f} J{mean}")
     if "per_year" in found:
         lines.append(per_year_words(found["per_year"], cycles or 0.0))
     several = found.get("robust")

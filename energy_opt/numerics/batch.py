@@ -59,11 +59,12 @@ class Batch:
         """The same batch, with constant arguments from number `first` on; a row (inputs,) counts for every point."""
         for given, value in zip(self._given[first:], arguments, strict=True):
             given[...] = value
+        self._given = self._given[:first]
         return self
 
     def __call__(self, *arguments: np.ndarray) -> list[np.ndarray]:
-        """The results; each call overwrites those of the call before. Last arguments may be left out if `held`."""
-        for given, value in zip(self._given, arguments, strict=False):
+        """The results for the arguments that are not held; each call overwrites those of the call before."""
+        for given, value in zip(self._given, arguments, strict=True):
             given[...] = value
         for call in self._calls:
             call()

@@ -221,12 +221,11 @@ def _models(report: Report, document: Mapping[str, Any]) -> None:
 def assumed(report: Report, document: Mapping[str, Any]) -> None:
     """The section of values that were not given, with sources; of friction that ends the saving; of long travel."""
     records = [Assumption(**row) for row in document.get("assumptions", ())]
-    if not records:
-        return
-    report.section("What was not given")
-    report.table(["what", "value", "source", "note"], [list(row) for row in grouped(records)])
+    if records:
+        report.section("What was not given")
+        report.table(["what", "value", "source", "note"], [list(row) for row in grouped(records)])
     share = document.get("break_even_friction")
-    if share is not None:
+    if records and share is not None:
         report.text(f"The move saves as long as dry friction is below {100 * share:.2g} % of the effort limits.")
     if far := document.get("travel"):
         report.section("Joints that travel more than 1.5 times the distance to their goal").table(

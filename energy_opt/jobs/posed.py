@@ -9,9 +9,10 @@ compare    with the usual choice: at every pose the branch nearest to the arm's 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -31,12 +32,14 @@ from energy_opt.poses.freedom import Bent, has_freedom, improved
 from energy_opt.poses.given import in_base
 from energy_opt.poses.inverse import ToolKinematics
 from energy_opt.poses.pose import Pose
-from energy_opt.poses.sets import Layer, Ring, Target, positions_near, positions_of, straight_is_free, thinned
+from energy_opt.poses.sets import DETOUR, Layer, Ring, Target, positions_near, positions_of, straight_is_free, thinned
 from energy_opt.power import PowerModel
 
 SWEEPS = 3  # sweeps over all ends, by estimates
 WORTH = 1e-3  # share of the losses: ends are not settled again if bending promises to save less
 SETTLED = 5  # most rough cycles
+RINGS = 24  # most rings through the branches to estimate for alternatives
+SAME = 0.1  # [rad, m] positions this near each other settle at the same optimum
 Ends = dict[int, np.ndarray]  # positions (n,) of steps
 
 
@@ -88,19 +91,47 @@ class Posed:
 
     def estimated(self, improve: bool = True) -> tuple[Ends, float]:
         """Positions of all moving steps' ends that are likely to be cheapest, and the estimate [J] before improving."""
-        nearest = self.greedy()
-        layers = [self._layer(k, nearest[k]) for k in self.moving]
-        steps = [self.job.steps[k] for k in self.moving]
-        order = [*range(1, len(steps)), 0]  # move k of the ring goes to the end of the next moving step
-        models = [[self.scorers.of(steps[k])] for k in order]
-        bounds = [(steps[k].least, steps[k].most) for k in order]
-        ring = Ring(layers, models, bounds)
-        waiting = min(float(layer.standing.min()) for layer in layers)
-        cells = [self.cells.of(steps[k]) for k in order]
-        free = lambda k, a, b: straight_is_free(cells[k], a, b)  # noqa: E731
-        chosen, energy = ring.cheapest(self.job.cycle_time - self.job.waiting, waiting, free)
-        ends = {k: layer.positions[c] for k, layer, c in zip(self.moving, layers, chosen, strict=True)}
+        ends, energy = next(self._rings())
         return self._improved(ends) if improve else ends, energy
+
+    def alternatives(self, count: int) -> list[Ends]:
+        """At most `count` different choices of positions at the ends of all moving steps, the likely cheapest first."""
+        found: list[tuple[float, Ends]] = []
+        for ends, _ in islice(self._rings(), RINGS):
+            ends = self._improved(ends)
+            if all(max(np.abs(q - other[k]).max() for k, q in ends.items()) > SAME for _, other in found):
+                ring = self._ring(
+                    [Layer(q[None], self._held(k), holding(self._models(k), q[None])) for k, q in ends.items()]
+                )
+                found.append((self._cheapest(ring)[1], ends))
+        return [ends for _, ends in sorted(found, key=lambda item: item[0])[:count]]
+
+    def _rings(self) -> Iterator[tuple[Ends, float]]:
+        """Positions of all moving steps' ends, and their estimate [J]: each differs in every move from those before."""
+        nearest = self.greedy()
+        ring = self._ring([self._layer(k, nearest[k]) for k in self.moving])
+        cells = [self.cells.of(self.job.steps[k]) for k in [*self.moving[1:], self.moving[0]]]
+        free = lambda k, a, b: straight_is_free(cells[k], a, b)  # noqa: E731
+        costly = np.inf
+        while True:
+            chosen, energy = self._cheapest(ring, free)
+            if energy > costly:
+                return
+            yield {k: at.positions[c] for k, at, c in zip(self.moving, ring.layers, chosen, strict=True)}, energy
+            costly = min(costly, energy + DETOUR / 2)
+            ring.avoid(chosen)
+
+    def _ring(self, layers: Sequence[Layer]) -> Ring:
+        """The ring through positions at the ends of all moving steps."""
+        order = [*self.moving[1:], self.moving[0]]  # the move from one layer ends the next moving step
+        bounds = [(self.job.steps[k].least, self.job.steps[k].most) for k in order]
+        return Ring(layers, [self._models(k) for k in order], bounds)
+
+    def _cheapest(
+        self, ring: Ring, free: Callable[[int, np.ndarray, np.ndarray], bool] | None = None
+    ) -> tuple[list[int], float]:
+        waiting = min(float(layer.standing.min()) for layer in ring.layers)
+        return ring.cheapest(self.job.cycle_time - self.job.waiting, waiting, free)
 
     def _layer(self, k: int, nearest: np.ndarray) -> Layer:
         """The positions at which a moving step may end, the nearest first, and the power of the waits after it."""

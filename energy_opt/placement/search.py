@@ -1,7 +1,7 @@
 """The pose of the base, or of a fixture, that makes a job cheapest.
 
 estimate   the job at placements all over the box: the cheapest ring through the branches of its poses
-seed       rough cycles at the best estimates, far from each other
+seed       rough cycles at the best estimates, far from each other; at the best of these also by other branches
 descend    a cycle's motions, bent to the ends for another base, cost at least as much as that base's optimum, and the
            same at this base (envelope theorem), so a base at which they cost less is better; there they settle again;
            where none costs less, neighbours are tried: bent motions overestimate these where limits bind
@@ -17,9 +17,7 @@ from itertools import product
 
 import numpy as np
 from scipy.optimize import minimize
-from scipy.spatial.transform import Rotation
 
-from energy_opt.cell.load import scene_of
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.jobs.file import Job
@@ -29,7 +27,7 @@ from energy_opt.jobs.run import JobResult
 from energy_opt.motion.move import Settings
 from energy_opt.placement.placement import Looked, Placement, Rough
 from energy_opt.placement.request import PlaceRequest
-from energy_opt.poses.given import WORLD
+from energy_opt.placement.scene import fixture_pose, in_scene
 from energy_opt.power import PowerModel
 
 TRIES = 2  # times as many seeds are tried if rough cycles fail
@@ -41,6 +39,7 @@ POOL = 48  # positions from which inverse kinematics starts at a placement
 # initial and largest factor of steps: bent motions bound the optimum from above, and overestimate long steps
 RELAXED, MOST_RELAXED = 1.6, 3.0
 EVALUATIONS = 60  # most evaluations of bent motions in a step, per coordinate
+BRANCHES = 6  # choices of branches to try at the best seed
 ANSWERS = 3  # most placements to solve in full until one is proven
 UNREACHED = 1e9  # [J] assumed cost of a placement from which a pose is out of reach
 
@@ -60,8 +59,8 @@ class Search:
     ) -> None:
         self.model, self.request, self.settings, self.cell = model, request, settings, cell
         self.stopped, self.progress = stopped, progress
-        self.job = _in_scene(job, cell)
-        self.given = cell.base if request.fixture is None else _fixture_pose(self.job, cell, request.fixture)
+        self.job = in_scene(job, cell)
+        self.given = cell.base if request.fixture is None else fixture_pose(self.job, cell, request.fixture)
         self.bounds = request.bounds(self.given)
         self.span = self.bounds[:, 1] - self.bounds[:, 0]
         self.free = np.flatnonzero(self.span > 0)
@@ -153,6 +152,17 @@ class Search:
         self.path.append(Looked(self.place(point), best.energy, kind))
         return best
 
+    def varied(self, here: Rough) -> Rough:
+        """The cheapest rough cycle at the same placement, also by other branches."""
+        try:
+            choices = self.posed(here.point).alternatives(BRANCHES)
+        except Infeasible:
+            return here
+        known = len(self.path)
+        found = [here, *(self.settled(here.point, "seed", ends=ends) for ends in choices if not self.stopped())]
+        del self.path[known:]  # the placement is known already
+        return min(found, key=lambda at: at.energy)
+
     def _choices(self, point: np.ndarray) -> list[Ends]:
         """Positions at the ends of steps: those that are likely to be cheapest, and the nearest."""
         try:
@@ -233,33 +243,6 @@ class Search:
         return np.array([*place[:3], place[5]])
 
 
-def _in_scene(job: Job, cell: CellRequest) -> Job:
-    """The job with its poses fixed in the scene, as seen from the given base."""
-    steps = list(job.steps)
-    for k in job.open:
-        pose = steps[k].pose
-        assert pose is not None
-        if not pose.frame:
-            steps[k] = replace(steps[k], pose=replace(pose, matrix=cell.base_pose @ pose.matrix, frame=WORLD[0]))
-    return replace(job, steps=tuple(steps))
-
-
-def _fixture_pose(job: Job, cell: CellRequest, fixture: str) -> tuple[float, ...]:
-    """The placement of a fixture: x, y, z [m], roll, pitch, yaw [rad] (6,) of its frame in the scene's."""
-    steps = [step for step in job.steps if step.pose is not None and step.pose.frame == fixture]
-    if not steps:
-        raise BadInput(f"{job.name}: no step ends at a pose in the frame of {fixture!r}, so its place changes nothing; "
-                       f'give `pose = "{fixture}: X,Y,Z,R,P,Y"`')  # fmt: skip
-    scene = scene_of(replace(cell, scene=steps[0].scene or cell.scene))
-    if scene is None:
-        raise BadInput(f"{job.name}: no scene has the object {fixture!r}; give --scene")
-    known = {thing.name: thing for thing in scene.objects}
-    if fixture not in known:
-        scene.with_object_at(fixture, np.eye(4))
-    at = known[fixture].place
-    return *map(float, at[:3, 3]), *map(float, Rotation.from_matrix(at[:3, :3]).as_euler("xyz"))
-
-
 def place(
     job: Job,
     model: PowerModel,
@@ -306,6 +289,8 @@ def place(
         progress(f"seed {found + 1}/{request.seeds}", 0.4 + 0.2 * found / request.seeds)
         seeds.append(search.settled(point, "seed"))
     seeds.sort(key=lambda at: at.energy)
+    if seeds and seeds[0].plan is not None:
+        seeds.insert(0, search.varied(seeds[0]))
     relax = RELAXED
     last = len(search.path) + request.steps
     while (left := last - len(search.path)) > 0 and seeds and seeds[0].plan is not None and not stopped():

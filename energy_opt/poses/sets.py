@@ -153,6 +153,11 @@ class Ring:
                 break
         return chosen, energy
 
+    def avoid(self, chosen: Sequence[int]) -> None:
+        """Make every move of a ring costly, so that others come first."""
+        for k, detours in enumerate(self._detours):
+            detours[chosen[k], chosen[(k + 1) % len(chosen)]] += DETOUR
+
     def _avoid(self, chosen: list[int], price: float, free: Callable[[int, np.ndarray, np.ndarray], bool]) -> bool:
         """Make moves in contact costly until the cheapest ring at a price has none; True if any was found."""
         any_found, count = False, len(self.layers)

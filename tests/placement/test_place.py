@@ -17,12 +17,30 @@ from energy_opt.cli.main import main
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.front.given import source_model
 from energy_opt.jobs import load_job
+from energy_opt.jobs.posed import Posed
 from energy_opt.motion import Settings
 from energy_opt.placement import PlaceRequest, place
 from energy_opt.placement.search import Rough, Search
 from energy_opt.poses.inverse import ToolKinematics
 from energy_opt.requests import moves
 from energy_opt.robot import load_robot
+
+PANDA = """
+format = "energy-opt/job/1"
+robot = "panda"
+cycle_time = 4.0
+[[step]]
+min_duration = 2.0
+max_duration = 2.0
+pose = [0.5, 0.2, 0.2, 3.14159265, 0, 0]
+free = ["rz"]
+[[step]]
+min_duration = 2.0
+max_duration = 2.0
+pose = [0.3, -0.4, 0.3, 3.14159265, 0, 0]
+free = ["rz"]
+payload = 1.0
+"""
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +71,7 @@ def test_a_proven_placement_comes_before_a_cheaper_one_that_is_none(
         proven = point[0] == 0.0
         return SimpleNamespace(solved=proven, energy=5.0 if proven else 1.0)
 
-    def settled(search: Search, point: np.ndarray, kind: str) -> Rough:
+    def settled(search: Search, point: np.ndarray, kind: str, ends: object = None) -> Rough:
         return Rough(point, {}, SimpleNamespace(), 4.0 + point[0])
 
     monkeypatch.setattr(Search, "solve", solve)
@@ -115,6 +133,39 @@ def test_a_rough_cycle_follows_the_base_and_a_step_costs_less(tmp_path: Path, ur
         answer = there.plan.answers[k]
         at = by_pinocchio(ur.robot, answer.trajectory.position[-1])[:3, 3] + there.point[:3]
         assert np.linalg.norm(at - wanted) <= (1e-3 if k else 1e-6)
+
+
+def test_alternatives_reach_the_poses_by_different_positions_and_cost_more_in_turn(
+    tmp_path: Path, ur: ToolKinematics
+) -> None:
+    path = tmp_path / "job.toml"
+    path.write_text(JOB)
+    job, model = load_job(path, lambda name: ur.robot), source_model(ur.robot)
+    posed = Posed(job, model, Settings(starts=1), CellRequest())
+    likely = posed.estimated()[0]
+    found = posed.alternatives(4)
+    assert 2 <= len(found) <= 4
+    away = [max(np.abs(a[k] - b[k]).max() for k in a) for i, a in enumerate(found) for b in found[:i]]
+    assert min(away) > 0.1
+    assert any(all(np.allclose(ends[k], likely[k]) for k in likely) for ends in found)
+    for ends in found:
+        for k, pose in posed.poses.items():
+            missed = np.linalg.norm(by_pinocchio(ur.robot, ends[k])[:3, 3] - pose.matrix[:3, 3])
+            assert missed <= pose.tolerance[0] + 1e-6
+
+
+@pytest.mark.slow
+def test_other_branches_at_a_placement_cost_less_than_the_likely_ones(tmp_path: Path) -> None:
+    path = tmp_path / "job.toml"
+    path.write_text(PANDA)
+    job = load_job(path, load_robot)
+    box = PlaceRequest((-0.2, 0.2, -0.2, 0.2, 0.0, 0.1))
+    model = source_model(job.robot)
+    search = Search(job, model, box, Settings(starts=1), CellRequest(), lambda: False, lambda text, share: None)
+    here = search.settled(np.array([0.2, -0.07, 0.0, 0.0]), "seed")
+    there = search.varied(here)
+    assert len(search.path) == 1  # it is the same placement
+    assert there.energy < here.energy - 0.05
 
 
 @pytest.mark.slow

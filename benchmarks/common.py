@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.batches.moves import random_moves
+from energy_opt.batches.tables import random_moves
 from energy_opt.files import write_json
 from energy_opt.motion import Move, Planner
 from energy_opt.motion.judge.energy import Scorer

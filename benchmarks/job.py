@@ -19,7 +19,7 @@ from pathlib import Path
 
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
-from energy_opt.cli.examples import example
+from energy_opt.cli.main import example
 from energy_opt.errors import Infeasible
 from energy_opt.files import to_json
 from energy_opt.jobs import Job, JobResult, load_job, run_job

@@ -27,7 +27,7 @@ from virtual_arms import draw_effect
 from virtual_motions import excitation
 from virtual_sets import arm, base_model
 
-from energy_opt.batches.moves import random_moves
+from energy_opt.batches.tables import random_moves
 from energy_opt.diagnosis import Diagnosis, diagnose
 from energy_opt.effects import BY_NAME, Effect, Payload
 from energy_opt.files import write_json

@@ -23,7 +23,7 @@ import toppra.constraint as constraint
 from common import SEED, SLOWER, SUITES, finish, table
 from toppra import SplineInterpolator
 
-from energy_opt.batches.moves import random_moves
+from energy_opt.batches.tables import random_moves
 from energy_opt.motion.path import straight
 from energy_opt.motion.retime.solve import retime
 from energy_opt.motion.timing.toppra import INTERVALS, fastest

@@ -8,8 +8,7 @@ from collections.abc import Callable
 
 from latex2mathml.converter import convert
 
-from energy_opt.cli.examples import EXAMPLES, example
-from energy_opt.cli.main import parsers
+from energy_opt.cli.main import EXAMPLES, example, parsers
 from energy_opt.effects import ALL_EFFECTS
 from energy_opt.effects.registry import described_effect
 from energy_opt.front.verbs import VERBS

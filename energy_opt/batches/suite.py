@@ -40,8 +40,16 @@ from itertools import count, product
 from pathlib import Path
 from typing import Any
 
-from energy_opt.batches.moves import NamedMove, given_path, joint_values, posed_move, random_moves
-from energy_opt.batches.tables import MEAN, CellTable, GroupTable
+from energy_opt.batches.tables import (
+    MEAN,
+    CellTable,
+    GroupTable,
+    NamedMove,
+    given_path,
+    joint_values,
+    posed_move,
+    random_moves,
+)
 from energy_opt.batches.task import Duration, RobotSource, Surroundings, Task
 from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene_files import carried, read_scene

@@ -1,4 +1,7 @@
-"""`energy-opt`: finds the verb, and turns faults into one line and an exit code."""
+"""`energy-opt`: finds the verb, and turns faults into one line and an exit code.
+
+Also here: valid example files to start from; `--example KIND` prints one.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from energy_opt import __version__
-from energy_opt.cli.examples import EXAMPLES, example
-from energy_opt.cli.faults import as_error, one_line, was_pressed
+from energy_opt.cli.faults import as_error, flushed, of_output, one_line, opened, view, was_pressed
 from energy_opt.cli.options import Help, Parser, add_options, request_of
-from energy_opt.cli.streams import flushed, of_output, opened, view
 from energy_opt.cli.terminal import Terminal
 from energy_opt.errors import BadInput, EnergyOptError, near, speaking_of_options
 from energy_opt.files import read_text
@@ -197,3 +198,19 @@ def parsers(words: Sequence[str]) -> tuple[Parser, dict[str, Parser]]:
             add_options(sub, name, verb)
         verbs[name] = sub
     return parser, verbs
+
+
+# Kind -> the file that is printed, in the package of its reader.
+EXAMPLES = {
+    "model": "power/example.toml",
+    "log": "measured/example.toml",
+    "job": "jobs/example.toml",
+    "suite": "batches/example.toml",
+    "limits": "robot/example.yaml",
+    "scene": "cell/scene_files/example.yaml",
+}
+
+
+def example(kind: str) -> str:
+    """The text of the example file of a kind."""
+    return (Path(__file__).parents[1] / EXAMPLES[kind]).read_text(encoding="utf-8")

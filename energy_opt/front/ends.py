@@ -15,9 +15,8 @@ from energy_opt.front.answer import Answer
 from energy_opt.front.given import positions, refuse_degrees
 from energy_opt.motion import Settings, Trajectory
 from energy_opt.poses.chosen import Chosen
-from energy_opt.poses.ends import Ends
+from energy_opt.poses.ends import Ends, pose_document
 from energy_opt.poses.given import Given, poses_of_request
-from energy_opt.poses.judge import pose_document
 from energy_opt.poses.pose import EXACT, AnyOf, Freedom, Pose
 from energy_opt.requests.moves import MoveRequest
 from energy_opt.robot import Robot

@@ -1,4 +1,4 @@
-"""The verb `evaluate`: given motions, under one or several models."""
+"""The verb `evaluate`: given motions, under one or several models; evaluate.json, other formats, and a table."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from energy_opt.cell.load import load_cell
 from energy_opt.errors import BadInput
 from energy_opt.evaluations import Evaluation, Recorded, load
 from energy_opt.evaluations import evaluate as evaluated
-from energy_opt.evaluations.output import ANSWER, document, table
-from energy_opt.evaluations.output import write as saved
 from energy_opt.evaluations.source import Stretch, joints_in, robot_named
+from energy_opt.files import plain, write_json
+from energy_opt.folders import written_whole
+from energy_opt.formats.cycle import write_cycle
 from energy_opt.formats.output import Written
 from energy_opt.front.controllers import check_written
 from energy_opt.front.desk import Desk, verb
@@ -29,6 +30,9 @@ from energy_opt.requests.verbs import EvaluateRequest
 from energy_opt.results import Found, exit_of
 from energy_opt.robot import Robot, known_robots, load_robot
 
+FORMAT = "energy-opt/evaluation/1"
+ANSWER = "evaluate.json"
+WIDTH = 14  # [characters] least width of a column
 AnyMotion = Trajectory | str | PathLike[str]
 
 
@@ -53,9 +57,16 @@ class Answers(Found):
         return exit_of(False, all(row.valid for row in self.files))
 
     def document(self) -> dict[str, Any]:
-        """evaluate.json."""
-        written = [row.document() for row in self.files]
-        return document(self.robot, self.found, self.request) | {"written": written}
+        """evaluate.json: energies in J, times in s from each motion's beginning."""
+        return {
+            "format": FORMAT,
+            "status": "done",
+            "robot": self.robot.name,
+            "joints": list(self.robot.joints),
+            "motions": [_row(evaluation) for evaluation in self.found],
+            "written": [row.document() for row in self.files],
+            "request": plain(self.request),
+        }
 
     def text(self, out: Path) -> str:
         """Table of all motions, for a terminal."""
@@ -81,11 +92,19 @@ class Answers(Found):
         return Path(out)
 
     def kept(self, out: Path) -> Answers:
-        """Write evaluate.json, and every motion in the formats that the request asks for, into the folder `out`."""
-        asked = self.asked
+        """Write evaluate.json, and every motion in the formats that the request asks for, into the folder `out`.
+
+        Files of a motion are called trajectory, or trajectory_01 and so on.
+        """
+        asked, records = self.asked, list[Written]()
         formats = check_written(asked, self.robot.n)
-        _, records = saved(self.robot, self.found, self.request, out, formats, asked.rate, asked.joint_prefix)
-        return replace(self, files=tuple(records))
+        with written_whole(out, ANSWER) as aside:
+            for number, each in enumerate(self.found, start=1):
+                stem = "trajectory" if len(self.found) == 1 else f"trajectory_{number:02d}"
+                records += write_cycle(each.parts, each.judge, formats, aside, asked.rate, asked.joint_prefix, stem)
+            kept = replace(self, files=tuple(records))
+            write_json(aside / ANSWER, kept.document())
+        return kept
 
 
 def run(request: EvaluateRequest, desk: Desk) -> Answers:
@@ -153,3 +172,64 @@ def _motion(given: AnyMotion, robot: Robot, prefix: str) -> Recorded:
     samples = (np.asarray(x)[:, index] for x in (given.position, given.velocity, given.acceleration))
     trajectory = Trajectory(robot.joints, given.time - given.time[0], *samples).on_nanoseconds()
     return Recorded("trajectory", trajectory, (Stretch(0.0, trajectory.duration),), standstills(trajectory))
+
+
+def _row(evaluation: Evaluation) -> dict[str, Any]:
+    motion, certificate = evaluation.motion, evaluation.certificate
+    return {
+        "file": motion.name,
+        "duration": motion.trajectory.duration,
+        "waits": [{"start": a, "duration": b - a} for a, b in motion.waits.tolist()],
+        "models": [{"name": name, "energy": energy.document()} for name, energy in evaluation.energies.items()],
+        "valid": certificate.valid,
+        "certificate": certificate.document(),
+        "peak_power": certificate.peak_power,
+        "baselines": [
+            {"name": b.name, "duration": b.duration, "valid": b.valid, "energy_total": b.energies}
+            for b in evaluation.baselines
+        ],
+        "remark": evaluation.remark or None,
+        "notes": list(motion.notes),
+    }
+
+
+def table(found: Sequence[Evaluation]) -> str:
+    """Table of all motions, one column each, for the terminal."""
+    files = [Path(evaluation.motion.name) for evaluation in found]
+    alike = len({file.name for file in files}) < len(files)
+    names = ["/".join(file.parts[-2:]) if alike else file.name for file in files]
+    width = max(WIDTH, *(len(name) + 2 for name in names))
+    lines = [f"{'':<28}" + "".join(f"{name:>{width}}" for name in names)]
+
+    def line(name: str, values: Sequence[float | None], digits: int = 3) -> None:
+        cells = "".join(f"{'-' if x is None else f'{x:.{digits}f}':>{width}}" for x in values)
+        lines.append(f"{name:<28}{cells}")
+
+    line("duration [s]", [e.motion.trajectory.duration for e in found], 4)
+    line("standing still [s]", [float((e.motion.waits[:, 1] - e.motion.waits[:, 0]).sum()) for e in found], 4)
+    for model in found[0].energies:
+        lines.append(f"under {model} [J]")
+        energies = [e.energies[model] for e in found]
+        for part in ("total", "standby", "stored", "loss"):
+            line(f"  {part}", [getattr(energy, part) for energy in energies])
+        for effect in dict.fromkeys(name for energy in energies for name in energy.by_effect):
+            if effect not in ("standby", "mechanical"):
+                line(f"    {effect}", [energy.by_effect.get(effect) for energy in energies])
+        for name in ("toppra", "scaled"):
+            known = [next((b for b in e.baselines if b.name == name), None) for e in found]
+            line(f"  {name}", [None if b is None else b.energies[model] for b in known])
+    line("peak power [W]", [e.certificate.peak_power for e in found], 1)
+    for evaluation in found:
+        lines.append(f"{evaluation.motion.name}: {_judged(evaluation)}")
+    return "\n".join(lines)
+
+
+def _judged(evaluation: Evaluation) -> str:
+    certificate = evaluation.certificate
+    worst = certificate.worst
+    what = f"{worst['joint']} {worst['limit']} is {worst['value']:.6g} at {worst['time']:.4g} s"
+    what += f", bound {worst['bound']:.6g}"
+    text = f"all limits kept; tightest: {what}" if certificate.within_limits else f"breaks a limit: {what}"
+    if certificate.clearance is not None:
+        text += f"; {certificate.clearance}"
+    return f"{text}; no baselines: {evaluation.remark}" if evaluation.remark else text

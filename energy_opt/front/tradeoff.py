@@ -218,7 +218,7 @@ def traced(planner: Planner | RobustPlanner, move: Move, cycle: Cycle | None, **
         cycle: under the first model; more: further arguments of `trace`.
     """
     from energy_opt.fronts import trace
-    from energy_opt.fronts.models import stated
+    from energy_opt.fronts.output import stated
 
     if isinstance(planner, Planner):
         return trace(planner, move, cycle=cycle, **more)
@@ -244,8 +244,7 @@ def document_of(
             saving against the fastest move with a wait; without a cycle, that of the minimum against the same move
             slowed evenly.
     """
-    from energy_opt.fronts.models import models_of, models_of_front
-    from energy_opt.fronts.output import document
+    from energy_opt.fronts.output import document, models_of, models_of_front
 
     robot = planner.robot
     found = document(front, robot=robot.name, joints=robot.joints, mode=move.mode, cycle=cycle)

@@ -30,7 +30,7 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, StrictBool, StrictStr, model_validator
 
-from energy_opt.batches.moves import joint_values
+from energy_opt.batches.tables import joint_values
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput, near
 from energy_opt.files import inside, is_number, read_toml

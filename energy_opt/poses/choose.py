@@ -23,13 +23,12 @@ from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.move import Move
 from energy_opt.motion.result import Result
 from energy_opt.motion.trajectory import Trajectory
-from energy_opt.poses.chosen import Candidate, Chosen
+from energy_opt.poses.chosen import Candidate, Chosen, Settle, Settling
 from energy_opt.poses.estimate import curves, fastest
 from energy_opt.poses.freedom import directions, has_freedom, improved
 from energy_opt.poses.inverse import ToolKinematics, reach
 from energy_opt.poses.pose import Pose
 from energy_opt.poses.sets import Target, unreached
-from energy_opt.poses.settling import Settle, Settling
 
 IMPROVED = 5  # goals that the estimate moves along their freedom, each to another place
 TRIED = 7  # most goals that it moves, those that end at the place of another one included

@@ -1,13 +1,24 @@
-"""The result of a choice among goals: the cheapest motion, and all goals considered."""
+"""The result of a choice among goals: the cheapest motion, and all goals considered.
+
+Also here: the optimum of curve and poses together, near a motion, within what the poses leave free.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
+from energy_opt.cell.cell import Cell
+from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.move import Move
+from energy_opt.motion.reshape.open import Open
 from energy_opt.motion.result import Result
+from energy_opt.motion.trajectory import Trajectory
+from energy_opt.poses.freedom import WIDE, Bent, PosedGoal, has_freedom, inside, is_free, used
+from energy_opt.poses.inverse import ToolKinematics
 from energy_opt.poses.pose import Pose
 
 
@@ -82,3 +93,70 @@ class Chosen:
             },
             "solves": {"full": self.solves, "screened": self.screened},
         }
+
+
+Settle = Callable[[Move, Trajectory, Open, bool], tuple[Trajectory, tuple[np.ndarray, ...]]]
+
+
+class Settling:
+    """Moves motions to the nearest optimum of curve, start, via points and goal.
+
+    Args:
+        settle: moves a motion to the nearest optimum of curve and what is open, clear of bodies if so asked; it gives
+            the positions at via points too.
+        start, via: poses that the move begins at and passes; None where it begins at one position.
+    """
+
+    def __init__(
+        self,
+        tool: ToolKinematics,
+        scorers: Sequence[Scorer],
+        cell: Cell | None,
+        settle: Settle,
+        start: Pose | None,
+        via: Sequence[Pose],
+    ) -> None:
+        self._tool, self._scorers, self._cell, self._settle = tool, scorers, cell, settle
+        self._start, self._via = start, tuple(via)
+
+    def __call__(
+        self, move: Move, goal: Candidate, motion: Trajectory, clear: bool
+    ) -> list[tuple[Candidate, Trajectory]] | None:
+        """Optima near a motion whose ends touch nothing; None if its poses leave no freedom.
+
+        The goal's tolerance is used up in the direction in which the motion, bent to other ends, costs less.
+        """
+        pose, at = goal.pose, goal.moved(move)
+        if not (self._open(at, pose).any or (pose is not None and max(pose.tolerance) > WIDE)):
+            return None
+        wanted = pose
+        found: list[tuple[Candidate, Trajectory]] = []
+        for shifted in range(2):
+            open_ = self._open(at, pose)
+            if open_.any or shifted:
+                motion, via = self._settle(at, motion, open_, clear)
+                at = replace(at, start=motion.position[0], goal=motion.position[-1], via=via)
+            reached = wanted is None or inside(self._tool, wanted, at.goal)
+            if reached and all(is_free(self._cell, q) for q in (at.start, *at.via, at.goal)):
+                found.append((replace(goal, goal=at.goal, start=at.start, via=at.via), motion))
+            bent = partial(Bent(self._scorers, motion, move.duration is not None), None)
+            moved = None if shifted or pose is None else used(self._tool, pose, at.goal, bent)
+            if moved is None:
+                break
+            pose, at = moved[0], replace(at, goal=moved[1])
+        return found
+
+    def _open(self, move: Move, goal: Pose | None) -> Open:
+        """The freedom that a move's poses leave."""
+
+        def surface(pose: Pose | None, q: np.ndarray) -> PosedGoal | None:
+            if pose is None or not has_freedom(self._tool, pose):
+                return None
+            found = PosedGoal(self._tool, pose, q, self._work)
+            return found if found.count else None
+
+        via = tuple(map(surface, self._via, move.via))
+        return Open(surface(self._start, move.start), surface(goal, move.goal), via)
+
+    def _work(self, q: np.ndarray) -> np.ndarray:
+        return np.asarray(np.mean([scorer.potential(q) for scorer in self._scorers], axis=0))

@@ -1,4 +1,4 @@
-"""Start and goal of a move, if they are not one position each."""
+"""Start and goal of a move, if they are not one position each; and errors of chosen positions from their poses."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ import numpy as np
 from energy_opt.cell.load import scene_of
 from energy_opt.cell.request import CellRequest
 from energy_opt.poses.given import in_base
-from energy_opt.poses.pose import Freedom, Pose
+from energy_opt.poses.pose import Freedom, Pose, missed
 from energy_opt.robot import Robot
+from energy_opt.robot.tool import tool_of
 
 
 def ends_from_text(text: str) -> Ends:
@@ -78,3 +79,20 @@ class Ends:
         out = {**request, "goal": None, "goals": goals}
         out |= {"via": None, "via_poses": [pose.document() for pose in self.via]} if self.via else {}
         return out if self.start is None else out | {"start": None, "start_pose": self.start.document()}
+
+
+def pose_document(
+    robot: Robot, tool_words: str | None, poses: Mapping[str, Pose], positions: Mapping[str, np.ndarray]
+) -> dict[str, Any]:
+    """Errors of positions (n,) from their poses, recomputed with Pinocchio: distance [m] and angle [rad]."""
+    tool = tool_of(robot.body, tool_words)
+    out: dict[str, Any] = {}
+    for end, pose in poses.items():
+        q = positions[end][None]
+        still = np.zeros_like(q)
+        at, _, _ = robot.body.frame_motion(tool.joint, np.array(tool.pose), q, still, still)
+        off = missed(pose, at[:, :3, :3], at[:, :3, 3])
+        distance, angle = float(np.linalg.norm(off.shift)), float(np.linalg.norm(off.turn))
+        inside = distance <= pose.tolerance[0] and angle <= pose.tolerance[1]
+        out[end] = {"distance": distance, "angle": angle, "valid": inside}
+    return out

@@ -11,7 +11,8 @@ import numpy as np
 from energy_opt.files import write_json
 from energy_opt.folders import written_whole
 from energy_opt.power import PowerModel
-from energy_opt.reports.identify import page
+from energy_opt.reports.charts import Chart, Line
+from energy_opt.reports.page import Report
 from energy_opt.reports.plots import COLOURS, labelled, legend_beside, new_figure, save
 
 ANSWER = "identify.json"
@@ -49,3 +50,38 @@ def _plot(document: Mapping[str, Any], load: Sequence[float], power: Sequence[fl
         at.plot(ends, p0 + r * ends, color=COLOURS[1], label=label)
     legend_beside(at)
     save(figure, path)
+
+
+def page(document: Mapping[str, Any], load: Sequence[float], power: Sequence[float], robot: str) -> Report:
+    """The report of an identify.json.
+
+    Args:
+        load, power: of the poses, |gravity torque|^2 [(N m)^2] and mean power [W].
+    """
+    report = Report(f"{robot}: overhead and copper loss from {len(power)} static poses")
+    first, second = document["method1"], document.get("method2")
+    ends = np.array([0.0, 1.05 * max(load, default=1.0)])
+    lines = [
+        Line("poses", np.asarray(load), np.asarray(power), "points", "measured"),
+        Line("Method 1", ends, np.full(2, first["standby"]), "dash", "declared"),
+    ]
+    records: list[list[object]] = [["Method 1", first["standby"], None, None, None, None]]
+    if second is not None:
+        r, p0, ci = second["r_over_kt2"], second["standby"], second["ci95"]
+        lines.append(Line("Method 2", ends, p0 + r * ends, "line", "calibrated"))
+        records.append(["Method 2", p0, ci["standby"], r, ci["r_over_kt2"], second["r_squared"]])
+        report.headline(
+            f"Overhead {p0:.2f} W and copper loss {r:.4g} W/(N m)^2 by Method 2; {first['standby']:.2f} W by Method 1."
+        )
+    else:
+        report.headline(f"Method 1: {first['standby']:.2f} W of overhead; for Method 2 the poses do not suffice.")
+    report.charts(Chart("Static power", "squared gravity torque [(N m)^2]", "power [W]", lines))
+    report.table(
+        ["", "overhead [W]", "95 % [W]", "R/Kt^2 [W/(N m)^2]", "95 % [W/(N m)^2]", "R^2 of the line [1]"], records
+    )
+    expected = [None if second is None else p0 + r * x for x in load]
+    report.section("Poses").table(
+        ["pose", "squared gravity torque [(N m)^2]", "measured [W]", "Method 2 [W]"],
+        [[k, x, y, e] for k, (x, y, e) in enumerate(zip(load, power, expected, strict=True), start=1)],
+    )
+    return report.command(document.get("request"))

@@ -5,6 +5,9 @@ early or late by up to J, one is ahead of the other by any d in [-2 J, 2 J]: rel
 it would be d seconds later. The bisection of `cell.proof` proves an interval of time; here an interval of d is proven
 with it, by allowing the second arm any position that it can reach within half of that interval. If that fails, the
 interval of d is halved.
+
+`meeting` gives the times at which two steps of two arms may not meet: a guess from samples, which the proof confirms or
+widens.
 """
 
 from __future__ import annotations
@@ -19,7 +22,7 @@ from energy_opt.cell.cell import TOUCHING, Cell
 from energy_opt.cell.curve import MotionCurve, Spans
 from energy_opt.cell.proof import prove
 from energy_opt.robot.kinematics import Follows, Kinematics, Link
-from energy_opt.workcell.motion import PeriodicMotion
+from energy_opt.workcell.motion import Part, PeriodicMotion
 
 SHORTEST = 2e-4  # [s] shorter intervals of lateness are not halved again
 
@@ -205,3 +208,47 @@ def side_by_side(arms: TwoArms, one: PeriodicMotion, two: PeriodicMotion, late: 
     times = times[np.append(np.diff(times) > 1e-10, True)]
     pieces = np.concatenate([one.pieces(times), two.pieces(times + late)], axis=2)
     return _Loose.of_pieces(times, pieces).loosened(arms.count, slack)
+
+
+SAMPLES = 40  # samples of each of the two motions
+MARGIN = 0.01  # [m] nearer poses count as touching
+STEP = 1 / (SAMPLES - 1)
+Shares = tuple[float, float]
+
+
+def meeting(arms: TwoArms, one: Part, two: Part) -> tuple[Shares | None, Shares | None]:
+    """The parts of two steps that may not happen at the same time, as shares of the steps' durations.
+
+    None represents a whole step: for a wait, or if samples find nothing near.
+    """
+    waits = [np.ptp(part.trajectory.position, axis=0).max() == 0 for part in (one, two)]
+    shares = [np.array([0.5]) if wait else np.linspace(0, 1, SAMPLES) for wait in waits]
+    poses = [
+        part.trajectory(part.trajectory.time[0] + share * part.trajectory.duration)
+        for part, share in zip((one, two), shares, strict=True)
+    ]
+    k, m = (x.ravel() for x in np.meshgrid(*(np.arange(len(x)) for x in shares), indexing="ij"))
+    near = _near(arms, np.hstack([poses[0][k], poses[1][m]]))
+    if not near.any():
+        return None, None
+    out = [
+        None if wait else (max(0.0, share[i[near]].min() - STEP), min(1.0, share[i[near]].max() + STEP))
+        for wait, share, i in zip(waits, shares, (k, m), strict=True)
+    ]
+    return out[0], out[1]
+
+
+def _near(arms: TwoArms, q: np.ndarray) -> np.ndarray:
+    """(N,) True for configurations (N, n) of the two arms with a pair of bodies nearer than `MARGIN`."""
+    scene = Scenery(arms.bodies, q)
+    pairs = len(arms.bodies.pairs)
+    k, p = np.repeat(np.arange(len(q)), pairs), np.tile(np.arange(pairs), len(q))
+    floor, _, _ = scene.apart(k, p)
+    near = np.zeros(len(q), dtype=bool)
+    for i in np.flatnonzero(floor < MARGIN).tolist():
+        at, pair = int(k[i]), int(p[i])
+        if near[at]:
+            continue
+        a, b = arms.bodies.pairs[pair].tolist()
+        near[at] = arms.bodies.ruler(pair).near(scene.placed(at, a), scene.placed(at, b)) < MARGIN
+    return near

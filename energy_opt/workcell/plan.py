@@ -24,9 +24,8 @@ from energy_opt.schedule import UNDECIDED, Exclusion, Run, Schedule, solve
 from energy_opt.workcell.arm import SOLVED, Arm
 from energy_opt.workcell.arm_move import nearest
 from energy_opt.workcell.aside import aside
-from energy_opt.workcell.between import Between, TwoArms, prove_apart
+from energy_opt.workcell.between import Between, TwoArms, meeting, prove_apart
 from energy_opt.workcell.levers import Levers, with_lever
-from energy_opt.workcell.meeting import meeting
 from energy_opt.workcell.motion import PeriodicMotion
 from energy_opt.workcell.stage import Candidate, Stage
 

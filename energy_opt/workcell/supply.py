@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from energy_opt.schedule import Move, Schedule, Wait
-from energy_opt.schedule.check import keeps
+from energy_opt.schedule.problem import keeps
 from energy_opt.workcell.arm import Arm
 from energy_opt.workcell.file import MOTORS, SupplyTable, WorkCell
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from energy_opt.batches import check_suite, load_suite
-from energy_opt.batches.moves import random_moves
+from energy_opt.batches.tables import random_moves
 from energy_opt.batches.task import Duration
 from energy_opt.errors import BadInput
 from energy_opt.motion.judge.energy import Scorer

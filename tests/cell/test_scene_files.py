@@ -12,8 +12,7 @@ import pytest
 
 from energy_opt.cell.scene import TOOL, Scene
 from energy_opt.cell.scene_files import check_scene, read_scene
-from energy_opt.cli.examples import example
-from energy_opt.cli.main import main
+from energy_opt.cli.main import example, main
 from energy_opt.errors import BadInput
 
 EXAMPLE = example("scene")

@@ -10,8 +10,7 @@ from energy_opt.cell.cell import Cell
 from energy_opt.cell.load import load_cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene_files import read_scene
-from energy_opt.cli.examples import example
-from energy_opt.cli.main import main
+from energy_opt.cli.main import example, main
 from energy_opt.errors import BadInput
 from energy_opt.files import read_json
 from energy_opt.formats import write

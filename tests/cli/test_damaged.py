@@ -14,8 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from energy_opt.cli import faults
-from energy_opt.cli.examples import EXAMPLES, example
-from energy_opt.cli.main import main
+from energy_opt.cli.main import EXAMPLES, example, main
 
 KEPT = sorted((Path(__file__).parents[1] / "damaged").iterdir())
 SUFFIXES = {"model": "toml", "log": "toml", "suite": "toml", "job": "toml", "limits": "yaml", "scene": "yaml"}

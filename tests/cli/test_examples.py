@@ -10,8 +10,7 @@ import pytest
 
 from energy_opt.batches import load_suite
 from energy_opt.cell.scene_files import read_scene
-from energy_opt.cli.examples import EXAMPLES
-from energy_opt.cli.main import VERBS, main, parsers
+from energy_opt.cli.main import EXAMPLES, VERBS, main, parsers
 from energy_opt.effects import ALL_EFFECTS
 from energy_opt.errors import BadInput
 from energy_opt.files import write_table

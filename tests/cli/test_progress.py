@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from energy_opt.cli import streams, terminal
+from energy_opt.cli import faults, terminal
 from energy_opt.cli.terminal import Progress
 
 LOG = logging.getLogger("energy_opt.somewhere")
@@ -65,11 +65,11 @@ def test_the_report_opens_where_there_is_a_display(
     opened: list[str] = []
     monkeypatch.setattr(webbrowser, "open", lambda url: opened.append(url) or True)
     (tmp_path / "report.html").write_text("")
-    monkeypatch.setattr(streams, "has_display", lambda: False)
-    streams.view(tmp_path)
+    monkeypatch.setattr(faults, "has_display", lambda: False)
+    faults.view(tmp_path)
     assert not opened and str(tmp_path / "report.html") in capsys.readouterr().err
-    monkeypatch.setattr(streams, "has_display", lambda: True)
-    streams.view(tmp_path)
+    monkeypatch.setattr(faults, "has_display", lambda: True)
+    faults.view(tmp_path)
     assert opened == [(tmp_path / "report.html").resolve().as_uri()]
 
 

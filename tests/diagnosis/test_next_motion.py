@@ -31,8 +31,7 @@ from energy_opt.formats import read_trajectory, table
 from energy_opt.measured import read_set
 from energy_opt.motion.limits.base import values_of
 from energy_opt.next_motion import Rival, propose, rivals_of
-from energy_opt.next_motion.contrast import contrast_functions, contrast_parameters
-from energy_opt.next_motion.legs import PAUSE
+from energy_opt.next_motion.legs import PAUSE, contrast_functions, contrast_parameters
 from energy_opt.next_motion.rivals import Slack, nearest, separations
 from energy_opt.power import PowerModel
 from energy_opt.robot import load_robot

@@ -14,13 +14,13 @@ from urscript_arm import Controller
 import energy_opt as eo
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
-from energy_opt.evaluations.output import table
 from energy_opt.formats import read_trajectory, write
 from energy_opt.formats.cycle import without_jumps
 from energy_opt.formats.judging import CycleJudging, Judging
 from energy_opt.formats.output import wanted
 from energy_opt.formats.program import Part, standing
 from energy_opt.formats.program import joined as joined_parts
+from energy_opt.front.evaluate import table
 from energy_opt.jobs import load_job, run_job
 from energy_opt.jobs import output as job_output
 from energy_opt.jobs.output import write_programs

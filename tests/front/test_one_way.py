@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 
 import energy_opt as eo
-from energy_opt.cli.examples import example
-from energy_opt.cli.main import main
+from energy_opt.cli.main import example, main
 from energy_opt.errors import speaking_of_options
 from energy_opt.files import to_json, write_table
 from energy_opt.front.robots import effects as described

@@ -15,8 +15,7 @@ import pytest
 
 from energy_opt.cell.load import load_cell
 from energy_opt.cell.request import CellRequest
-from energy_opt.cli.examples import example
-from energy_opt.cli.main import main
+from energy_opt.cli.main import example, main
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.formats import read_trajectory
 from energy_opt.jobs import check_job, load_job, run_job

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 from poses import GOAL, START
 
-from energy_opt.batches.moves import random_moves
+from energy_opt.batches.tables import random_moves
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene import Scene, SceneObject, Shape

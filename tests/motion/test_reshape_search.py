@@ -7,7 +7,7 @@ import pytest
 from poses import GOAL, START
 
 from energy_opt import optimize
-from energy_opt.batches.moves import random_moves
+from energy_opt.batches.tables import random_moves
 from energy_opt.conditions import ToolAcceleration
 from energy_opt.effects import CoulombFriction
 from energy_opt.motion import Move, Planner, Settings

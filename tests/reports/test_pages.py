@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 from browser import CHROMIUM, Browser
 
-from energy_opt.cli.examples import example
-from energy_opt.cli.main import main
+from energy_opt.cli.main import example, main
 from energy_opt.reports.charts import MOST_POINTS, Block, Chart, Line
 from energy_opt.reports.motion import Closest, Played, Solid, player
 from energy_opt.reports.page import Report

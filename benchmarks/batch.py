@@ -21,8 +21,9 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.batches import Suite, load_suite, run_batch
+from energy_opt.batches.batch import run_batch
 from energy_opt.batches.records import NAME, read_journal
+from energy_opt.batches.suite import Suite, load_suite
 from energy_opt.files import write_text
 
 SPEEDUP = 1.7

@@ -22,7 +22,9 @@ from energy_opt.cell.request import CellRequest
 from energy_opt.cli.main import example
 from energy_opt.errors import Infeasible
 from energy_opt.files import to_json
-from energy_opt.jobs import Job, JobResult, load_job, run_job
+from energy_opt.jobs.file import load_job
+from energy_opt.jobs.legs import Job
+from energy_opt.jobs.run import JobResult, run_job
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.retime.solve import retime
 from energy_opt.power import source_method_2

@@ -36,8 +36,9 @@ from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
-from energy_opt.virtual_arm import Instruments, Plant, Reference, play, simulate
 from energy_opt.virtual_arm.mujoco_arm import MujocoArm
+from energy_opt.virtual_arm.plant import Plant
+from energy_opt.virtual_arm.simulate import Instruments, Reference, play, simulate
 
 REST = 0.1  # [s] of standing at either end while a plan is played
 SPEED = 1.5  # every move takes this multiple of its minimum time
@@ -182,7 +183,8 @@ def settled(name: str, robot: str, seed: int, motions: int = 2) -> str:
     """What a short session on an arm with links off its URDF leaves open, and what the proposed motion makes of it."""
     from misfit_urdf import with_urdf, write_changed
 
-    from energy_opt.next_motion import propose, rivals_of
+    from energy_opt.next_motion.rivals import rivals_of
+    from energy_opt.next_motion.search import propose
 
     body, declared = arm(robot), base_model(robot)
     plant = Plant(declared.replaced(draw_effect(BY_NAME[name], robot, np.random.default_rng([seed, *name.encode()]))))

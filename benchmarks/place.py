@@ -27,7 +27,7 @@ from poses import placed
 
 from energy_opt.cell.request import CellRequest
 from energy_opt.front.rivals import rivals_from
-from energy_opt.jobs import load_job
+from energy_opt.jobs.file import load_job
 from energy_opt.motion import Settings
 from energy_opt.placement import PlaceRequest, place
 from energy_opt.placement.search import Search

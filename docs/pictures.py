@@ -131,7 +131,7 @@ def identify(out: Path, work: Path) -> None:
     """Static power over squared gravity torque, from poses of a virtual Panda."""
     from virtual_sets import make_set
 
-    from energy_opt.virtual_arm import Instruments
+    from energy_opt.virtual_arm.simulate import Instruments
 
     made = make_set(
         work / "static", "panda", [], seed=5, weak="static_only", poses=8, instruments=Instruments(noise=0.8)

@@ -96,12 +96,8 @@ class Infeasible(EnergyOptError):
         shortest_duration: float | None = None,
     ) -> None:
         super().__init__(message)
-        self.joint = joint
-        self.limit = limit
-        self.time = time
-        self.position = position
-        self.excess = excess
-        self.shortest_duration = shortest_duration
+        self.joint, self.limit, self.time = joint, limit, time
+        self.position, self.excess, self.shortest_duration = position, excess, shortest_duration
 
     def named(self, shortest: float | None) -> Infeasible:
         """The same with another shortest duration, s, in its message too; None: what was named does not work."""

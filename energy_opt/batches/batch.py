@@ -256,20 +256,15 @@ def run_tasks(tasks: Sequence[Task], place: Opener, solve: Solver = solve_task) 
     If a worker dies, the tasks of its pool are tried again, each alone; a task that kills its worker again gets a
     record with that reason.
     """
-    left = deque(sorted(tasks, key=_by_build(tasks)))
+    first: dict[object, int] = {}  # tasks of one built problem stay together, otherwise in the order of the suite
+    group = {task.index: first.setdefault(task.build, task.index) for task in tasks}
+    left = deque(sorted(tasks, key=lambda task: (group[task.index], task.index)))
     while left:
         suspects = yield from _drain(left, place, solve)
         for task in suspects:
             alone = deque([task])
             if (yield from _drain(alone, lambda: local(1), solve)):
                 yield failed(task, "the worker process died while it solved this move")
-
-
-def _by_build(tasks: Sequence[Task]) -> Callable[[Task], tuple[int, int]]:
-    """Sort key that keeps tasks of one built problem together, otherwise in the order of the suite."""
-    first: dict[object, int] = {}
-    group = {task.index: first.setdefault(task.build, task.index) for task in tasks}
-    return lambda task: (group[task.index], task.index)
 
 
 def _drain(left: deque[Task], place: Opener, solve: Solver) -> Generator[Record, None, list[Task]]:

@@ -75,16 +75,10 @@ def _machine(path: Path) -> tuple[Any, ...] | None:
 def _change(a: Row, b: Row) -> dict[str, Any] | None:
     """The change of one move beyond noise, or None."""
     named = {name: b[name] for name in IDENTITY}
-    if a["status"] != b["status"]:
-        verdict = "better" if RANKS.get(b["status"], 3) < RANKS.get(a["status"], 3) else "worse"
-        return {
-            **named,
-            "verdict": verdict,
-            "what": "status",
-            "old": a["status"],
-            "new": b["status"],
-            "why": b["error"],
-        }
+    old, new = a["status"], b["status"]
+    if old != new:
+        verdict = "better" if RANKS.get(new, 3) < RANKS.get(old, 3) else "worse"
+        return {**named, "verdict": verdict, "what": "status", "old": old, "new": new, "why": b["error"]}
     for row, other, verdict in ((b, a, "worse"), (a, b, "better")):
         if (row["max_violation"] or 0.0) > DEFECT >= (other["max_violation"] or 0.0):
             old, new = a["max_violation"], b["max_violation"]

@@ -66,18 +66,8 @@ class Record(TypedDict):
 def identity(task: Task) -> Row:
     """A row with only the identity of its task."""
     row: Row = dict.fromkeys(COLUMNS)
-    row |= {
-        "suite": task.suite,
-        "robot": task.robot.name,
-        "move": task.move,
-        "mode": task.mode,
-        "objective": task.objective,
-        "model": task.model,
-        "payload": task.payload_label,
-        "timing": task.timing.label,
-        "key": task.key,
-    }
-    return row
+    row |= {name: getattr(task, name) for name in ("suite", "move", "mode", "objective", "model", "key")}
+    return row | {"robot": task.robot.name, "payload": task.payload_label, "timing": task.timing.label}
 
 
 def failed(task: Task, reason: str) -> Record:
@@ -102,15 +92,10 @@ def filled(row: Row, document: Mapping[str, Any]) -> Row:
         "optimality": document["optimality"]["kind"],
         "gap_percent": document["optimality"].get("gap_percent"),
     }
-    for baseline in document["baselines"]:
-        name = baseline["name"]
-        for column, value in (
-            (f"energy_{name}", baseline["energy"]["total"]),
-            (f"loss_{name}", baseline["energy"]["loss"]),
-            (f"duration_{name}", baseline["duration"]),
-        ):
-            if column in COLUMNS:
-                out[column] = value
+    for beside in document["baselines"]:
+        values = {"energy": beside["energy"]["total"], "loss": beside["energy"]["loss"], "duration": beside["duration"]}
+        columns = {f"{kind}_{beside['name']}": value for kind, value in values.items()}
+        out |= {column: value for column, value in columns.items() if column in COLUMNS}
     saving = document.get("saving") or {}
     for name in ("total_percent", "loss_percent"):
         out[f"saving_{name}"] = saving.get(name)

@@ -11,8 +11,7 @@ import numpy as np
 from energy_opt.batches.records import IDENTITY, Row
 from energy_opt.batches.summary import grouped
 from energy_opt.power.worth import per_year_words
-from energy_opt.reports.charts import Chart
-from energy_opt.reports.page import Report
+from energy_opt.reports.page import Chart, Report
 
 NAMED = IDENTITY[1:]  # the suite is in the title
 HEADS = {

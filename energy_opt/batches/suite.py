@@ -45,7 +45,6 @@ from energy_opt.batches.tables import (
     CellTable,
     GroupTable,
     NamedMove,
-    given_path,
     joint_values,
     posed_move,
     random_moves,
@@ -56,6 +55,7 @@ from energy_opt.cell.scene_files import carried, read_scene
 from energy_opt.effects import loaded_sources
 from energy_opt.errors import BadInput
 from energy_opt.files import inside, read_text, read_toml, to_json
+from energy_opt.formats import read_path
 from energy_opt.power import PowerModel, load_model
 from energy_opt.power.known import NAMED, is_named, named_model
 from energy_opt.power.variants import of_joints
@@ -285,7 +285,10 @@ class _Reading:
             name = row.name or f"move{number:02d}"
             with self.at(f"moves {number} ({name}) on {robot.name}"):
                 if row.path is not None:
-                    move = given_path(name, self.file(row.path, "moves"), robot.joints)
+                    file = self.file(row.path, "moves")
+                    found = read_path(file, robot.joints)
+                    start, goal = (tuple(end.tolist()) for end in (found.start, found.goal))
+                    move = NamedMove(name, start, goal, path=(file.suffix, read_text(file)))
                 elif row.posed:
                     move = posed_move(name, row, robot, self.inside(".", "moves"), around)
                 else:

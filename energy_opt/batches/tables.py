@@ -15,10 +15,13 @@ import numpy as np
 from pydantic import BeforeValidator, Field, StrictBool, StrictStr, field_validator, model_validator
 
 from energy_opt.batches.task import MODES, OBJECTIVES, Duration, Surroundings
+from energy_opt.cell.scene_files import carried
 from energy_opt.errors import BadInput, near
-from energy_opt.files import is_number, read_text
-from energy_opt.formats import read_path
-from energy_opt.robot import Limits, Robot
+from energy_opt.files import is_number
+from energy_opt.motion import Settings
+from energy_opt.poses.ends import Ends
+from energy_opt.poses.given import Given, in_base, poses_of_scene
+from energy_opt.robot import Robot
 from energy_opt.schema import Name, Number, Table, reads
 
 MEAN = "mean"  # the mean of source-method-2 and careful, the default of every verb
@@ -126,8 +129,6 @@ class GroupTable(CellTable):
     @classmethod
     def _of_the_solver(cls, given: dict[str, Any]) -> dict[str, Any]:
         """Settings that the solver knows, with lists as tuples."""
-        from energy_opt.motion import Settings
-
         known = [f.name for f in dataclasses.fields(Settings) if f.name not in ("objective", "compile")]
         for key in given:
             if key not in known:
@@ -155,18 +156,12 @@ class NamedMove:
     ends: str = ""
 
 
-def joint_ranges(limits: Limits) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper end (n,) of each joint's range; a joint without limits counts as one turn, [-pi, pi]."""
-    bounded = np.isfinite(limits.lower) & np.isfinite(limits.upper)
-    return np.where(bounded, limits.lower, -np.pi), np.where(bounded, limits.upper, np.pi)
-
-
 def random_moves(robot: Robot, count: int, seed: int, share: float = 0.6) -> list[NamedMove]:
     """`count` moves with start and goal uniform within the middle `share` of each joint's range.
 
     A longer list with the same seed begins with the shorter one.
     """
-    lower, upper = joint_ranges(robot.limits)
+    lower, upper = robot.limits.ranges
     middle, half = (lower + upper) / 2, (upper - lower) / 2 * share
     draws = middle + half * np.random.default_rng(seed).uniform(-1.0, 1.0, size=(count, 2, robot.n))
     width = max(2, len(str(count)))
@@ -207,10 +202,6 @@ def posed_move(name: str, row: MoveTable, robot: Robot, folder: Path, around: Su
     Raises:
         BadInput: no such pose, or a frame that is not in the scene.
     """
-    from energy_opt.cell.scene_files import carried
-    from energy_opt.poses.ends import Ends
-    from energy_opt.poses.given import Given, in_base, poses_of_scene
-
     scene = carried.from_text(around.scene) if around.scene else None
     reader = Given(folder, poses_of_scene(scene))
 
@@ -223,13 +214,3 @@ def posed_move(name: str, row: MoveTable, robot: Robot, folder: Path, around: Su
     via = tuple(pose(value, "via_pose", row.free) for value in row.via_pose)
     ends = Ends(start, (np.array(end) if goal is None else goal,), via)
     return NamedMove(name, begin, end, (), ("", ""), ends.to_text())
-
-
-def given_path(name: str, file: Path, joints: Sequence[str]) -> NamedMove:
-    """A move along the path in a file.
-
-    Raises:
-        BadInput: it has no waypoints or trajectory of these joints.
-    """
-    found = read_path(file, joints)
-    return NamedMove(name, tuple(found.start.tolist()), tuple(found.goal.tolist()), (), (file.suffix, read_text(file)))

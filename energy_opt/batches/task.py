@@ -12,8 +12,9 @@ import tempfile
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
+from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene_files import carried
 from energy_opt.effects import Payload, load_source
@@ -22,9 +23,6 @@ from energy_opt.files import is_number, plain, read_text
 from energy_opt.power import Mixture, PowerModel
 from energy_opt.power.model import model_from_document
 from energy_opt.robot import Robot, load_robot
-
-if TYPE_CHECKING:
-    from energy_opt.cell.cell import Cell
 
 
 @dataclass(frozen=True)
@@ -42,8 +40,6 @@ class Surroundings:
 
     def cell(self, robot: Robot, payload: tuple[float, ...] = ()) -> Cell:
         """The robot's body in its cell; a payload's box is about its centre of mass."""
-        from energy_opt.cell.cell import Cell
-
         request = self.request
         if request.payload_size is not None:
             request = replace(request, payload_at=payload[1:]) if payload else replace(request, payload_size=None)

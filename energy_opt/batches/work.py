@@ -8,19 +8,21 @@ import threading
 from collections import OrderedDict
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from energy_opt.batches.records import Record, failed, filled, identity
 from energy_opt.batches.task import Task
+from energy_opt.cell.cell import Cell
 from energy_opt.errors import EnergyOptError, Infeasible
-
-if TYPE_CHECKING:
-    from energy_opt.cell.cell import Cell
-    from energy_opt.motion import Move, Planner, Result
-    from energy_opt.motion.path import JointPath
-    from energy_opt.robot import Robot
+from energy_opt.formats import read_path
+from energy_opt.motion import Move, Planner, Result, Settings
+from energy_opt.motion.path import JointPath, through
+from energy_opt.motion.plan.robust import Rival, RobustPlanner
+from energy_opt.poses.ends import ends_from_text
+from energy_opt.poses.solve import nearest_move, solve_to
+from energy_opt.robot import Robot
 
 KEPT = 4  # most built problems that a worker keeps; enough, because tasks are grouped by problem
 
@@ -48,8 +50,6 @@ def solve_task(task: Task) -> Record:
 
 def _planner(task: Task) -> Planner:
     """The planner of a task. Tasks with the same build share one; a process keeps the last KEPT planners."""
-    from energy_opt.motion import Planner, Settings
-
     key, model = task.build, task.power()
     if key not in _planners:
         given = {"tool": task.surroundings.request.tool, **dict(task.settings)}
@@ -77,8 +77,6 @@ def _cell(task: Task, robot: Robot) -> Cell | None:
 
 def _given_path(task: Task, robot: Robot) -> JointPath | None:
     """The path that a suite gives with a move."""
-    from energy_opt.formats import read_path
-
     ending, text = task.path
     if not text:
         return None
@@ -90,9 +88,6 @@ def _given_path(task: Task, robot: Robot) -> JointPath | None:
 
 def _move(task: Task, robot: Robot, duration: float | None) -> Move:
     """The move; a retimed one follows a path through its via points, a reshaped one passes them freely."""
-    from energy_opt.motion import Move
-    from energy_opt.motion.path import through
-
     start, goal = np.array(task.start), np.array(task.goal)
     given = _given_path(task, robot)
     if given is not None:
@@ -105,8 +100,6 @@ def _move(task: Task, robot: Robot, duration: float | None) -> Move:
 
 def _row(task: Task) -> dict[str, Any]:
     """Solve a task; returns its record. Multiples of the minimum time become seconds here."""
-    from energy_opt.motion.plan.robust import Rival, RobustPlanner
-
     planner, powers, row = _planner(task), task.powers(), identity(task)
     solver: Any = planner
     if len(powers) > 1:
@@ -119,10 +112,6 @@ def _row(task: Task) -> dict[str, Any]:
 
 def _posed(task: Task, planner: Planner, solver: Any, row: dict[str, Any]) -> Result:
     """A move between poses of the tool; a multiple of the minimum time is one of the move to the nearest goal."""
-    from energy_opt.motion import Move
-    from energy_opt.poses.ends import ends_from_text
-    from energy_opt.poses.solve import nearest_move, solve_to
-
     ends, robot, cell, settings = ends_from_text(task.ends), planner.robot, planner.cell, planner.settings
     move = Move(np.array(task.start), np.array(task.goal), task.mode, task.timing.seconds)
     row["minimum_time"] = planner.minimum_time(nearest_move(ends, move, robot, cell, settings))

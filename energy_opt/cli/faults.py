@@ -33,7 +33,10 @@ def as_error(error: Exception) -> EnergyOptError:
     if isinstance(error, EnergyOptError):
         return error
     if isinstance(error, OSError) and error.errno is not None:
-        return BadInput(_of_system(error))
+        reason = error.strerror or str(error)
+        if error.errno in FULL:
+            reason = "the disk is full, or the file may not grow; nothing half written was left"
+        return BadInput(f"{error.filename}: {reason}" if error.filename else reason)
     if isinstance(error, MemoryError):
         what = str(error) or "an allocation failed"
         return BadInput(f"not enough memory: {what}; ask for less: a shorter duration, or fewer points or samples")
@@ -49,13 +52,6 @@ def as_error(error: Exception) -> EnergyOptError:
         f"cannot be computed with these values: {type(error).__name__}: {error or 'no reason given'} ({place}); "
         "if they are sensible, this is a fault of the program: run again with -v and report it"
     )
-
-
-def _of_system(error: OSError) -> str:
-    reason = error.strerror or str(error)
-    if error.errno in FULL:
-        reason = "the disk is full, or the file may not grow; nothing half written was left"
-    return f"{error.filename}: {reason}" if error.filename else reason
 
 
 def printable(text: str) -> str:

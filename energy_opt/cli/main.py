@@ -20,9 +20,9 @@ from energy_opt.cli.options import Help, Parser, add_options, request_of
 from energy_opt.cli.terminal import Terminal
 from energy_opt.errors import BadInput, EnergyOptError, near, speaking_of_options
 from energy_opt.files import read_text
-from energy_opt.folders import leave_folders
 from energy_opt.front.verbs import VERBS
 from energy_opt.requests.option import flag_of, options_of
+from energy_opt.results import leave_folders
 
 SHELLS = ("bash", "zsh", "tcsh")
 ALONE = {"--example": "KIND", "--print-completion": "SHELL"}  # options without a verb, and their values
@@ -89,17 +89,6 @@ def _failed(document: dict[str, Any], words: Sequence[str], code: int) -> int:
     return code
 
 
-def _check_words(words: Sequence[str]) -> None:
-    """Refuse words that no option can mean and that libraries cannot handle."""
-    for before, word in zip(["", *words], words, strict=False):
-        option, _, value = word.partition("=")
-        if "\0" in word:
-            said = word if word.startswith("--") or not before.startswith("--") else f"{before} {word}"
-            raise BadInput(f"{said}: contains the character NUL")
-        if value == "--" and option.startswith("--"):
-            raise BadInput(f"{option}: no value; '--' ends the options")
-
-
 def _meant(option: str, own: Sequence[str]) -> str:
     """Hint: the verbs that have an option which this one lacks, else the option of `own` with similar spelling."""
     others = [
@@ -118,7 +107,13 @@ def _run(words: list[str]) -> int:
     Raises:
         BadInput: an unknown verb or option; the message proposes the nearest known one.
     """
-    _check_words(words)
+    for before, word in zip(["", *words], words, strict=False):  # words that no option means and no library handles
+        option, _, value = word.partition("=")
+        if "\0" in word:
+            said = word if word.startswith("--") or not before.startswith("--") else f"{before} {word}"
+            raise BadInput(f"{said}: contains the character NUL")
+        if value == "--" and option.startswith("--"):
+            raise BadInput(f"{option}: no value; '--' ends the options")
     parser, verbs = parsers(words)
     verb = next((word for word in words if not word.startswith("-")), None)
     if words[:1] and words[0].partition("=")[0] in ALONE:

@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from energy_opt.batches import Batch, compare, comparison_text, load_suite, run_batch
+from energy_opt.batches.batch import Batch, run_batch
+from energy_opt.batches.compare import compare, comparison_text
+from energy_opt.batches.suite import load_suite
 from energy_opt.batches.tables import CellTable
 from energy_opt.errors import BadInput
 from energy_opt.front.desk import Desk, verb
@@ -50,7 +52,8 @@ def run(request: BenchRequest, desk: Desk) -> Batch | Comparison:
         return Comparison(compare(*map(Path, request.compare)))
     if request.suite is None:
         raise BadInput("no suite: give SUITE.toml, or --compare OLD NEW")
-    jobs = _free_cores() if request.jobs is None else request.jobs
+    free = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    jobs = free if request.jobs is None else request.jobs
     if not 1 <= jobs <= MOST_JOBS:
         raise BadInput(f"--jobs {str(jobs)[:24]}: expected 1 to {MOST_JOBS} processes")
     if request.seed is not None and request.seed < 0:
@@ -113,7 +116,3 @@ def _surroundings(request: BenchRequest) -> dict[str, Any]:
     if around.package_dirs:
         out["package_dirs"] = [str(folder.resolve()) for folder in around.package_dirs]
     return out
-
-
-def _free_cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

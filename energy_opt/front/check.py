@@ -8,14 +8,31 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from energy_opt.cell.load import inspected, load_cell
+from energy_opt.cell.scene_files import check_scene, is_scene, read_scene
 from energy_opt.errors import BadInput, EnergyOptError
+from energy_opt.files import read_json, read_toml, read_yaml_documents
+from energy_opt.formats import read
+from energy_opt.formats.messages import trajectories
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, model_from, payload_from, refuse_degrees, robot_from, robot_of
+from energy_opt.jobs.file import check_job
+from energy_opt.measured import inspect_set
+from energy_opt.motion.judge.certificate import ALLOWED, certify
+from energy_opt.motion.judge.clearance import clearance_of
+from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.poses.given import poses_of_scene
 from energy_opt.power import PowerModel
+from energy_opt.power.model import model_from_document
 from energy_opt.requests.verbs import CheckRequest
 from energy_opt.results import Found, faults_of_results
-from energy_opt.robot import Robot
+from energy_opt.robot import Robot, known_robots, load_robot
+from energy_opt.robot.limits import names_in
+from energy_opt.robot.tool import read_srdf
 
 
 @dataclass(frozen=True)
@@ -101,14 +118,9 @@ def _faults(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
     if file.suffix in (".yaml", ".yml", ".json", ".scene"):
         return _document(file, request, notes)
     if file.suffix == ".srdf":
-        from energy_opt.robot.tool import read_srdf
-
         read_srdf(file)
         return []
     if file.suffix in (".urdf", ".xml", ".xacro"):
-        from energy_opt.cell.load import inspected
-        from energy_opt.robot import load_robot
-
         robot = load_robot(str(file), limits=request.limits, lock=request.locked, prefix=request.joint_prefix)
         notes += inspected(robot, cell_of(request))
         return []
@@ -117,11 +129,6 @@ def _faults(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
 
 def _document(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
     """A scene, a message with a planned trajectory, or joint limits."""
-    from energy_opt.cell.scene_files import check_scene, is_scene, read_scene
-    from energy_opt.files import read_json, read_yaml_documents
-    from energy_opt.formats.messages import trajectories
-    from energy_opt.poses.given import poses_of_scene
-
     if file.suffix == ".scene":
         return check_scene(file, allow_outside=request.allow_outside, allow_large=request.allow_large)
     documents = [read_json(file)] if file.suffix == ".json" else read_yaml_documents(file)
@@ -137,8 +144,6 @@ def _document(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
 
 def _set(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
     """Faults of a measured set."""
-    from energy_opt.measured import inspect_set
-
     faults, remarks = inspect_set(file, request.allow_outside, request.locked)
     notes += remarks
     return faults
@@ -146,14 +151,9 @@ def _set(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
 
 def _toml(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
     """Faults of a TOML file: a model, a log, a job or a suite, by its `format`."""
-    from energy_opt.files import read_toml
-
     document = read_toml(file)
     kind = str(document.get("format", ""))
     if kind.startswith("energy-opt/model/"):
-        from energy_opt.power.model import model_from_document
-        from energy_opt.robot import known_robots
-
         model = model_from_document(document, str(file))
         name = request.robot or (model.robot if model.robot in known_robots() else None)
         if name is not None:
@@ -165,8 +165,7 @@ def _toml(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
     if kind.startswith("energy-opt/log/"):
         return _set(file, request, notes)
     if kind.startswith("energy-opt/job/"):
-        from energy_opt.jobs import check_job
-        from energy_opt.workcell import check_workcell
+        from energy_opt.workcell.as_job import check_workcell
 
         check = check_workcell if kind == "energy-opt/job/2" else check_job
         return check(file, partial(robot_of, request), allow_outside=request.allow_outside)
@@ -177,9 +176,6 @@ def _toml(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
 
 def _limits(file: Path, request: CheckRequest) -> list[str]:
     """Faults of a joint_limits.yaml, for the named robot or for the first known robot with one of its joints."""
-    from energy_opt.robot import known_robots, load_robot
-    from energy_opt.robot.limits import names_in
-
     names = names_in(file)
     candidates = [str(request.robot)] if request.robot else list(known_robots())
     for name in candidates:
@@ -191,14 +187,6 @@ def _limits(file: Path, request: CheckRequest) -> list[str]:
 
 def _trajectory(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
     """Waypoints and trajectories: readable, and a trajectory within the robot's limits."""
-    import numpy as np
-
-    from energy_opt.formats import read
-    from energy_opt.motion.judge.certificate import ALLOWED, certify
-    from energy_opt.motion.judge.energy import Scorer
-    from energy_opt.motion.limits.registry import joint_limits
-    from energy_opt.robot import known_robots, load_robot
-
     samples = read(file)
     for note in samples.notes:
         notes.append(note)
@@ -232,9 +220,6 @@ def _trajectory(file: Path, request: CheckRequest, notes: list[str]) -> list[str
 
 def _touches(file: Path, request: CheckRequest, robot: Robot, trajectory: Trajectory, notes: list[str]) -> list[str]:
     """Where a trajectory touches the arm's own body or its cell, or comes too near."""
-    from energy_opt.cell.load import load_cell
-    from energy_opt.motion.judge.clearance import clearance_of
-
     cell = load_cell(robot, cell_of(request))
     for warning in [] if cell is None else cell.warnings:
         notes.append(f"{file}: {warning}")

@@ -3,36 +3,33 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from energy_opt.cell.load import load_cell
+from energy_opt.cell.request import CellRequest
 from energy_opt.diagnosis import Diagnosis
 from energy_opt.diagnosis import diagnose as diagnosed
 from energy_opt.diagnosis.words import next_step
 from energy_opt.effects import CopperLoss, Standby
 from energy_opt.errors import BadInput
-from energy_opt.folders import written_whole
 from energy_opt.formats import table
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, model_from, payload_from, request_of_set, robot_of, robot_of_set
 from energy_opt.front.moves import documents
 from energy_opt.measured import MeasuredSet, read_set
 from energy_opt.motion.plan.robust import Rival
-from energy_opt.next_motion import propose, rivals_of
+from energy_opt.motion.trajectory import Trajectory
+from energy_opt.next_motion.rivals import rivals_of
+from energy_opt.next_motion.search import propose
 from energy_opt.next_motion.worth import add_worth, worth_words
-from energy_opt.passports import changes_since
+from energy_opt.passports.changes import changes_since
 from energy_opt.power import PowerModel, load_model, source_method_2
 from energy_opt.power.variants import of_joints
 from energy_opt.requests.verbs import DiagnoseRequest
-from energy_opt.results import Found
-
-if TYPE_CHECKING:
-    from energy_opt.cell.request import CellRequest
-    from energy_opt.motion.trajectory import Trajectory
+from energy_opt.results import Found, written_whole
 
 ANSWER = "diagnosis.json"
 NEXT = "next_motion.csv"
@@ -91,7 +88,7 @@ def run(request: DiagnoseRequest, desk: Desk) -> Diagnosed:
     result = Diagnosed(**{f.name: getattr(found, f.name) for f in fields(Diagnosis)}, request=asked)
     result.document["request"] = document
     since = changes_since(declared, result.model, measured.robot) if declared.uncertainty is not None else []
-    result.document["changes"] = [change.document() for change in since]
+    result.document["changes"] = [asdict(change) for change in since]
     if words:
         result.document["remarks"].insert(0, words)
     motion = None

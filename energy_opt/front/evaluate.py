@@ -12,11 +12,10 @@ import numpy as np
 
 from energy_opt.cell.load import load_cell
 from energy_opt.errors import BadInput
-from energy_opt.evaluations import Evaluation, Recorded, load
-from energy_opt.evaluations import evaluate as evaluated
-from energy_opt.evaluations.source import Stretch, joints_in, robot_named
+from energy_opt.evaluations.run import Evaluation
+from energy_opt.evaluations.run import evaluate as evaluated
+from energy_opt.evaluations.source import Recorded, Stretch, joints_in, load, robot_named
 from energy_opt.files import plain, write_json
-from energy_opt.folders import written_whole
 from energy_opt.formats.cycle import write_cycle
 from energy_opt.formats.output import Written
 from energy_opt.front.controllers import check_written
@@ -27,7 +26,7 @@ from energy_opt.front.rivals import rivals_of
 from energy_opt.motion.standing import standstills
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.requests.verbs import EvaluateRequest
-from energy_opt.results import Found, exit_of
+from energy_opt.results import Found, exit_of, written_whole
 from energy_opt.robot import Robot, known_robots, load_robot
 
 FORMAT = "energy-opt/evaluation/1"

@@ -17,8 +17,9 @@ from energy_opt.measured import read_set
 from energy_opt.requests.verbs import IdentifyRequest
 from energy_opt.results import Found
 from energy_opt.robot import PointMass, Robot
-from energy_opt.static_poses import Identification, Suggestion, poses_of, suggest
-from energy_opt.static_poses import identify as of_poses
+from energy_opt.static_poses.methods import Identification, poses_of
+from energy_opt.static_poses.methods import identify as of_poses
+from energy_opt.static_poses.suggest import Suggestion, suggest
 
 ANSWER = "identify.json"
 

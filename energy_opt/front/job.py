@@ -1,4 +1,4 @@
-"""The verb `job`: a cycle of moves and waits, of one robot or of several."""
+"""The verb `job`: a cycle of moves and waits, of one robot or of several; and `place`: the base pose that suits it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from energy_opt.errors import BadInput, Infeasible
-from energy_opt.folders import written_whole
 from energy_opt.formats import Format
 from energy_opt.formats.output import Files, Shares, Written
 from energy_opt.front.controllers import check_written
@@ -17,14 +16,19 @@ from energy_opt.front.given import cell_of
 from energy_opt.front.jobs import content_of, job_from, job_settings, resolved_job
 from energy_opt.front.rivals import rivals_of, said, with_careful
 from energy_opt.front.workcell import WORKCELL, CellAnswer, run_workcell_job
-from energy_opt.jobs import JobResult, run_job, run_posed
 from energy_opt.jobs.models import compared, grounded, held, mean_of, stated
 from energy_opt.jobs.output import found_of, with_room, write, write_programs
+from energy_opt.jobs.posed import run_posed
+from energy_opt.jobs.run import JobResult, run_job
+from energy_opt.jobs.work import Answers
+from energy_opt.placement import Placement
+from energy_opt.placement import PlaceRequest as Box
+from energy_opt.placement import place as placed
 from energy_opt.power import PowerModel
 from energy_opt.power.assumptions import said as assumed
 from energy_opt.power.worth import per_year_words
-from energy_opt.requests.moves import JobRequest
-from energy_opt.results import exit_of
+from energy_opt.requests.moves import JobRequest, PlaceRequest
+from energy_opt.results import exit_of, written_whole
 
 ANSWER = "job.json"
 
@@ -57,11 +61,6 @@ class JobAnswer(Answered):
         del found["written"]
         return found
 
-    @property
-    def slowed(self) -> float | None:
-        """Energy [J] of the cycle slowed evenly, else of the fastest one; None if neither is possible."""
-        return self.result.slowed
-
     def text(self, out: Path) -> str:
         """A short table for a terminal, of a job that was saved into `out`."""
         return table(self.document(), self.request.cycles_per_year, out)
@@ -85,8 +84,6 @@ def run(request: JobRequest, desk: Desk) -> JobAnswer | CellAnswer:
     Raises:
         BadInput: a fault of the job; names the step. Infeasible: no motion keeps the limits in the time there is.
     """
-    from energy_opt.jobs.work import Answers
-
     if content_of(request)[0].get("format") == WORKCELL:
         return run_workcell_job(request, desk)
     if request.jitter is not None:
@@ -175,3 +172,78 @@ def table(found: Mapping[str, Any], cycles: float | None, out: Path) -> str:
         lines.append(f"no timing of these paths takes less than {bound:.3f} J{of} (gap {gap:.2g} %)")
     lines.append(f"files in {out}")
     return "\n".join(lines)
+
+
+ANSWER_OF_PLACE = "place.json"
+
+
+@dataclass(frozen=True, repr=False, kw_only=True)
+class PlaceAnswer(Answered):
+    """A placement with its request.
+
+    Attributes:
+        placement: the base pose, and the job solved there.
+        interrupted: stopped early.
+        saved: place.json as it was written.
+    """
+
+    placement: Placement
+    request: PlaceRequest
+    interrupted: bool = False
+    saved: Mapping[str, Any] | None = None
+
+    @property
+    def exit_code(self) -> int:
+        """Exit code of the command line."""
+        return exit_of(self.interrupted, self.placement.solved)
+
+    def document(self) -> dict[str, Any]:
+        """Content of place.json without its files."""
+        return {**self.placement.document(), "request": self.asked}
+
+    def text(self, out: Path) -> str:
+        """A line for a terminal, of a placement that was saved into `out`."""
+        from energy_opt.placement.output import headline
+
+        return f"{headline(self.saved or self.document())}\nfiles in {out}"
+
+    def kept(self, out: Path) -> PlaceAnswer:
+        """Write place.json, map.png, report.html and the job solved at the answer into the folder `out`."""
+        from energy_opt.placement.output import write
+
+        with written_whole(out, ANSWER_OF_PLACE) as aside:
+            saved = write(self.placement, self.asked, aside)
+        return replace(self, saved=saved)
+
+    def __repr__(self) -> str:
+        return f"PlaceAnswer({self.placement!r})"
+
+
+def run_place(request: PlaceRequest, desk: Desk) -> PlaceAnswer:
+    """The pose of the base, or of a fixture, in a box that makes a job cheapest.
+
+    Raises:
+        BadInput: a fault of the job or of the box. Infeasible: the job cannot be done from anywhere in the box.
+    """
+    given = request.base_box
+    words = given if isinstance(given, str) else ",".join(repr(float(x)) for x in given)
+    counts = {name: getattr(request, name) for name in ("looked_at", "seeds", "steps", "fixture")}
+    box, around = Box.of(words, **counts), cell_of(request)
+    job = job_from(request)
+    rivals, kind = rivals_of(request, job.robot, desk)
+    asked = resolved_job(request, job.robot, rivals, kind)
+    document = desk.take(ANSWER_OF_PLACE, asked)
+    with desk.working() as (stopped, show):
+        try:
+            found = placed(
+                job, mean_of(rivals), box, settings=job_settings(request), cell=around, stopped=stopped, progress=show
+            )
+        except Infeasible as error:
+            desk.failed(ANSWER_OF_PLACE, error, robot=job.robot.name, request=document)
+            raise
+        answer = desk.keep(PlaceAnswer(placement=found, request=asked, stamp=desk.stamped({}), interrupted=stopped()))
+    desk.report(warnings=() if answer.saved is None else answer.saved["warnings"])
+    return answer
+
+
+place = verb(PlaceRequest, run_place)

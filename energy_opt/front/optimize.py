@@ -11,9 +11,8 @@ from energy_opt.errors import Infeasible
 from energy_opt.front.answer import ANSWER, Answer, answer_of
 from energy_opt.front.controllers import Controllers, check_controllers, kept_words
 from energy_opt.front.desk import Desk, verb
-from energy_opt.front.ends import ends_of, with_goals
 from energy_opt.front.given import cell_of, robot_of
-from energy_opt.front.moves import move_of, resolved, settings_of
+from energy_opt.front.moves import ends_of, move_of, resolved, settings_of, with_goals
 from energy_opt.front.rivals import compared, members, rivals_of
 from energy_opt.motion import Move, Planner, Result
 from energy_opt.motion.move import LONGEST, SHORTEST

@@ -13,8 +13,8 @@ from energy_opt.effects import effect_class, known_effects
 from energy_opt.effects.registry import described_effect
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import several
-from energy_opt.passports import Passport
-from energy_opt.passports import passport as passport_of
+from energy_opt.passports.sheet import Passport
+from energy_opt.passports.sheet import passport as passport_of
 from energy_opt.power.assumptions import grouped, rests_on
 from energy_opt.power.model import model_from_document
 from energy_opt.requests.option import plain

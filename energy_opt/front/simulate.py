@@ -13,7 +13,6 @@ import numpy as np
 from energy_opt.cell.load import load_cell
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.files import plain, read_toml, to_json
-from energy_opt.folders import take_folder, written_whole
 from energy_opt.formats import read_trajectory
 from energy_opt.formats.bags import is_bag
 from energy_opt.formats.recordings import unpack
@@ -24,10 +23,11 @@ from energy_opt.measured.importing import Imported, import_files
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power.variants import of_joints
 from energy_opt.requests.verbs import ImportRequest, SimulateRequest
-from energy_opt.results import Found
+from energy_opt.results import Found, take_folder, written_whole
 from energy_opt.robot import Robot, robot_named
-from energy_opt.virtual_arm import Instruments, Plant, Reference, Run, load_plant, pose, reference_of
-from energy_opt.virtual_arm import simulate as simulated
+from energy_opt.virtual_arm.plant import Plant, load_plant
+from energy_opt.virtual_arm.simulate import Instruments, Reference, Run, pose, reference_of
+from energy_opt.virtual_arm.simulate import simulate as simulated
 
 MOST_REPEATS = 100_000
 BRIEFEST = 0.1  # [s] shortest pose that is held, so that a meter has some readings
@@ -82,16 +82,9 @@ def run(request: SimulateRequest, desk: Desk) -> Simulation:
     robot = robot_of(request, named)
     plant = replace(plant, model=of_joints(plant.model, robot))
     declared = None if request.model is None else model_from(request.model, robot)
-    instruments = Instruments(
-        rate=request.rate,
-        meter_rate=request.meter_rate,
-        noise=request.noise,
-        power_resolution=request.resolution,
-        position_resolution=request.encoder,
-        jitter=request.jitter,
-        rest=request.rest,
-        extra=tuple(request.log),
-    )
+    same = {name: getattr(request, name) for name in ("rate", "meter_rate", "noise", "jitter", "rest")}
+    resolutions = {"power_resolution": request.resolution, "position_resolution": request.encoder}
+    instruments = Instruments(**same, **resolutions, extra=tuple(request.log))
     references, sources = _references(request, robot, desk)
     asked = replace(
         request, robot=robot.name, payload=payload_document(request.payload),

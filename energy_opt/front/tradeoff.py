@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,15 +13,16 @@ from energy_opt.cell.cell import Cell
 from energy_opt.cell.load import load_cell
 from energy_opt.errors import BadInput
 from energy_opt.front.desk import Desk, verb
-from energy_opt.front.ends import ends_of
 from energy_opt.front.given import cell_of, robot_of
-from energy_opt.front.jobs import JobFront, run_job
-from energy_opt.front.moves import move_of, resolved, settings_of
+from energy_opt.front.jobs import EXITS, JobFront, run_job
+from energy_opt.front.moves import ends_of, move_of, resolved, settings_of
 from energy_opt.front.rivals import break_even_friction, members, rivals_of, said, with_careful
-from energy_opt.motion import Move, Planner, Settings
-from energy_opt.motion.plan.robust import Kind, Rival, RobustPlanner
+from energy_opt.fronts.cycle import Cycle
+from energy_opt.fronts.front import Front, trace
+from energy_opt.fronts.output import document, models_of, models_of_front, stated, text, write
+from energy_opt.motion import Move, Planner
+from energy_opt.motion.plan.robust import Rival, RobustPlanner
 from energy_opt.motion.travel import detours
-from energy_opt.poses.ends import Ends
 from energy_opt.poses.solve import solve_to
 from energy_opt.power import PowerModel
 from energy_opt.power.assumptions import Assumption, assumptions
@@ -31,12 +32,8 @@ from energy_opt.requests.moves import TradeoffRequest
 from energy_opt.results import Found
 from energy_opt.robot import Robot
 
-if TYPE_CHECKING:
-    from energy_opt.fronts import Cycle, Front
-
 ANSWER = "tradeoff.json"
 MOST = 1000  # most durations of a front; each needs a solve or more: some minutes
-EXITS = {"solved": 0, "infeasible": 3, "not_converged": 4, "interrupted": 130}
 DURATIONS = "expected FIRST:LAST:COUNT, seconds above 0 in rising order and how many"
 
 
@@ -64,8 +61,6 @@ class Tradeoff(Found):
 
     def text(self, out: Path) -> str:
         """A short table for a terminal, of a front that was saved into `out`."""
-        from energy_opt.fronts.output import text
-
         return text(self.front, self.document, out).rstrip("\n")
 
     @property
@@ -80,8 +75,6 @@ class Tradeoff(Found):
 
     def kept(self, out: Path) -> Tradeoff:
         """Write tradeoff.csv, tradeoff.json, plot.png and report.html into the folder `out`."""
-        from energy_opt.fronts.output import write
-
         write(out, self.front, dict(self.document), self.robot, self.cell)
         return self
 
@@ -127,10 +120,17 @@ def run(request: TradeoffRequest, desk: Desk) -> Tradeoff | JobFront:
             show(f"{front.solves}/{expected} solves", front.solves / expected)
 
         cell = load_cell(robot, around)
-        planner = planner_for(robot, rivals, kind, settings, cell=cell, stopped=stopped)
+        known: dict[str, Any] = {"cell": cell, "stopped": stopped}
+        planner: Planner | RobustPlanner
+        if kind is None:
+            planner = Planner(robot, rivals[0].model, settings, **known)
+        else:
+            planner = RobustPlanner(robot, rivals, kind, settings, **known)
         goals: dict[str, Any] = {}
         if ends is not None:
-            move, goals = chosen_for(planner, ends, move, rivals, settings)
+            # the goal that is cheapest at a free duration; the whole front is computed for it
+            chosen = solve_to(ends, move, robot, members(rivals), mean_of(planner).cell, settings, planner)
+            move, goals = chosen.move, chosen.document()
         cycle = cycle_for(robot, rivals[0].model, move, request.cycle, request.idle_power)
         front = traced(
             planner, move, cycle, durations=durations, longest=request.max_duration, progress=progress, stopped=stopped
@@ -176,50 +176,17 @@ def durations_of(request: TradeoffRequest) -> list[float] | None:
     return [float(d) for d in np.linspace(first, last, count)]
 
 
-def chosen_for(
-    planner: Planner | RobustPlanner, ends: Ends, move: Move, rivals: Sequence[Rival], settings: Settings
-) -> tuple[Move, dict[str, Any]]:
-    """The move to the goal that is cheapest at a free duration. The whole front is computed for this goal.
-
-    Args:
-        planner: solves moves. ends: the alternatives. move: as asked. rivals: the models. settings: of the solver.
-
-    Returns:
-        The move, and `candidates` and `nearest` as in result.json.
-    """
-    mean = mean_of(planner)
-    chosen = solve_to(ends, move, planner.robot, members(rivals), mean.cell, settings, planner)
-    return chosen.move, chosen.document()
-
-
-def planner_for(
-    robot: Robot, rivals: Sequence[Rival], kind: Kind | None, settings: Settings, **more: Any
-) -> Planner | RobustPlanner:
-    """A planner for one model (`kind` None) or for several.
-
-    Args:
-        robot: the arm. rivals: the models. kind: how several are combined. settings: of the solver. more: further
-            arguments of both planners.
-    """
-    if kind is None:
-        return Planner(robot, rivals[0].model, settings, **more)
-    return RobustPlanner(robot, rivals, kind, settings, **more)
-
-
 def mean_of(planner: Planner | RobustPlanner) -> Planner:
     """The planner itself; for several models, the planner of their mean."""
     return planner.planner if isinstance(planner, RobustPlanner) else planner
 
 
 def traced(planner: Planner | RobustPlanner, move: Move, cycle: Cycle | None, **more: Any) -> Front:
-    """The front of a move, as `energy_opt.fronts.trace` makes it; of several models stated under the first.
+    """The front of a move, as `fronts.front.trace` makes it; of several models stated under the first.
 
     Args:
         cycle: under the first model; more: further arguments of `trace`.
     """
-    from energy_opt.fronts import trace
-    from energy_opt.fronts.output import stated
-
     if isinstance(planner, Planner):
         return trace(planner, move, cycle=cycle, **more)
     mean = planner.planner
@@ -244,8 +211,6 @@ def document_of(
             saving against the fastest move with a wait; without a cycle, that of the minimum against the same move
             slowed evenly.
     """
-    from energy_opt.fronts.output import document, models_of, models_of_front
-
     robot = planner.robot
     found = document(front, robot=robot.name, joints=robot.joints, mode=move.mode, cycle=cycle)
     found["assumptions"] = [asdict(row) for row in assumptions(robot, [rival.model for rival in rivals])]
@@ -283,8 +248,6 @@ def cycle_for(
     Raises:
         BadInput: an idle power without a cycle, a move that does not end at rest, or impossible values.
     """
-    from energy_opt.fronts import Cycle
-
     if length is None:
         if idle_power is not None:
             raise BadInput("--idle-power is the power while waiting; give --cycle, too")

@@ -83,11 +83,6 @@ class Front:
             return "interrupted" if self.interrupted else "infeasible"
         return "solved" if set(found) == {"solved"} else "not_converged"
 
-    @property
-    def fastest_duration(self) -> float:
-        """Shortest feasible duration, s; NaN if it is not known yet."""
-        return np.nan if self.fastest is None else self.fastest.duration
-
 
 def trace(
     planner: Planner,
@@ -225,14 +220,10 @@ class _Tracer:
     def _point(self, duration: float, optimum: Optimum | None) -> Point:
         if optimum is None:
             return Point(duration, "not_converged", reason="no trajectory within limits was found from its neighbours")
-        status = "solved" if optimum.converged else "not_converged"
-        return Point(duration, status, optimum, waiting=self._waiting(duration))
-
-    def _waiting(self, duration: float) -> Waiting | None:
-        """Energy of the wait; None without a cycle, or if the move outlasts it."""
-        if self.cycle is None or duration > self.cycle.length * (1 + SAME):
-            return None
-        return self.cycle.waiting(duration)
+        status, waiting = "solved" if optimum.converged else "not_converged", None
+        if self.cycle is not None and duration <= self.cycle.length * (1 + SAME):  # else the move outlasts the cycle
+            waiting = self.cycle.waiting(duration)
+        return Point(duration, status, optimum, waiting=waiting)
 
     def _sweep(self) -> None:
         """Out from the free optimum to both ends; then down and up again, while that reduces energy."""
@@ -270,7 +261,8 @@ class _Tracer:
             neighbour = fastest
         if neighbour.optimum is not None:
             new = self._step(old.duration, neighbour.optimum, old.optimum)
-            if old.optimum is None or (new.optimum is not None and _better(new, old)):
+            ranks = [(point.status != "solved", point.total) for point in (new, old)]  # converged, then energy
+            if old.optimum is None or (new.optimum is not None and ranks[0] < ranks[1]):
                 self.front.points[k] = new
         kept = self.front.points[k]
         return kept if kept.optimum is not None else neighbour
@@ -333,8 +325,3 @@ def _changed(planner: Planner, **changes: Any) -> Iterator[None]:
 
 def _equal(a: float, b: float) -> bool:
     return abs(a / b - 1) <= SAME
-
-
-def _better(new: Point, old: Point) -> bool:
-    """True if only `new` converged, or else if it has less energy."""
-    return (new.status != "solved", new.total) < (old.status != "solved", old.total)

@@ -16,7 +16,6 @@ import numpy as np
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.load import own_body
 from energy_opt.files import write_json, write_text
-from energy_opt.folders import written_whole
 from energy_opt.formats import table as rows
 from energy_opt.fronts.cycle import Cycle
 from energy_opt.fronts.front import Front, Point
@@ -28,6 +27,7 @@ from energy_opt.motion.plan.robust import Rival, RobustPlanner, row_of
 from energy_opt.power.worth import per_year_words
 from energy_opt.reports.motion import drawn
 from energy_opt.reports.tradeoff import page
+from energy_opt.results import written_whole
 from energy_opt.robot import Robot
 
 COLUMNS = ("duration", "energy_total", "energy_standby", "energy_loss", "status")
@@ -46,7 +46,8 @@ def document(front: Front, *, robot: str, joints: tuple[str, ...], mode: str, cy
         "solves": front.solves,
     }
     if front.status == "infeasible":
-        out["message"] = f"no duration asked for can be done; the shortest that can is {front.fastest_duration:.6g} s"
+        shortest = np.nan if front.fastest is None else front.fastest.duration
+        out["message"] = f"no duration asked for can be done; the shortest that can is {shortest:.6g} s"
     if cycle is not None:
         best = front.cycle_minimum
         over = None if best is None else _over_cycle(best)
@@ -92,15 +93,10 @@ def _point(point: Point) -> dict[str, Any]:
     return {**out, "cycle": over} if over else out
 
 
-def table(front: Front) -> str:
-    """The front as CSV; energies of points without a trajectory are left empty."""
-    lines = [",".join(COLUMNS)]
-    for point in front.points:
-        energies = _energies(point)
-        cells = [energies[name] for name in COLUMNS[1:-1]]
-        numbers = [repr(float(point.duration)), *("" if x is None else repr(float(x)) for x in cells)]
-        lines.append(",".join([*numbers, point.status]))
-    return "\n".join(lines) + "\n"
+def table(found: Mapping[str, Any]) -> str:
+    """The points of a tradeoff.json as CSV; energies of points without a trajectory are left empty."""
+    records = [["" if row[name] is None else str(row[name]) for name in COLUMNS] for row in found["points"]]
+    return "\n".join(",".join(row) for row in [list(COLUMNS), *records]) + "\n"
 
 
 def write(out: Path, front: Front, found: dict[str, Any], robot: Robot, cell: Cell | None = None) -> None:
@@ -109,20 +105,15 @@ def write(out: Path, front: Front, found: dict[str, Any], robot: Robot, cell: Ce
     Args:
         cell: the bodies to draw in the report; by default the robot's own.
     """
-    with written_whole(out, "tradeoff.json") as aside:
-        _write(aside, front, found, robot, cell or own_body(robot))
-
-
-def _write(out: Path, front: Front, found: dict[str, Any], robot: Robot, cell: Cell | None) -> None:
-    write_text(out / "tradeoff.csv", table(front))
-    for name, point in (("minimum", front.minimum), ("cycle_minimum", front.cycle_minimum)):
-        if point is not None and point.trajectory is not None:
-            rows.write(point.trajectory, out / f"trajectory_{name}.csv")
-    _plot(out / "plot.png", front)
     motions = {p.duration: p.trajectory for p in front.points if p.trajectory is not None}
-    bodies, scene = drawn(cell)
-    page(found, motions, robot, bodies, scene).write(out / "report.html")
-    write_json(out / "tradeoff.json", found)
+    with written_whole(out, "tradeoff.json") as aside:
+        write_text(aside / "tradeoff.csv", table(found))
+        for name, point in (("minimum", front.minimum), ("cycle_minimum", front.cycle_minimum)):
+            if point is not None and point.trajectory is not None:
+                rows.write(point.trajectory, aside / f"trajectory_{name}.csv")
+        _plot(aside / "plot.png", front)
+        page(found, motions, robot, *drawn(cell or own_body(robot))).write(aside / "report.html")
+        write_json(aside / "tradeoff.json", found)
 
 
 def _plot(path: Path, front: Front) -> None:

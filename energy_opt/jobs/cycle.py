@@ -9,9 +9,10 @@ import numpy as np
 
 from energy_opt.effects import Payload
 from energy_opt.formats.program import standing
-from energy_opt.jobs.legs import Job, Leg, Step, holding_power
+from energy_opt.jobs.legs import Job, Leg, Step
 from energy_opt.motion.judge.energy import DENSER, Energy, Scorer
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.poses.estimate import holding
 from energy_opt.poses.pose import Pose
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
@@ -106,7 +107,7 @@ def standing_power(scorers: Scorers, step: Step, brakes: bool) -> float:
     scorer = scorers.of(step)
     if brakes:
         return scorer.model.constant_power(scorer.robot.n)
-    return float(holding_power(scorer, step.goal[None])[0])
+    return float(holding([scorer], step.goal[None])[0])
 
 
 def cheapest_rest(job: Job, scorers: Scorers) -> Rest:

@@ -9,18 +9,16 @@ from typing import Literal
 
 import numpy as np
 
-from energy_opt.errors import Infeasible
 from energy_opt.jobs.allocate import Front, Solved
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.move import Move
 from energy_opt.motion.path import JointPath, straight, through
-from energy_opt.motion.retime.fastest import minimum_time
 from energy_opt.motion.retime.program import Retiming
 from energy_opt.motion.retime.solve import FLOOR
 from energy_opt.motion.timing.law import Timing
+from energy_opt.poses.estimate import holding
 from energy_opt.poses.pose import Pose
-from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 
 SAME = 1e-9  # [rad] positions that differ by less are the same
@@ -169,34 +167,13 @@ SLOWER = 1.02  # ratio of durations in a difference quotient
 SAMPLES = 40  # samples of the path for its holding power
 
 
-def fastest_timing(robot: Robot, model: PowerModel, leg: Leg, limits: Sequence[Limit]) -> Timing:
-    """The fastest timing of a leg's first path.
-
-    Raises:
-        Infeasible: the path breaks limits at any timing; says which leg.
-    """
-    try:
-        return minimum_time(robot, model, leg.path, limits)
-    except Infeasible as error:
-        raise Infeasible(
-            f"{leg.name}: {error}", joint=error.joint, limit=error.limit, position=error.position
-        ) from None
-
-
-def holding_power(scorer: Scorer, q: np.ndarray) -> np.ndarray:
-    """Power (K,) [W] of standing still at positions q (K, n)."""
-    still = np.zeros_like(q)
-    _, power, _ = scorer.drive(q, still, still, np.zeros(len(q)))
-    return power
-
-
 def front_of(leg: Leg, timing: Timing, scorer: Scorer, limits: Sequence[Limit], most: float, compile: str) -> Front:
     """The front of a leg up to a duration of `most` [s]; `timing` is its fastest; `compile`: see numerics.compile."""
     robot, model = scorer.robot, scorer.model
     shortest, longest = max(timing.duration, leg.least), min(leg.most, LONGEST * timing.duration, most)
-    holding = float(holding_power(scorer, leg.path(np.linspace(0, 1, SAMPLES))).mean())
+    held = float(holding([scorer], leg.path(np.linspace(0, 1, SAMPLES))).mean())
     if not leg.path.moves:
-        return Front(shortest, shortest, holding, lambda price: Solved(shortest, holding * shortest, None))
+        return Front(shortest, shortest, held, lambda price: Solved(shortest, held * shortest, None))
     work = Retiming(robot, model, timing, limits, compile)
     last = [timing]
 
@@ -211,7 +188,7 @@ def front_of(leg: Leg, timing: Timing, scorer: Scorer, limits: Sequence[Limit], 
         bound = found.bound if leg.least <= timing.duration else None  # the bound ignores a least duration
         return Solved(found.timing.duration, found.energy, bound)
 
-    return Front(shortest, longest, holding, at_price)
+    return Front(shortest, longest, held, at_price)
 
 
 def slope_of_slowing(legs: Sequence[Leg], timings: Sequence[Timing], scorers: Sequence[Scorer], factor: float) -> float:

@@ -12,16 +12,16 @@ import numpy as np
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import Infeasible
 from energy_opt.files import write_json, write_text
-from energy_opt.folders import written_whole
+from energy_opt.fronts.output import COLUMNS, table
 from energy_opt.jobs.legs import Job
 from energy_opt.jobs.posed import Posed
 from energy_opt.jobs.run import Answered, JobResult, Known, run_job
 from energy_opt.motion.move import Settings
 from energy_opt.power import PowerModel
-from energy_opt.reports.charts import Chart, Line
 from energy_opt.reports.optimize import assumed
-from energy_opt.reports.page import Report
+from energy_opt.reports.page import Chart, Line, Report
 from energy_opt.reports.words import yearly
+from energy_opt.results import written_whole
 
 COUNT = 10  # default number of cycle times
 ROOM = 1.0005  # times the shortest cycle: the shortest itself leaves nothing to share
@@ -50,17 +50,6 @@ class JobPoint:
         return np.nan if self.result is None else self.result.energy
 
 
-def shortest_cycle(job: Job, model: PowerModel, settings: Settings, cell: CellRequest) -> float:
-    """The shortest cycle time of a job's first paths, waits included [s]."""
-    try:
-        run_job(replace(job, cycle_time=TOO_SHORT), model, settings, cell=cell)
-    except Infeasible as error:
-        if error.shortest_duration is None:
-            raise
-        return error.shortest_duration
-    return TOO_SHORT
-
-
 def over_time(
     job: Job,
     model: PowerModel,
@@ -87,7 +76,13 @@ def over_time(
     around = cell or CellRequest()
     if job.open:  # the same positions at every cycle time
         job = job.at(Posed(job, model, settings, around).estimated()[0])
-    shortest = shortest_cycle(job, model, settings, around)
+    shortest = TOO_SHORT
+    try:
+        run_job(replace(job, cycle_time=TOO_SHORT), model, settings, cell=around)
+    except Infeasible as error:
+        if error.shortest_duration is None:
+            raise
+        shortest = error.shortest_duration
     if times is None:
         times = np.geomspace(ROOM * shortest, REACH * max(shortest, job.cycle_time), COUNT).tolist()
     points = []
@@ -96,15 +91,8 @@ def over_time(
         if stopped():
             break
         try:
-            found = run_job(
-                replace(job, cycle_time=time),
-                model,
-                settings,
-                cell=around,
-                stopped=stopped,
-                known=known,
-                answered=answered,
-            )
+            usual: dict[str, Any] = {"cell": around, "stopped": stopped, "known": known, "answered": answered}
+            found = run_job(replace(job, cycle_time=time), model, settings, **usual)
             points.append(JobPoint(time, restated(found)))
         except Infeasible as error:
             points.append(JobPoint(time, None, str(error)))
@@ -160,7 +148,6 @@ def _short(row: dict[str, Any] | None) -> dict[str, Any] | None:
     return None if row is None else {"duration": row["duration"], "energy_total": row["energy_total"]}
 
 
-COLUMNS = ("duration", "energy_total", "energy_standby", "energy_loss", "status")
 PLAIN = ("evenly_slowed", "fastest_then_wait")
 
 
@@ -170,8 +157,7 @@ def write(out: Path, found: Mapping[str, Any]) -> None:
 
     shown = [row for row in found["points"] if row["energy_total"] is not None]
     with written_whole(out, "tradeoff.json") as aside:
-        records = [["" if row[name] is None else str(row[name]) for name in COLUMNS] for row in found["points"]]
-        write_text(aside / "tradeoff.csv", "\n".join(",".join(row) for row in [list(COLUMNS), *records]) + "\n")
+        write_text(aside / "tradeoff.csv", table(found))
         if shown:
             time = np.array([row["duration"] for row in shown])
             parts = {name: np.array([row[f"energy_{name}"] for row in shown]) for name in ("loss", "standby")}

@@ -22,12 +22,11 @@ from energy_opt.cell.request import CellRequest
 from energy_opt.errors import Infeasible
 from energy_opt.jobs.cycle import Choice, Plan, Scorers
 from energy_opt.jobs.file import Job, Step
-from energy_opt.jobs.rough import RoughCycles
-from energy_opt.jobs.run import JobResult, run_job
+from energy_opt.jobs.run import JobResult, RoughCycles, run_job
 from energy_opt.jobs.work import Cells, unloaded
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.move import Settings
-from energy_opt.poses.estimate import curves, fastest, holding
+from energy_opt.poses.estimate import curves, holding, quickest
 from energy_opt.poses.freedom import Bent, has_freedom, improved
 from energy_opt.poses.given import in_base
 from energy_opt.poses.inverse import ToolKinematics
@@ -205,10 +204,7 @@ class Posed:
         out: Ends = {self.moving[-1]: q}
         for k in self.moving[:-1]:
             reached = self.sets[k]
-            quick = fastest(self.job.robot, np.broadcast_to(q, reached.shape), reached) + 1e-3 * np.abs(
-                reached - q
-            ).sum(axis=1)
-            q = out[k] = reached[int(np.argmin(quick))]
+            q = out[k] = quickest(self.job.robot, q, reached)
         return out
 
     def _bent_legs(self, plan: Plan) -> dict[int, Bent]:

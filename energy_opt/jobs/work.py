@@ -20,11 +20,12 @@ from energy_opt.files import to_json
 from energy_opt.jobs.allocate import Front
 from energy_opt.jobs.cycle import Answer, Scorers
 from energy_opt.jobs.file import Job, Step
-from energy_opt.jobs.legs import Leg, fastest_timing, front_of
+from energy_opt.jobs.legs import Leg, front_of
 from energy_opt.motion.move import Settings
 from energy_opt.motion.plan.first_path import check_free
 from energy_opt.motion.plan.neighbour import Neighbours
 from energy_opt.motion.plan.planner import Planner
+from energy_opt.motion.retime.fastest import minimum_time
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
@@ -65,7 +66,7 @@ class Worker:
     ) -> None:  # fmt: skip
         self.job, self.scorers, self.stopped = job, Scorers(job.robot, unloaded(model)), stopped
         self.cells = cells
-        self._steps: list[tuple[Leg, Neighbours]] = []
+        self._steps: dict[int, tuple[Leg, Neighbours]] = {}  # a leg's solver at several durations, by its identity
         planner = planner or Planner(job.robot, unloaded(model), settings, batch=True, stopped=stopped)
         self._planner = planner.within(shares) if shares else planner
 
@@ -100,9 +101,17 @@ class Worker:
         return replace(leg, way=move.path, begins=first.source)
 
     def timing(self, leg: Leg) -> Timing:
-        """The fastest timing of the leg's first path."""
-        planner = self.planner(leg)
-        return fastest_timing(self.job.robot, self.scorers.of(leg.step).model, leg, planner.limits())
+        """The fastest timing of the leg's first path.
+
+        Raises:
+            Infeasible: the path breaks limits at any timing; says which leg.
+        """
+        limits = self.planner(leg).limits()
+        try:
+            return minimum_time(self.job.robot, self.scorers.of(leg.step).model, leg.path, limits)
+        except Infeasible as error:
+            said, joint, limit = f"{leg.name}: {error}", error.joint, error.limit
+            raise Infeasible(said, joint=joint, limit=limit, position=error.position) from None
 
     def front(self, leg: Leg, timing: Timing, most: float) -> Front:
         """The leg's front over the timing of its first path, up to a duration of `most` [s]."""
@@ -160,7 +169,9 @@ class Worker:
     def stepped(self, leg: Leg, timing: Timing, duration: float) -> Answer:
         """As `solved`, from the leg's optimum at the nearest known duration, if any: in a fifth of the time."""
         try:
-            steps = self._steps_of(leg)
+            if id(leg) not in self._steps:
+                self._steps[id(leg)] = leg, Neighbours(self.planner(leg).single(leg.move(None)))
+            steps = self._steps[id(leg)][1]
             near = steps.nearest(duration)
             found = steps.alone(duration) if near is None else steps.at(duration, near)
         except Infeasible as error:
@@ -177,24 +188,10 @@ class Worker:
             return slowed
         raise Infeasible(f"{leg.name}: {error}", joint=error.joint, limit=error.limit) from None
 
-    def _steps_of(self, leg: Leg) -> Neighbours:
-        """The solver of the leg at several durations."""
-        for known, steps in self._steps:
-            if known is leg:
-                return steps
-        steps = Neighbours(self.planner(leg).single(leg.move(None)))
-        self._steps.append((leg, steps))
-        return steps
-
 
 def _touching(cell: Cell | None, motion: Trajectory) -> bool:
-    return (
-        cell is not None
-        and cell.checks
-        and any(
-            cell.touching(q) is not None for q in motion.sample(np.linspace(motion.time[0], motion.time[-1], LOOKS))[0]
-        )
-    )
+    looks = motion.sample(np.linspace(motion.time[0], motion.time[-1], LOOKS))[0]
+    return cell is not None and cell.checks and any(cell.touching(q) is not None for q in looks)
 
 
 FOLDER = ".answers"

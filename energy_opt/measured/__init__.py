@@ -2,10 +2,10 @@
 
 from energy_opt.measured.differentiate import Kinematics, Smoothing, choose_smoothing, coarse, kinematics
 from energy_opt.measured.log import LogFile, RunEntry, read_log
-from energy_opt.measured.run import MeasuredSet, Run, nodes, observe, operator
-from energy_opt.measured.sets import check_set, inspect_set, read_set
+from energy_opt.measured.run import MeasuredSet, Run, nodes, operator
+from energy_opt.measured.sets import inspect_set, read_set
 
 __all__ = [
-    "Kinematics", "LogFile", "MeasuredSet", "Run", "RunEntry", "Smoothing", "check_set", "choose_smoothing",
-    "coarse", "inspect_set", "kinematics", "nodes", "observe", "operator", "read_log", "read_set",
+    "Kinematics", "LogFile", "MeasuredSet", "Run", "RunEntry", "Smoothing", "choose_smoothing",
+    "coarse", "inspect_set", "kinematics", "nodes", "operator", "read_log", "read_set",
 ]  # fmt: skip

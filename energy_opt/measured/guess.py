@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -26,7 +26,8 @@ from energy_opt.measured.names import (
     unit_in,
 )
 from energy_opt.measured.table import Table
-from energy_opt.robot import Robot, known_robots, load_robot
+from energy_opt.power.known import by_name
+from energy_opt.robot import Robot, known_robots
 
 LOOKED_AT = 20_000  # lines used for guesses
 ALIKE = 0.25  # relative deviation up to which a measured ratio identifies a unit
@@ -48,16 +49,8 @@ class Guess:
 
 def is_motion(table: Table) -> bool:
     """True if a file has joint positions of any known robot."""
-    return any("position" in joint_columns(table.header, _joints(name), given_names(table)) for name in known_robots())
-
-
-def _joints(name: str) -> Sequence[str]:
-    if name not in _KNOWN:
-        _KNOWN[name] = load_robot(name)
-    return _KNOWN[name].joints
-
-
-_KNOWN: dict[str, Robot] = {}
+    given, robots = given_names(table), map(by_name, known_robots())
+    return any("position" in joint_columns(table.header, robot.joints, given) for robot in robots)
 
 
 def guess_robot(table: Table) -> tuple[Robot, str]:
@@ -68,14 +61,14 @@ def guess_robot(table: Table) -> tuple[Robot, str]:
     """
     fitting = []
     for name in known_robots():
-        found = joint_columns(table.header, _joints(name), given_names(table))
+        found = joint_columns(table.header, by_name(name).joints, given_names(table))
         if "position" in found:
             whole = all(_flat(joint) in _flat(column) for joint, column in found["position"].items())
-            fitting.append((len(_flat("".join(_joints(name)))) if whole else 0, name, found))
+            fitting.append((len(_flat("".join(by_name(name).joints))) if whole else 0, name, found))
     longest = max((named for named, _, _ in fitting), default=0)  # panda_joint1 also contains xarm7's joint1
     fitting = [row for row in fitting if row[0] == longest]
-    most = max((len(_joints(name)) for _, name, _ in fitting), default=0)
-    fitting = [row for row in fitting if len(_joints(row[1])) == most]
+    most = max((len(by_name(name).joints) for _, name, _ in fitting), default=0)
+    fitting = [row for row in fitting if len(by_name(row[1]).joints) == most]
     words = {word.lower() for word in table.header}
     if any("tau_j" in word or word.startswith("state.q") or "o_t_ee" in word for word in words):
         fitting = [row for row in fitting if row[1] == "panda"] or fitting
@@ -83,7 +76,7 @@ def guess_robot(table: Table) -> tuple[Robot, str]:
         fitting = [row for row in fitting if row[1].startswith("ur")] or fitting
     names = [name for _, name, _ in fitting]
     if len(names) == 1:
-        return _KNOWN[names[0]], "by its joints' columns"
+        return by_name(names[0]), "by its joints' columns"
     if not names:
         raise BadInput(f"{table.path}: no robot known has such columns; say which with --robot")
     errors = {name: _torque_error(table, name) for name in names}
@@ -91,7 +84,8 @@ def guess_robot(table: Table) -> tuple[Robot, str]:
     if len(known) == len(names):
         best, second = sorted(known, key=lambda name: known[name])[:2]
         if known[best] < 0.8 * known[second]:
-            return _KNOWN[best], f"its torques fit the file's best ({known[best]:.2g} of their spread, {second}'s next)"
+            why = f"its torques fit the file's best ({known[best]:.2g} of their spread, {second}'s next)"
+            return by_name(best), why
     raise BadInput(f"{table.path}: the columns fit {', '.join(names)}; say which with --robot")
 
 
@@ -101,7 +95,7 @@ def _flat(word: str) -> str:
 
 def _torque_error(table: Table, name: str) -> float | None:
     """Rms difference of a robot's static torques from the file's (measured or commanded), over the rms of these."""
-    robot = _KNOWN[name]
+    robot = by_name(name)
     plain = {word.replace("target_", "", 1): word for word in table.header if not word.startswith("actual_")}
     effort = joint_columns(list(plain), robot.joints).get("effort")
     position = joint_columns(table.header, robot.joints, given_names(table)).get("position")

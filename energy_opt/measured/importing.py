@@ -15,10 +15,11 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.files import write_toml
-from energy_opt.measured.columns import ByHand, understood
+from energy_opt.measured.columns import ByHand, given_names, understood
 from energy_opt.measured.guess import Guess, guess_joints, guess_meter, guess_robot, is_motion, same_columns
 from energy_opt.measured.joints import EPOCH
 from energy_opt.measured.log import FORMAT, NAME, read_log
+from energy_opt.measured.names import joint_columns
 from energy_opt.measured.run import Run, cut_at_standstill, is_at_rest
 from energy_opt.measured.sets import collect
 from energy_opt.measured.table import Table
@@ -83,15 +84,13 @@ def import_files(
         document = _document(robot.named_in(folder), first_joint, first_meter, joints, pairs)
         for table in tables:
             shutil.copyfile(table.path, folder / table.path.name)
-        write_toml(folder / NAME, document)
-        runs, faults, remarks = collect(read_log(folder), robot)
-        if faults:
-            raise BadInput("\n".join(_at_home(fault, folder, tables) for fault in faults))
-        _kinds(document, runs, words)
-        write_toml(folder / NAME, document)
-        runs, faults, remarks = collect(read_log(folder), robot)
-        if faults:
-            raise BadInput("\n".join(_at_home(fault, folder, tables) for fault in faults))
+        for again in (False, True):  # which runs are static is known after the first reading
+            write_toml(folder / NAME, document)
+            runs, faults, remarks = collect(read_log(folder), robot)
+            if faults:
+                raise BadInput("\n".join(_at_home(fault, folder, tables) for fault in faults))
+            if not again:
+                _kinds(document, runs, words)
         _place(folder, out, [path.name for path in folder.iterdir() if path.name != NAME])
     return Imported(out, robot, document, tuple(words), tuple(remarks), tuple(runs))
 
@@ -114,9 +113,6 @@ def _distinct(files: Sequence[Path]) -> list[Path]:
 
 def _sorted(tables: Sequence[Table], robot: Robot, hand: ByHand) -> tuple[dict[Table, Guess], dict[Table, Guess]]:
     """Sort the files into those with the robot's joints and those of meters."""
-    from energy_opt.measured.columns import given_names
-    from energy_opt.measured.names import joint_columns
-
     joints: dict[Table, Guess] = {}
     meters: dict[Table, Guess] = {}
     has = {

@@ -13,11 +13,12 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from energy_opt.errors import BadInput
+from energy_opt.schema import Table as Stated
 
 NUMBER = r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?"
 _NUMBER = re.compile(rf"\s*{NUMBER}\s*")
@@ -123,12 +124,11 @@ UNIT_WORD = re.compile(
 )
 
 
-@dataclass(frozen=True)
-class Csv:
+class Csv(Stated):
     """Format of CSV files as stated by a log; None is detected."""
 
-    delimiter: str | None = None
-    decimal: str | None = None
+    delimiter: Literal[",", ";", "\t", "|", " "] | None = None
+    decimal: Literal[".", ","] | None = None
 
 
 @dataclass(frozen=True)

@@ -46,13 +46,6 @@ class RunEntry(Table):
         return self
 
 
-class CsvTable(Table):
-    """How the tables are written."""
-
-    delimiter: Literal[",", ";", "\t", "|", " "] | None = None
-    decimal: Literal[".", ","] | None = None
-
-
 class MeterTable(Table):
     """The meter: window [s] of the mean in a reading."""
 
@@ -74,7 +67,7 @@ class LogTable(Table):
     columns: str | dict[str, Any] = {}
     segment: SegmentTable | None = None
     preset: Any = None
-    csv: CsvTable = CsvTable()
+    csv: Csv = Csv()
     meter: MeterTable = MeterTable()
 
 
@@ -131,9 +124,8 @@ def read_log(folder: str | Path, allow_outside: bool = False) -> LogFile:
     if twice is not None:
         raise BadInput(f"{path}: file {twice!r} is in two [[run]] tables")
     preset, rules = _columns(found, path)
-    csv = Csv(found.csv.delimiter, found.csv.decimal)
     log = LogFile(
-        path, found.robot, tuple(found.run), preset, rules, found.segment is not None, csv, found.meter.window,
+        path, found.robot, tuple(found.run), preset, rules, found.segment is not None, found.csv, found.meter.window,
         allow_outside,
     )  # fmt: skip
     for entry in found.run:

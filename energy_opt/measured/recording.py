@@ -9,14 +9,16 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from energy_opt.measured.clock import activity, align
-from energy_opt.measured.columns import LOGGED, PRESETS, Rule, plain_rules
+from energy_opt.measured.columns import AUTO, LOGGED, PRESETS, Rule, plain_rules
 from energy_opt.measured.joints import EPOCH, FEWEST, Joints, backward, held, quantity, read_joints
 from energy_opt.measured.log import LogFile, RunEntry
+from energy_opt.measured.names import energy_column, power_column, time_columns
 from energy_opt.measured.run import Run, cut_at_standstill, pieces
 from energy_opt.measured.table import Table
 from energy_opt.robot import Robot
@@ -48,7 +50,9 @@ def read_meter(table: Table, rules: Mapping[str, Rule], joints: Joints | None, w
         window: [s] of the meter's mean, None if not stated.
     """
     own = joints is None
-    stamps = time_rule(table, rules) if own else rules["time"]
+    stamps = rules.get("power.time") if own else rules["time"]
+    if stamps is None:
+        stamps = rules["time"] if rules["time"].there(table) else Rule(("time",))
     energy = "energy" in rules and (rules["energy"].there(table) or not rules["power"].there(table))
     name = "energy" if energy else "power"
     table.load([*stamps.columns, *rules[name].columns])
@@ -91,13 +95,6 @@ def read_meter(table: Table, rules: Mapping[str, Rule], joints: Joints | None, w
         remarks.append(f"{int((~fresh).sum())} readings with the stamp of the one before dropped")
     time, values = time[fresh], values[fresh]
     return Readings(time, values, np.full(len(time), window or 0.0), "power", dated, tuple(remarks))
-
-
-def time_rule(table: Table, rules: Mapping[str, Rule]) -> Rule:
-    """The rule for the stamps in the meter's own file."""
-    if "power.time" in rules:
-        return rules["power.time"]
-    return rules["time"] if rules["time"].there(table) else Rule(("time",))
 
 
 def _counter(time: np.ndarray, energy: np.ndarray, dated: bool) -> Readings:
@@ -254,9 +251,6 @@ def _readings(
 
 def rules_of_meter(log: LogFile, table: Table) -> dict[str, Rule]:
     """Rules for a meter's own file besides that of a recorder with a preset: from its headers."""
-    from energy_opt.measured.columns import AUTO
-    from energy_opt.measured.names import energy_column, power_column, time_columns
-
     rules = {}
     stamps, power, energy = time_columns(table.header), power_column(table.header), energy_column(table.header)
     if stamps:
@@ -327,7 +321,9 @@ def _overlap(stamps: np.ndarray, time: np.ndarray) -> float:
 def _cut(log: LogFile, run: Run, gaps: tuple[int, ...], out: Recording) -> None:
     parts = [run]
     if gaps and run.meter != "total":
-        parts = split_at_gaps(run, gaps)
+        edges = [-1, *gaps, len(run.time) - 1]
+        spans = [(a + 1, b) for a, b in pairwise(edges) if b - a >= FEWEST]
+        parts = pieces(run, spans, strict=True)  # readings whose window reaches into a gap are left out
         short = len(gaps) + 1 - len(parts)
         if short:
             out.remarks.append(f"{run.file}: {short} piece(s) between gaps with fewer than {FEWEST} rows left out")
@@ -337,10 +333,3 @@ def _cut(log: LogFile, run: Run, gaps: tuple[int, ...], out: Recording) -> None:
         out.runs = [replace(parts[0], file=run.file)]
     else:
         out.runs = [replace(part, file=f"{run.file}#{k}") for k, part in enumerate(parts, start=1)]
-
-
-def split_at_gaps(run: Run, gaps: tuple[int, ...]) -> list[Run]:
-    """The pieces of a run between gaps after samples `gaps`; readings whose window reaches into a gap are left out."""
-    edges = [-1, *gaps, len(run.time) - 1]
-    spans = [(a + 1, b) for a, b in zip(edges[:-1], edges[1:], strict=True) if b - a >= FEWEST]
-    return pieces(run, spans, strict=True)

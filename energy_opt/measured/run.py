@@ -1,11 +1,11 @@
 """A measured set as arrays: one `Run` for each run, joints in the robot's order, SI units.
 
 One long recording is cut into runs where the arm rests. The meter's readings follow from a model's power over time:
-means over windows, differences of counters, totals. A model is evaluated at `nodes(run)`, and `observe` gives the
+means over windows, differences of counters, totals. A model is evaluated at `nodes(run)`, and `operator` gives the
 readings that the meter would have shown:
 
     at = nodes(run)                          # (K,) s on the run's clock, evenly spaced
-    expected = observe(run, at, power)       # (M,) W beside run.power, (M, P) for slopes (K, P)
+    expected = operator(run, at) @ power     # (M,) W beside run.power, (M, P) for slopes (K, P)
 
 Power is assumed to be linear between nodes. So a reading over [b - w, b] is, exactly,
 
@@ -270,18 +270,3 @@ def operator(run: Run, at: np.ndarray) -> csr_matrix:
     to_right = share * (middle - left) / (right - left)
     data = np.concatenate([share - to_right, to_right])
     return csr_matrix((data, (np.concatenate([row, row]), np.concatenate([k, k + 1]))), shape=(len(last), count))
-
-
-def observe(run: Run, at: np.ndarray, power: np.ndarray) -> np.ndarray:
-    """The readings (M, ...) [W] that the meter would have shown of a power.
-
-    They are linear in the power, so derivatives are treated column by column.
-
-    Args:
-        run: stamps and windows of the readings. at: (K,) [s] on the run's clock. power: (K, ...) [W] at these times.
-    """
-    power = np.asarray(power, dtype=float)
-    if not run.window.any() and len(at) == len(run.power_time) and np.array_equal(at, run.power_time):
-        return power
-    flat = operator(run, at) @ power.reshape(len(at), -1)
-    return flat.reshape(len(run.power), *power.shape[1:])

@@ -141,17 +141,12 @@ def _recordings(log: LogFile, robot: Robot, faults: list[str]) -> list[Recording
 MISMATCH = 0.2  # largest rms difference of logged velocity from the slope of the positions, over the latter's spread
 
 
-def check_set(folder: str | Path, allow_outside: bool = False) -> list[str]:
-    """All faults of a measured set, empty if it is usable; never raises for a faulty file."""
-    return inspect_set(Path(folder), allow_outside)[0]
-
-
 def inspect_set(
     folder: Path, allow_outside: bool = False, lock: Mapping[str, float] | None = None
 ) -> tuple[list[str], list[str]]:
     """All faults of a measured set, and remarks on the reading: samples dropped, recordings cut, clocks found.
 
-    `lock`: locked joints of the log's robot, with their positions.
+    It never raises for a faulty file. `lock`: locked joints of the log's robot, with their positions.
     """
     try:
         log = read_log(folder, allow_outside)

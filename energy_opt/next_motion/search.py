@@ -155,8 +155,7 @@ def _improved(
 
 def _calm(limits: Limits) -> Limits:
     """Limits of the search: finite ones, in the middle of every joint's range."""
-    bounded = np.isfinite(limits.lower) & np.isfinite(limits.upper)
-    lower, upper = np.where(bounded, limits.lower, -np.pi), np.where(bounded, limits.upper, np.pi)
+    lower, upper = limits.ranges
     middle, half = (lower + upper) / 2, np.minimum(0.45 * (upper - lower), SPAN)
     return limits.replace(
         lower=middle - half,

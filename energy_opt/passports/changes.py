@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -39,10 +38,6 @@ class Change:
     ci95: tuple[float, float] | None
     percent: float | None
     real: bool | None
-
-    def document(self) -> dict[str, Any]:
-        """As it is in passport.json."""
-        return asdict(self)
 
     def __str__(self) -> str:
         where = f" of {self.joint}" if self.joint else ""

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 from energy_opt.errors import BadInput
 from energy_opt.files import write_json
-from energy_opt.folders import written_whole
 from energy_opt.passports.changes import Change, changes
-from energy_opt.passports.sources import Arm, arm_of, read_arm
+from energy_opt.passports.sources import Arm, read_arm
 from energy_opt.power import PowerModel
-from energy_opt.results import Found
+from energy_opt.results import Found, written_whole
 from energy_opt.robot import Robot, load_robot
 
 FORMAT = "energy-opt/passport/1"
@@ -51,7 +50,7 @@ class Passport(Found):
             "format": FORMAT,
             "headline": self.headline,
             "arms": [_document(arm) for arm in self.arms],
-            "changes": [change.document() for change in self.changes],
+            "changes": [asdict(change) for change in self.changes],
             "request": self.request,
         }
 
@@ -104,7 +103,8 @@ def passport(
     arms = []
     for k, (model, label) in enumerate(zip(given, _labels(given), strict=True), start=1):
         if isinstance(model, PowerModel):
-            arms.append(arm_of(model, body or load_robot(model.robot, limits=file), label or f"model {k}"))
+            known = body or load_robot(model.robot, limits=file)
+            arms.append(Arm(label or f"model {k}", known, model, "", {}))
         else:
             arm = read_arm(model, body, file)
             arms.append(replace(arm, label=label))

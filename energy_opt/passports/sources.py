@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
@@ -87,9 +87,7 @@ class Number:
 
     def document(self) -> dict[str, Any]:
         """As it is in passport.json."""
-        interval = None if self.ci95 is None else list(self.ci95)
-        known = {"value": self.value, "ci95": interval, "unit": self.unit}
-        return {**known, "status": self.status, "source": self.source or None}
+        return {**asdict(self), "source": self.source or None}
 
 
 @dataclass(frozen=True)
@@ -204,11 +202,6 @@ class Arm:
                     own = self.number(effect.name, p.name, k).document()
                     records.append({"effect": effect.name, "parameter": p.name, "joint": joint, **own})
         return records
-
-
-def arm_of(model: PowerModel, robot: Robot, label: str) -> Arm:
-    """The arm of a model in memory."""
-    return Arm(label, robot, model, "", {})
 
 
 def read_arm(word: str, robot: Robot | None = None, limits: Path | None = None) -> Arm:

@@ -40,7 +40,7 @@ APART = 0.35  # [rad, m] least distance of goals that are both sketched
 LISTED = 40  # most goals that an answer lists
 FREE = 60  # most goals without contact among which to choose
 
-Sketch = Callable[[Move, Sequence[Trajectory]], Trajectory]
+Sketch = Callable[[Move], Trajectory]
 
 
 class Solve(Protocol):
@@ -218,11 +218,11 @@ class Chooser:
                 out += self._sketched(move, goal)
         return out
 
-    def _sketched(self, move: Move, goal: Candidate, warm: Sequence[Trajectory] = ()) -> list[Sketched]:
+    def _sketched(self, move: Move, goal: Candidate) -> list[Sketched]:
         """The sketch of a goal; empty if it is not possible."""
         self.screened += 1
         try:
-            found = self._sketch(replace(move, goal=goal.goal), warm)
+            found = self._sketch(replace(move, goal=goal.goal))
         except Infeasible:
             return []
         return [(replace(goal, energy=self._energy(found), status="screened"), found)]

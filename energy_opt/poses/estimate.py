@@ -82,6 +82,12 @@ def fastest(robot: Robot, start: np.ndarray, goal: np.ndarray) -> np.ndarray:
     return np.asarray(np.nan_to_num(times).max(axis=-1))
 
 
+def quickest(robot: Robot, q: np.ndarray, found: np.ndarray) -> np.ndarray:
+    """The one of positions (K, n) that is quickest to reach from q (n,); among equals the one with less travel."""
+    seconds = fastest(robot, np.broadcast_to(q, found.shape), found) + 1e-3 * np.abs(found - q).sum(axis=1)
+    return np.asarray(found[int(np.argmin(seconds))])
+
+
 def curves(scorers: Sequence[Scorer], start: np.ndarray, goal: np.ndarray) -> Curves:
     """Energy over duration of straight moves, the mean over the scorers' models; start and goal (P, n) [rad, m]."""
     shortest = np.maximum(fastest(scorers[0].robot, start, goal), LEAST)

@@ -14,7 +14,7 @@ from energy_opt.motion.plan.robust import RobustPlanner
 from energy_opt.poses.choose import APART, Chooser
 from energy_opt.poses.chosen import Chosen
 from energy_opt.poses.ends import Ends
-from energy_opt.poses.estimate import fastest, holding
+from energy_opt.poses.estimate import holding, quickest
 from energy_opt.poses.inverse import ToolKinematics
 from energy_opt.poses.sets import Layer, Ring, Target, layer, positions_of, thinned
 from energy_opt.power import PowerModel
@@ -90,11 +90,6 @@ def nearest_move(ends: Ends, move: Move, robot: Robot, cell: Cell | None, settin
         q = found[np.argmin(np.abs(found - near).sum(axis=1))]
     at = [q]
     for stop in ends.via:
-        at.append(_nearest(robot, at[-1], positions_of(tool, stop, cell, near=at[-1], seed=settings.seed)))
+        at.append(quickest(robot, at[-1], positions_of(tool, stop, cell, near=at[-1], seed=settings.seed)))
     goals = [positions_of(tool, goal, cell, near=at[-1], seed=settings.seed) for goal in ends.goals]
-    return replace(move, start=at[0], via=tuple(at[1:]), goal=_nearest(robot, at[-1], np.vstack(goals)))
-
-
-def _nearest(robot: Robot, q: np.ndarray, found: np.ndarray) -> np.ndarray:
-    quick = fastest(robot, np.broadcast_to(q, found.shape), found) + 1e-3 * np.abs(found - q).sum(axis=1)
-    return np.asarray(found[int(np.argmin(quick))])
+    return replace(move, start=at[0], via=tuple(at[1:]), goal=quickest(robot, at[-1], np.vstack(goals)))

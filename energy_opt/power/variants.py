@@ -20,7 +20,7 @@ from energy_opt.power.model import PowerModel, Uncertainty
 from energy_opt.robot import Robot
 
 
-def draws_of(model: PowerModel, count: int, seed: int = 0) -> list[PowerModel]:
+def draws_of(model: PowerModel, count: int) -> list[PowerModel]:
     """Models with values drawn from the model's covariance C; none if it has no covariance.
 
     With the eigenvalues l and eigenvectors V of C, a draw is values + V sqrt(l) z with z standard normal, clipped to
@@ -32,7 +32,7 @@ def draws_of(model: PowerModel, count: int, seed: int = 0) -> list[PowerModel]:
     uncertainty = model.uncertainty
     if uncertainty is None or not len(uncertainty.names):
         return []
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     values, vectors = np.linalg.eigh(uncertainty.matrix)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     root[np.diag(uncertainty.matrix) == 0] = 0.0  # given values, e.g. a curve's speeds, stay exactly

@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull
 from energy_opt.cell.bodies import Body
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.solids import LARGE, Piece
-from energy_opt.reports.charts import rounded
+from energy_opt.reports.page import rounded
 from energy_opt.robot import Link, Robot
 from energy_opt.robot.kinematics import Kinematics
 
@@ -134,7 +134,7 @@ def _playing(
 ) -> dict[str, Any] | None:  # fmt: skip
     """Input of the player; None without bodies."""
     tree = [
-        {"parent": link.parent, "placement": _numbers(link.placement), "axis": _numbers(link.axis),
+        {"parent": link.parent, "placement": rounded(link.placement), "axis": rounded(link.axis),
          "prismatic": link.prismatic}
         for link in links
     ]  # fmt: skip
@@ -144,7 +144,7 @@ def _playing(
 
 def _solid(body: Solid) -> dict[str, Any]:
     """A body for the player."""
-    shape = {"vertices": _numbers(body.vertices, 5), "faces": np.asarray(body.triangles).tolist()}
+    shape = {"vertices": rounded(body.vertices, 5), "faces": np.asarray(body.triangles).tolist()}
     return {"name": body.name, "surface": body.surface, **shape}
 
 
@@ -153,18 +153,10 @@ def _motion(links: Sequence[Link], time: np.ndarray, q: np.ndarray, tools: Seque
     kinematics = Kinematics(links)
     origin = kinematics(q).origin
     return {
-        "time": _numbers(time),
-        "position": _numbers(kinematics.coupling.positions(q), 5),
-        "tools": [_numbers(origin[:, tool], 4) for tool in tools],
+        "time": rounded(time),
+        "position": rounded(kinematics.coupling.positions(q), 5),
+        "tools": [rounded(origin[:, tool], 4) for tool in tools],
     }
-
-
-def _numbers(values: np.ndarray, digits: int = 6) -> Any:
-    """Nested lists of rounded numbers."""
-    array = np.asarray(values, dtype=float)
-    if array.ndim == 1:
-        return [rounded(value, digits) for value in array]
-    return [_numbers(row, digits) for row in array]
 
 
 MOST_CORNERS = 300  # most corners of one hull: more are not visible

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from energy_opt.power.assumptions import Assumption, grouped
-from energy_opt.reports.charts import Chart, Line
 from energy_opt.reports.motion import Closest, Motion, Played, Solid, player
-from energy_opt.reports.page import Report
+from energy_opt.reports.page import Chart, Line, Report
 from energy_opt.reports.words import clearance_words, energy_records, goals_words, input_words, limits_words, yearly
 from energy_opt.robot import Robot
 

@@ -87,6 +87,12 @@ class Limits:
         """The positions (n,) nearest to zero that are inside."""
         return np.clip(np.zeros(len(self.lower)), self.lower, self.upper)
 
+    @property
+    def ranges(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper end (n,) of each joint's range; a joint without limits counts as one turn, [-pi, pi]."""
+        bounded = np.isfinite(self.lower) & np.isfinite(self.upper)
+        return np.where(bounded, self.lower, -np.pi), np.where(bounded, self.upper, np.pi)
+
     def replace(self, **bounds: np.ndarray) -> Limits:
         """The same limits with some of them changed."""
         return dataclasses.replace(self, **bounds)

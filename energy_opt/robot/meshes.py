@@ -30,7 +30,9 @@ def mesh_files(
     for folder in package_dirs:
         if not folder.is_dir():
             raise BadInput(f"--package-dir {folder}: no such folder")
-    roots = [*package_dirs, *_ros_folders(), *path.resolve().parents]
+    ros, ament = (os.environ.get(name, "").split(os.pathsep) for name in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"))
+    installed = [*map(Path, filter(None, ros)), *(Path(folder) / "share" for folder in filter(None, ament))]
+    roots = [*package_dirs, *installed, *path.resolve().parents]
     wanted = {
         body.file: link.name for link in description.links.values() for body in link.collisions if body.kind == "mesh"
     }
@@ -59,14 +61,6 @@ def mesh_files(
             "package lies with --package-dir DIR, or go on without the arm's body by --self-collision off"
         )
     return out
-
-
-def _ros_folders() -> Iterator[Path]:
-    """Folders of packages that a ROS environment names."""
-    for folder in filter(None, os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)):
-        yield Path(folder)
-    for folder in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
-        yield Path(folder) / "share"
 
 
 def _candidates(name: str, urdf: Path, roots: Sequence[Path], given: Sequence[Path]) -> Iterator[Path]:

@@ -4,8 +4,20 @@ A step's energy over its duration is a convex curve, waits choose between modes,
 a mixed-integer program; `solve.py` returns a schedule and a lower bound on the energy of all schedules.
 """
 
-from energy_opt.schedule.curves import Curve, Hull, Polynomial
-from energy_opt.schedule.problem import Exclusion, Group, Lag, Mode, Move, Problem, Ring, Run, Wait
+from energy_opt.schedule.problem import (
+    Curve,
+    Exclusion,
+    Group,
+    Hull,
+    Lag,
+    Mode,
+    Move,
+    Polynomial,
+    Problem,
+    Ring,
+    Run,
+    Wait,
+)
 from energy_opt.schedule.solve import UNDECIDED, Schedule, solve
 
 __all__ = [

@@ -14,7 +14,6 @@ from energy_opt.robot import PointMass, Robot
 DRAWN = 4000
 MOST = 1000  # most poses: recording more would take days
 MARGIN = 0.05  # share of a joint's range kept free at each limit
-SPAN = np.pi  # [rad] largest position of joints without limits
 SHARE = 0.9  # largest share of the effort limit for holding a pose
 
 
@@ -49,6 +48,8 @@ def suggest(
         BadInput: fewer than 3 or more than `MOST` poses are asked for, or not so many can be held;
             the seed is below 0.
     """
+    from scipy.stats import t as student
+
     if count < 3:
         raise BadInput(f"--suggest {count}: a line with an interval needs 3 poses or more")
     if count > MOST:
@@ -57,8 +58,7 @@ def suggest(
         raise BadInput(f"--seed {seed}: expected 0 or more")
     rng = np.random.default_rng(seed)
     limits = robot.limits
-    bounded = np.isfinite(limits.lower) & np.isfinite(limits.upper)
-    lower, upper = np.where(bounded, limits.lower, -SPAN), np.where(bounded, limits.upper, SPAN)
+    lower, upper = limits.ranges
     room = MARGIN * (upper - lower)
     drawn = rng.uniform(lower + room, upper - room, (DRAWN, robot.n))
     rest = np.zeros_like(drawn)
@@ -78,11 +78,6 @@ def suggest(
         pool = high if k % 2 == 0 else low
         apart = np.min(np.abs(drawn[pool][:, None] - drawn[chosen][None]).max(axis=2), axis=1)
         chosen.append(int(pool[int(np.argmax(apart))]))
-    return Suggestion(drawn[chosen], load[chosen], _width(load[chosen]))
-
-
-def _width(load: np.ndarray) -> float:
-    from scipy.stats import t as student
-
-    count = len(load)
-    return float(student.ppf(0.975, max(count - 2, 1)) / np.sqrt(np.sum((load - load.mean()) ** 2)))
+    drawn, load = drawn[chosen], load[chosen]
+    width = float(student.ppf(0.975, max(count - 2, 1)) / np.sqrt(np.sum((load - load.mean()) ** 2)))
+    return Suggestion(drawn, load, width)

@@ -28,12 +28,11 @@ from energy_opt.poses.given import poses_of_request
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 from energy_opt.schedule import Hull, Mode, Move, Ring, Wait
-from energy_opt.schedule.curves import SAME
-from energy_opt.workcell.arm_move import ArmMove, nearest
+from energy_opt.schedule.problem import SAME
 from energy_opt.workcell.as_job import at_positions, explicit_steps, job_of
 from energy_opt.workcell.curves import ADDED, mode_of
 from energy_opt.workcell.file import MOTORS, RobotTable, StepTable, WorkCell, step_name
-from energy_opt.workcell.motion import Part, at_rest
+from energy_opt.workcell.motion import ArmMove, Part, at_rest, nearest
 
 # durations of evenly slowed moves to evaluate, as multiples of the shortest
 SLOWER = (1.0, 1.15, 1.35, 1.6, 2.0, 2.5, 3.2, 4.2, 6.0)
@@ -238,10 +237,12 @@ class Arm:
             elif k in moves:
                 move = moves[k]
                 known = move.answers if optimized else move.slowed
-                taken = partial(self._lossless, step) if lossless else _taken
-                points = [(d, taken(answer)) for d, answer in known.items()]
                 if hold is not None:  # the energy of that motion, which may be above the hull
-                    points = [(hold[k], taken(known[nearest(known, hold[k])]))]
+                    known = {hold[k]: known[nearest(known, hold[k])]}
+                energies = {d: answer.energy for d, answer in known.items()}
+                if lossless:
+                    energies = {d: self._feeding_of(step).energy(answer.trajectory) for d, answer in known.items()}
+                points = [(d, energy.total) for d, energy in energies.items()]
                 curve = Hull.of(points)
                 least, most = float(curve.durations[0]), float(curve.durations[-1])
                 steps.append(Move(name, least, most, curve, table.as_is))
@@ -306,9 +307,6 @@ class Arm:
             self._feeding[step.payload] = Scorer(self.job.robot, model)
         return self._feeding[step.payload]
 
-    def _lossless(self, step: Step, answer: Answer) -> float:
-        return self._feeding_of(step).energy(answer.trajectory).total
-
     def step_of(self, name: str) -> Step:
         """The step with a ring's `name`; for an added wait, the step before it."""
         steps = dict(zip((step.name for step in self.job.steps), self.job.steps, strict=True))
@@ -326,7 +324,3 @@ class Arm:
                 trajectory = standing(self.job.robot.joints, self.step_of(step.name).goal, max(duration, 1e-9))
             out.append(Part(step.name, start, duration, trajectory))
         return out
-
-
-def _taken(answer: Answer) -> float:
-    return answer.energy.total

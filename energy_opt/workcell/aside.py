@@ -25,9 +25,8 @@ from energy_opt.motion.reshape.task import Line
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.robot import Limits
 from energy_opt.workcell.arm import Arm
-from energy_opt.workcell.arm_move import ArmMove
 from energy_opt.workcell.between import TwoArms, side_by_side
-from energy_opt.workcell.motion import Part, PeriodicMotion, at_rest
+from energy_opt.workcell.motion import ArmMove, Part, PeriodicMotion, at_rest
 
 PLACES = 48  # places of a first curve to check
 # most bends and delays of a move; the first DRAWN start from the move itself, the others from the best so far

@@ -81,13 +81,11 @@ def _lags(cell: WorkCell, rings: Mapping[str, Ring]) -> list[Lag]:
             if step.after is None:
                 continue
             before = at(step.after)
-            if (
-                step.lag is not None
-            ):  # from the end of one step to the start of the other, a whole number of cycles later
-                out.append(Lag(before, (r, k), step.lag[0], None, begin_ends=True, most=step.lag[1]))
-                continue
-            # Without a lag: after the other has ended, and before it begins again.
-            out.append(Lag(before, (r, k), 0.0, None, begin_ends=True, within=cell.cycle_time))
+            # from the end of one step to the start of the other, a whole number of cycles later; without a lag: after
+            # the other has ended, and before it begins again
+            least, most = step.lag or (0.0, None)
+            within = cell.cycle_time if step.lag is None else None
+            out.append(Lag(before, (r, k), least, None, begin_ends=True, most=most, within=within))
     return out
 
 

@@ -1,16 +1,22 @@
-"""A robot's motion over its whole cycle, repeated periodically."""
+"""The motions of a cell's arms: one move by its duration, and all parts of a cycle, one after the other."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from energy_opt.cell.curve import MotionCurve
+from energy_opt.jobs.cycle import Answer
+from energy_opt.jobs.legs import Leg
+from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.schedule import Hull
+from energy_opt.schedule.problem import SAME
 
-SAME = 1e-9  # [s] times that differ by less are the same
+ROUNDED = 1e-9  # [s] times that differ by less are the same
 
 
 @dataclass(frozen=True)
@@ -34,7 +40,7 @@ class PeriodicMotion:
     """All parts of a robot's cycle, in order; the last ends where the first begins, one cycle later."""
 
     def __init__(self, parts: Sequence[Part], cycle: float) -> None:
-        self.parts, self.cycle = tuple(part for part in parts if part.duration > SAME), cycle
+        self.parts, self.cycle = tuple(part for part in parts if part.duration > ROUNDED), cycle
         times, pieces = [], []
         for part in self.parts:
             t = part.trajectory
@@ -61,7 +67,7 @@ class PeriodicMotion:
     def part_at(self, time: float) -> Part:
         """The part that runs at a time [s]."""
         at = self.begin + (time - self.begin) % self.cycle
-        return [part for part in self.parts if part.start <= at + SAME][-1]
+        return [part for part in self.parts if part.start <= at + ROUNDED][-1]
 
     def sample_times(self, begin: float, end: float) -> np.ndarray:
         """Times of its pieces' ends within [begin, end], s."""
@@ -84,3 +90,53 @@ class PeriodicMotion:
         k = np.clip(np.searchsorted(self.time, where, side="right") - 1, 0, len(self.time) - 2)
         share = np.clip((where - self.time[k]) / np.diff(self.time)[k], 0.0, 1.0)
         return MotionCurve.of_pieces(self.time, self.bernstein).cut(k, share, np.ones_like(share))[0]
+
+
+@dataclass
+class ArmMove:
+    """A motion from rest to rest, by duration.
+
+    Attributes:
+        place: index of its step in the robot's table; leg, timing: its first path and that path's fastest timing.
+        answers: best known trajectories by duration [s].
+        tried: durations [s] at which it was optimized.
+    """
+
+    place: int
+    leg: Leg
+    timing: Timing
+    shortest: float
+    longest: float
+    answers: dict[float, Answer] = field(default_factory=dict)
+    slowed: dict[float, Answer] = field(default_factory=dict)
+    tried: set[float] = field(default_factory=set)
+
+    def was_tried(self, duration: float) -> bool:
+        """True if it was optimized at a duration [s]."""
+        return any(abs(duration / tried - 1) < SAME for tried in self.tried)
+
+    def beside(self, duration: float, worth: float) -> list[float]:
+        """Durations [s] between a known one and its neighbours at which more than `worth` [J] may be saved.
+
+        Energy is convex over the duration: between two optimized durations it lies above the lines through their
+        neighbours, if these are optimized too.
+        """
+        hull = Hull.of([(d, answer.energy.total) for d, answer in self.answers.items()])
+        d, e = hull.durations, hull.energies
+        known = [self.was_tried(at) for at in d.tolist()]
+        chosen = int(np.argmin(np.abs(d - duration)))
+        out = []
+        for k in range(max(chosen - 1, 0), min(chosen + 1, len(d) - 1)):  # between d[k] and d[k + 1]
+            middle = float(np.sqrt(d[k] * d[k + 1]))
+            least = -np.inf
+            for one, two in ((k, k - 1), (k + 1, k + 2)):
+                if 0 <= two < len(d) and known[one] and known[two]:
+                    least = max(least, e[one] + (middle - d[one]) * (e[one] - e[two]) / (d[one] - d[two]))
+            if hull.value(middle) - least > worth:
+                out.append(middle)
+        return out
+
+
+def nearest(known: dict[float, Any], duration: float) -> float:
+    """The key of `known` nearest to a duration [s]."""
+    return min(known, key=lambda d: abs(d - duration))

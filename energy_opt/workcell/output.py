@@ -28,24 +28,15 @@ SETTLED = 1e-2  # largest gap of a schedule that counts as solved
 def document(result: CellResult) -> dict[str, Any]:
     """The content of job.json: energies in J, times in s; starts count from the first step of the first robot."""
     schedule, cell = result.schedule, result.cell
-    robots = [
-        {
-            "name": ring.name,
-            "steps": [
-                {
-                    "name": step.name,
-                    "start": schedule.starts[r][k],
-                    "duration": schedule.durations[r][k],
-                    "mode": schedule.modes[r][k] or None,
-                    "zone": zones[k],
-                    "energy_total": schedule.energies[r][k],
-                }
-                for k, step in enumerate(ring.steps)
-            ],
-        }
-        for r, ring in enumerate(schedule.problem.rings)
-        for zones in [zones_of(cell.robot[r], ring)]
-    ]
+    robots = []
+    for r, ring in enumerate(schedule.problem.rings):
+        modes = [mode or None for mode in schedule.modes[r]]
+        columns = {
+            "name": [step.name for step in ring.steps], "start": schedule.starts[r], "duration": schedule.durations[r],
+            "mode": modes, "zone": zones_of(cell.robot[r], ring), "energy_total": schedule.energies[r],
+        }  # fmt: skip
+        records = zip(*columns.values(), strict=True)
+        robots.append({"name": ring.name, "steps": [dict(zip(columns, record, strict=True)) for record in records]})
     levers = [_lever(name, found.energy, result) for name, found in result.levers.steps]
     if cell.supply is not None and result.supply is not None:
         levers.append(_lever("supply", result.supply.energy, result))

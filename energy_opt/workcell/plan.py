@@ -22,12 +22,10 @@ import numpy as np
 from energy_opt.errors import Infeasible
 from energy_opt.schedule import UNDECIDED, Exclusion, Run, Schedule, solve
 from energy_opt.workcell.arm import SOLVED, Arm
-from energy_opt.workcell.arm_move import nearest
 from energy_opt.workcell.aside import aside
 from energy_opt.workcell.between import Between, TwoArms, meeting, prove_apart
-from energy_opt.workcell.levers import Levers, with_lever
-from energy_opt.workcell.motion import PeriodicMotion
-from energy_opt.workcell.stage import Candidate, Stage
+from energy_opt.workcell.motion import PeriodicMotion, nearest
+from energy_opt.workcell.stage import Candidate, Levers, Stage, with_lever
 
 SETTLED = 1e-3  # relative change of the cycle's energy that ends refining
 REFINED = 6  # most schedules whose durations are optimized

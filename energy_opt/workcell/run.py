@@ -21,8 +21,8 @@ from energy_opt.schedule.problem import keeps
 from energy_opt.workcell.arm import Arm
 from energy_opt.workcell.between import Between
 from energy_opt.workcell.file import WorkCell
-from energy_opt.workcell.levers import Levers
 from energy_opt.workcell.plan import Planned, Planning
+from energy_opt.workcell.stage import Levers
 from energy_opt.workcell.supply import FINE, Supplied, Supply
 
 

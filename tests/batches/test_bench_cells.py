@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from energy_opt.batches import check_suite, load_suite
+from energy_opt.batches.suite import check_suite, load_suite
 from energy_opt.batches.task import Task
 from energy_opt.cell.scene import Scene
 from energy_opt.cell.scene_files import carried, read_scene

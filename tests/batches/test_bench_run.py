@@ -13,8 +13,9 @@ from pathlib import Path
 import bench_workers
 import pytest
 
-from energy_opt.batches import load_suite, run_batch
+from energy_opt.batches.batch import run_batch
 from energy_opt.batches.records import NAME, TIMES, read_journal, read_parquet
+from energy_opt.batches.suite import load_suite
 
 HERE = Path(__file__).parents[1]
 COUNT = 12
@@ -23,7 +24,8 @@ import sys
 sys.path[:0] = [{str(HERE)!r}, {str(HERE.parent)!r}]
 import bench_workers
 from pathlib import Path
-from energy_opt.batches import load_suite, run_batch
+from energy_opt.batches.batch import run_batch
+from energy_opt.batches.suite import load_suite
 if __name__ == "__main__":
     batch = run_batch(load_suite(Path(sys.argv[1])), Path(sys.argv[2]), jobs=2, resume=True, solve=bench_workers.slow)
     sys.exit(130 if batch.interrupted else 0)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from energy_opt.batches import check_suite, load_suite
+from energy_opt.batches.suite import check_suite, load_suite
 from energy_opt.batches.tables import random_moves
 from energy_opt.batches.task import Duration
 from energy_opt.errors import BadInput

@@ -8,14 +8,14 @@ import subprocess
 import numpy as np
 import pytest
 
-from energy_opt.batches import load_suite
+from energy_opt.batches.suite import load_suite
 from energy_opt.cell.scene_files import read_scene
 from energy_opt.cli.main import EXAMPLES, VERBS, main, parsers
 from energy_opt.effects import ALL_EFFECTS
 from energy_opt.errors import BadInput
 from energy_opt.files import write_table
-from energy_opt.jobs import load_job
-from energy_opt.measured import check_set, read_set
+from energy_opt.jobs.file import load_job
+from energy_opt.measured import inspect_set, read_set
 from energy_opt.power import load_model
 from energy_opt.robot import load_robot
 
@@ -32,7 +32,7 @@ def log(path):
             ["time", *names, "power"],
             [time, *swing, 40 + swing[0] + np.sin(99 * time)],
         )
-    assert check_set(path.parent) == [] and len(read_set(path.parent).runs) == 2
+    assert inspect_set(path.parent)[0] == [] and len(read_set(path.parent).runs) == 2
 
 
 def suite(path):

@@ -20,7 +20,7 @@ from energy_opt.effects import CoulombFriction, Payload, Regeneration, Standby, 
 from energy_opt.files import read_table, read_toml, write_toml
 from energy_opt.measured import read_set
 from energy_opt.power import PowerModel, load_model
-from energy_opt.virtual_arm import Instruments
+from energy_opt.virtual_arm.simulate import Instruments
 
 pytest.importorskip("mujoco")
 from misfit_world import World, write_world

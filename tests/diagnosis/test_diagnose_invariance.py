@@ -17,7 +17,7 @@ from energy_opt.diagnosis.verdict import infer
 from energy_opt.effects import CoulombFriction, GravitySpring
 from energy_opt.files import read_table, read_toml, write_table, write_toml
 from energy_opt.measured import read_set
-from energy_opt.virtual_arm import Instruments
+from energy_opt.virtual_arm.simulate import Instruments
 
 pytest.importorskip("mujoco")
 FRICTION = CoulombFriction(tau_c=[0.6, 0.5, 0.45, 0.5, 0.3, 0.25, 0.2])

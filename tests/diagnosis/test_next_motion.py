@@ -30,9 +30,9 @@ from energy_opt.effects import (
 from energy_opt.formats import read_trajectory, table
 from energy_opt.measured import read_set
 from energy_opt.motion.limits.base import values_of
-from energy_opt.next_motion import Rival, propose, rivals_of
 from energy_opt.next_motion.legs import PAUSE, contrast_functions, contrast_parameters
-from energy_opt.next_motion.rivals import Slack, nearest, separations
+from energy_opt.next_motion.rivals import Rival, Slack, nearest, rivals_of, separations
+from energy_opt.next_motion.search import propose
 from energy_opt.power import PowerModel
 from energy_opt.robot import load_robot
 
@@ -236,7 +236,8 @@ def test_recorded_on_the_arm_it_settles_which_law_holds(tmp_path: Path):
     from virtual_motions import excitation
     from virtual_sets import arm, base_model
 
-    from energy_opt.virtual_arm import Instruments, Plant, Reference, simulate
+    from energy_opt.virtual_arm.plant import Plant
+    from energy_opt.virtual_arm.simulate import Instruments, Reference, simulate
 
     robot, rng = arm("panda"), np.random.default_rng([5, 1])
     declared = base_model("panda")

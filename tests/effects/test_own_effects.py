@@ -91,7 +91,7 @@ def test_a_fan_that_follows_temperature_is_found_in_a_log(tmp_path, own):
 
     from energy_opt.diagnosis import diagnose
     from energy_opt.measured import read_set
-    from energy_opt.virtual_arm import Instruments
+    from energy_opt.virtual_arm.simulate import Instruments
 
     made = make_set(tmp_path / "set", "z1", [], seed=3, instruments=Instruments(noise=0.5, power_resolution=0.02))
     joints = load_robot("z1").joints

@@ -21,9 +21,10 @@ from energy_opt.formats.output import wanted
 from energy_opt.formats.program import Part, standing
 from energy_opt.formats.program import joined as joined_parts
 from energy_opt.front.evaluate import table
-from energy_opt.jobs import load_job, run_job
 from energy_opt.jobs import output as job_output
+from energy_opt.jobs.file import load_job
 from energy_opt.jobs.output import write_programs
+from energy_opt.jobs.run import run_job
 from energy_opt.motion import Settings
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.limits.registry import joint_limits

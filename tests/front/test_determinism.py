@@ -16,7 +16,8 @@ import pytest
 
 import energy_opt as eo
 from energy_opt import dynamics
-from energy_opt.batches import load_suite, run_batch
+from energy_opt.batches.batch import run_batch
+from energy_opt.batches.suite import load_suite
 from energy_opt.dynamics import compact
 from energy_opt.errors import BadInput
 from energy_opt.numerics.compile import compiler

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import energy_opt as eo
-from energy_opt.batches import load_suite
+from energy_opt.batches.suite import load_suite
 from energy_opt.batches.work import solve_task
 from energy_opt.cli.main import main
 from energy_opt.motion.judge.energy import Scorer

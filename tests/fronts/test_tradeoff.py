@@ -15,7 +15,8 @@ from energy_opt.cell.request import CellRequest
 from energy_opt.cli.main import main
 from energy_opt.effects import CopperLoss, Standby
 from energy_opt.errors import BadInput, Infeasible
-from energy_opt.fronts import Cycle, trace
+from energy_opt.fronts.cycle import Cycle
+from energy_opt.fronts.front import trace
 from energy_opt.fronts.output import document, table, write
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.judge.energy import Energy
@@ -99,7 +100,7 @@ def test_too_short_durations_are_marked_with_a_reason():
     front = front_of(durations=[0.5, 0.9, 1.5])
     assert [p.status for p in front.points] == ["infeasible", "infeasible", "solved"]
     assert "shorter than the fastest move, 1 s" in front.points[0].reason
-    rows = table(front).splitlines()
+    rows = table(document(front, robot="r", joints=("j",), mode="retime", cycle=None)).splitlines()
     assert rows[0] == "duration,energy_total,energy_standby,energy_loss,status"
     assert rows[1] == "0.5,,,,infeasible"
 

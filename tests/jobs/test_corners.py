@@ -27,5 +27,5 @@ def test_a_cycle_is_planned_again_at_the_corner_where_the_evenly_slowed_one_cost
     file = tmp_path / "job.toml"
     file.write_text(CYCLE)
     answer = job(file)
-    assert answer.result.solved and answer.result.energy < answer.slowed - 0.5
+    assert answer.result.solved and answer.result.energy < answer.result.slowed - 0.5
     assert all(row["saving_joules"] >= -1e-6 for row in answer.result.models)

@@ -18,8 +18,9 @@ from energy_opt.cell.request import CellRequest
 from energy_opt.cli.main import example, main
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.formats import read_trajectory
-from energy_opt.jobs import check_job, load_job, run_job
 from energy_opt.jobs.allocate import Front, Solved, allocate
+from energy_opt.jobs.file import check_job, load_job
+from energy_opt.jobs.run import run_job
 from energy_opt.motion.judge.clearance import clearance_of
 from energy_opt.motion.path import straight
 from energy_opt.motion.retime.solve import retime

@@ -12,7 +12,7 @@ from logs import PANDA, SIX, Z1, arm, lines, log, put
 
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
-from energy_opt.measured import check_set, inspect_set, nodes, observe, read_set
+from energy_opt.measured import inspect_set, nodes, operator, read_set
 from energy_opt.measured.importing import import_files
 from energy_opt.measured.table import Table
 from energy_opt.robot import load_robot
@@ -32,7 +32,7 @@ def test_degrees_milliseconds_kilowatts_are_converted_and_said(tmp_path, capsys)
     document = json.loads(printed.out)
     assert "degrees" in printed.err and "deg/s" in printed.err and "kW" in printed.err
     assert document["log"]["columns"]["time"] == {"column": "ms", "unit": "ms"}
-    assert check_set(tmp_path / "set") == []
+    assert inspect_set(tmp_path / "set")[0] == []
     whole = read_set(tmp_path / "set")
     first = whole.runs[0]
     np.testing.assert_allclose(first.position, q[: len(first.time)], atol=1e-6)
@@ -114,7 +114,7 @@ def test_values_that_no_arm_has(plain, old, new, expected):
     text = (plain / "a.csv").read_text()
     assert old in text
     put(plain / "a.csv", text.replace(old, new, 1))
-    assert any(expected in fault for fault in check_set(plain))
+    assert any(expected in fault for fault in inspect_set(plain)[0])
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("ms", 1000.0), ("s", 0.001), ("us", 1000.0)])
@@ -125,16 +125,16 @@ def test_stamps_in_another_unit_are_doubted(plain, unit, factor):
         lines("time," + ",".join(f"{j}.position" for j in Z1.joints) + ",power", [t * factor, q, p], "%.9f"),
     )
     if unit == "ms":
-        assert "s between rows; is the time's unit right" in check_set(plain)[0]
+        assert "s between rows; is the time's unit right" in inspect_set(plain)[0][0]
     log(plain, "z1", f'[columns]\ntime = {{ column = "time", unit = "{unit}" }}\n[[run]]\nfile = "a.csv"\n')
-    assert bool(check_set(plain)) == (unit != "ms")
+    assert bool(inspect_set(plain)[0]) == (unit != "ms")
 
 
 def test_files_stay_in_the_set(plain, tmp_path, capsys):
     outside = put(tmp_path.parent / f"{tmp_path.name}_x.csv", (plain / "a.csv").read_text())
     for name in (str(outside), f"../{outside.name}"):
         log(plain, "z1", f'[[run]]\nfile = "{name}"\n')
-        assert "lies outside" in check_set(plain)[0] and "joint1" not in check_set(plain)[0]
+        assert "lies outside" in inspect_set(plain)[0][0] and "joint1" not in inspect_set(plain)[0][0]
         assert main(["check", str(plain), "--quiet"]) == 2
         assert main(["check", str(plain), "--quiet", "--allow-outside"]) == 0
     assert inspect_set(plain, allow_outside=True)[0] == []
@@ -172,7 +172,7 @@ def test_a_robot_outside_of_the_set_has_to_be_allowed(plain, tmp_path, monkeypat
     ],
 )
 def test_keys_and_kinds_of_values_are_held(plain, text, expected):
-    assert expected in check_set(log(plain, "z1", text))[0]
+    assert expected in inspect_set(log(plain, "z1", text))[0][0]
 
 
 def test_no_damage_makes_a_traceback(plain):
@@ -193,7 +193,7 @@ def test_no_damage_makes_a_traceback(plain):
             else:
                 raw[at : at + 4] = b"\xff\xfe\xfd\xfc"
         put(plain / "a.csv", bytes(raw))
-        for fault in check_set(plain):
+        for fault in inspect_set(plain)[0]:
             assert "\n" not in fault and len(fault) < 1000
 
 
@@ -220,7 +220,9 @@ def test_a_real_recording_in_one_command(tmp_path):
     assert main(["import", str(FIG9), "--out", str(tmp_path / "set"), "--quiet"]) == 0
     measured = read_set(tmp_path / "set")
     assert measured.robot.name == "ur3e" and sum(len(r.power) for r in measured.runs) == 888
-    assert measured.runs[0].current is not None and measured.payload is not None and check_set(tmp_path / "set") == []
+    assert (
+        measured.runs[0].current is not None and measured.payload is not None and inspect_set(tmp_path / "set")[0] == []
+    )
 
 
 @pytest.mark.skipif(not FIG9.is_file(), reason="the shared recording is not here")
@@ -243,7 +245,7 @@ def test_a_real_recording_with_a_meter_of_one_hertz(tmp_path, offset):
     assert np.abs(stamps - (t[ends] - t[0])[: len(stamps)]).max() < (0.15 if offset else 1e-6)
     for run in measured.runs:
         at = nodes(run)
-        assert math.isfinite(float(observe(run, at, np.ones(len(at))).sum()))
+        assert math.isfinite(float((operator(run, at) @ np.ones(len(at))).sum()))
 
 
 def odd_headers(tmp_path, more=""):

@@ -17,7 +17,7 @@ from energy_opt.diagnosis.recordings import take_samples
 from energy_opt.effects import CoulombFriction, Payload, Standby
 from energy_opt.measured import read_set
 from energy_opt.power import PowerModel
-from energy_opt.virtual_arm import Instruments
+from energy_opt.virtual_arm.simulate import Instruments
 
 FRICTION = CoulombFriction(tau_c=[0.6, 0.5, 0.45, 0.5, 0.3, 0.25, 0.2])
 

@@ -12,11 +12,10 @@ from energy_opt.files import write_table, write_text
 from energy_opt.measured import (
     Run,
     Smoothing,
-    check_set,
     choose_smoothing,
+    inspect_set,
     kinematics,
     nodes,
-    observe,
     operator,
     read_log,
     read_set,
@@ -64,7 +63,7 @@ def test_plain_set(plain):
     _, q = motion()
     np.testing.assert_allclose(run.position, q)
     np.testing.assert_allclose(run.power, 30 + q[:, 1])
-    assert run.start == 0 and run.velocity is None and check_set(plain) == []
+    assert run.start == 0 and run.velocity is None and inspect_set(plain)[0] == []
 
 
 def test_other_headers_and_units_mean_the_same(plain, tmp_path):
@@ -123,7 +122,7 @@ def test_faults_name_file_row_and_column(plain, row, column, cell, expected):
     cells[column] = cell
     lines[row - 1] = ",".join(cells)
     write_text(plain / "a.csv", "\n".join(lines) + "\n")
-    faults = check_set(plain)
+    faults = inspect_set(plain)[0]
     assert any("a.csv" in fault and expected in fault for fault in faults), faults
     with pytest.raises(BadInput, match="row"):
         read_set(plain)
@@ -136,7 +135,7 @@ def test_every_fault_is_listed(plain):
         cells[1] = "x"
         lines[row - 1] = ",".join(cells)
     write_text(plain / "a.csv", "\n".join(lines) + "\n")
-    assert len(check_set(plain)) == 2
+    assert len(inspect_set(plain)[0]) == 2
     with pytest.raises(BadInput, match="1 more fault"):
         read_set(plain)
 
@@ -148,10 +147,10 @@ def test_gaps_units_and_kinds_are_doubted(plain):
     assert [len(r.time) for r in measured.runs] == [188, 187] and "cut at 1 gap" in measured.remarks[0]
     assert all(np.allclose(r.power, 30 + r.position[:, 1]) for r in measured.runs)
     write_run(plain / "a.csv", t, np.degrees(q), 30 + q[:, 1])
-    assert any("row 2, column joint1.position" in x and "look like degrees" in x for x in check_set(plain))
+    assert any("row 2, column joint1.position" in x and "look like degrees" in x for x in inspect_set(plain)[0])
     write_run(plain / "a.csv", t, q, 30 + q[:, 1])
     write_log(plain, ONE.replace("motion", "static"))
-    assert any("called static" in fault for fault in check_set(plain))
+    assert any("called static" in fault for fault in inspect_set(plain)[0])
 
 
 @pytest.mark.parametrize(
@@ -168,7 +167,7 @@ def test_gaps_units_and_kinds_are_doubted(plain):
     ],
 )
 def test_faults_of_the_log_itself(plain, text, expected):
-    assert expected in check_set(write_log(plain, text))[0]
+    assert expected in inspect_set(write_log(plain, text))[0][0]
 
 
 def test_a_folder_without_a_log_says_what_to_write(tmp_path):
@@ -218,11 +217,11 @@ def test_logged_velocity_is_used_and_cross_checked(plain):
     v = np.gradient(q, t, axis=0)
     names = ["time", *(f"{j}.position" for j in JOINTS), *(f"{j}.velocity" for j in JOINTS), "power"]
     write_table(plain / "a.csv", names, [t, *q.T, *v.T, 30 + t])
-    assert check_set(plain) == []
+    assert inspect_set(plain)[0] == []
     run = read_set(plain).runs[0]
     np.testing.assert_allclose(kinematics(run, t[5:-5], Smoothing(1e-6, 1e-6)).v, v[5:-5], atol=2e-2)
     write_table(plain / "a.csv", names, [t, *q.T, *(3 * v).T, 30 + t])
-    assert any("differs from the slope" in fault for fault in check_set(plain))
+    assert any("differs from the slope" in fault for fault in inspect_set(plain)[0])
 
 
 @pytest.mark.skipif(not FIG9.is_file(), reason="the shared recording is not here")
@@ -230,7 +229,7 @@ def test_a_real_recording_by_preset(tmp_path):
     (tmp_path / "fig9.csv").write_bytes(FIG9.read_bytes())
     text = '[[run]]\nfile = "fig9.csv"\nkind = "motion"\n[columns]\npreset = "ur_rtde"\n[segment]\nat = "standstill"\n'
     write_text(tmp_path / "log.toml", 'format = "energy-opt/log/1"\nrobot = "ur3e"\n' + text)
-    assert check_set(tmp_path) == []
+    assert inspect_set(tmp_path)[0] == []
     measured = read_set(tmp_path)
     assert len(measured.runs) > 10 and measured.payload is not None and measured.payload.mass == 1.07
     power = np.concatenate([r.power for r in measured.runs])
@@ -250,11 +249,11 @@ def test_a_slow_meter_sees_the_mean_over_its_window():
     assert np.diff(at).max() <= 0.02 + 1e-12
     # p = t^2: its mean over [a, b] is (b^3 - a^3) / 3 (b - a)
     expected = [1 / 3, (8 - 1.5**3) / 1.5, (3.5**3 - 8) / 4.5, 81.0]
-    np.testing.assert_allclose(observe(run, at, at**2), expected, atol=1e-4)
+    np.testing.assert_allclose(operator(run, at) @ (at**2), expected, atol=1e-4)
     uneven = np.r_[0, np.sort(np.random.default_rng(0).uniform(0, 10, 40)), 10]
     matrix = operator(run, uneven)
     np.testing.assert_allclose(matrix.sum(axis=1), 1.0)
     # exact for what is linear between the nodes, whichever nodes
     np.testing.assert_allclose(matrix @ (3 * uneven + 2), 3 * (stamps - run.window / 2) + 2, atol=1e-9)
-    slopes = observe(run, at, np.column_stack([at, at**2]))
-    np.testing.assert_allclose(slopes[:, 1], observe(run, at, at**2))
+    slopes = operator(run, at) @ np.column_stack([at, at**2])
+    np.testing.assert_allclose(slopes[:, 1], operator(run, at) @ (at**2))

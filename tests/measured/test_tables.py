@@ -8,7 +8,7 @@ from logs import PANDA, SEVEN, SIX, UR, Z1, arm, lines, log, put
 
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
-from energy_opt.measured import nodes, observe, read_set
+from energy_opt.measured import nodes, operator, read_set
 from energy_opt.measured.importing import import_files
 from energy_opt.measured.joints import clean, held
 from energy_opt.measured.layout import Csv, layout_of
@@ -51,7 +51,8 @@ def test_dates_keep_their_zone(tmp_path):
 
 def test_what_a_log_says_of_its_tables_holds(tmp_path):
     path = put(tmp_path / "a.csv", "a|b,c\n1,5|2\n")
-    assert layout_of(path, Csv("|", ",")).names == ("a", "b,c") and Table(path, Csv("|", ",")).column("a")[0] == 1.5
+    stated = Csv(delimiter="|", decimal=",")
+    assert layout_of(path, stated).names == ("a", "b,c") and Table(path, stated).column("a")[0] == 1.5
 
 
 @pytest.mark.parametrize(
@@ -238,7 +239,7 @@ def test_a_slow_meter_in_the_same_table(tmp_path, sparse):
     for run in read_set(made.folder).runs:
         assert len(run.power) >= 4 and run.window == pytest.approx(np.full(len(run.power), 0.5), abs=0.02)
         at = nodes(run)
-        expected = observe(run, at, np.interp(run.start + at, t, p))
+        expected = operator(run, at) @ np.interp(run.start + at, t, p)
         np.testing.assert_allclose(run.power, expected, atol=0.5)
 
 
@@ -272,7 +273,7 @@ def test_counters_totals_and_no_meter_at_all(tmp_path):
     assert run.meter == "energy" and float(run.power @ run.window) == pytest.approx(energy[-1], rel=1e-4)
     log(tmp_path, "z1", f'[[run]]\nfile = "a.csv"\nenergy = {energy[-1]}\n')
     run = read_set(tmp_path).runs[0]
-    assert run.meter == "total" and observe(run, t, p)[0] * t[-1] == pytest.approx(energy[-1], rel=1e-6)
+    assert run.meter == "total" and (operator(run, t) @ p)[0] * t[-1] == pytest.approx(energy[-1], rel=1e-6)
     amps = header + "," + ",".join(f"{j}.current" for j in Z1.joints)
     put(tmp_path / "a.csv", lines(amps, [t, q, q]))
     log(tmp_path, "z1", '[[run]]\nfile = "a.csv"\n')

@@ -14,8 +14,8 @@ from energy_opt.cli.main import main
 from energy_opt.diagnosis.modes import mode_words, modes_of
 from energy_opt.diagnosis.recordings import take_samples
 from energy_opt.measured import read_set
-from energy_opt.passports import friction, loss, read_arm
 from energy_opt.passports.changes import changes_since
+from energy_opt.passports.sources import friction, loss, read_arm
 from energy_opt.power.model import Uncertainty
 
 DRY, OIL, HEAT = np.array([2.0, 3.0, 1.0, 0.5, 0.4, 0.3]), 0.7, 0.006

@@ -16,7 +16,7 @@ from energy_opt.cell.request import CellRequest
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.front.given import source_model
-from energy_opt.jobs import load_job
+from energy_opt.jobs.file import load_job
 from energy_opt.jobs.posed import Posed
 from energy_opt.motion import Settings
 from energy_opt.placement import PlaceRequest, place

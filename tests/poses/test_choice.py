@@ -197,7 +197,7 @@ def test_a_sketch_is_near_the_answer_and_goals_without_one_are_solved_in_full(ur
     with pytest.raises(Infeasible, match="no motion within the limits"):
         planner.sketch(replace(move, duration=0.1))
 
-    def none(move: Move, warm: object) -> Trajectory:
+    def none(move: Move) -> Trajectory:
         raise Infeasible("no sketch")
 
     chosen = Chooser(ur, [Scorer(robot, model)], None, planner.solve, none, planner.settle).choose(move, goals)
@@ -216,7 +216,7 @@ def test_the_nearest_goal_is_moved_along_its_freedom_where_it_is_the_cheapest(ur
         asked.append(confirm)
         return planner.solve(move, warm, confirm=confirm)
 
-    def sketch(move: Move, warm: object) -> Trajectory:
+    def sketch(move: Move) -> Trajectory:
         if np.abs(move.goal - start).max() < 1:
             raise Infeasible("no sketch")
         return planner.sketch(move)

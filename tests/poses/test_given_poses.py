@@ -13,7 +13,7 @@ from energy_opt.cell.load import scene_of
 from energy_opt.cell.request import CellRequest
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
-from energy_opt.jobs import check_job, load_job
+from energy_opt.jobs.file import check_job, load_job
 from energy_opt.poses.given import Given, in_base, poses_of_request
 from energy_opt.poses.inverse import ToolKinematics
 from energy_opt.poses.pose import Freedom, pose_from

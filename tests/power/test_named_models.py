@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import energy_opt as eo
-from energy_opt.batches import load_suite
+from energy_opt.batches.suite import load_suite
 from energy_opt.cli.main import main
 from energy_opt.front.bench import overrides_of
 from energy_opt.front.given import model_from

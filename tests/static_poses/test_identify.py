@@ -13,7 +13,8 @@ from energy_opt.errors import BadInput
 from energy_opt.measured import read_set
 from energy_opt.power import load_model
 from energy_opt.robot import load_robot
-from energy_opt.static_poses import Pose, identify, poses_of, suggest
+from energy_opt.static_poses.methods import Pose, identify, poses_of
+from energy_opt.static_poses.suggest import suggest
 
 
 def poses(loads, power):

@@ -27,8 +27,9 @@ from energy_opt.errors import BadInput
 from energy_opt.power import PowerModel, drive_function
 from energy_opt.power.law import rigid_inputs, rigid_torque
 from energy_opt.robot import load_robot
-from energy_opt.virtual_arm import Cogging, Fan, Instruments, Plant, StandbyStep, load_plant, play, pose, simulate
 from energy_opt.virtual_arm.drives import electrical_power, reading
+from energy_opt.virtual_arm.plant import Cogging, Fan, Plant, StandbyStep, load_plant
+from energy_opt.virtual_arm.simulate import Instruments, play, pose, simulate
 
 pytest.importorskip("mujoco")
 

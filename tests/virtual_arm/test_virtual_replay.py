@@ -9,8 +9,8 @@ from virtual_sets import arm
 
 from energy_opt.files import read_table
 from energy_opt.power.model import model_from_document
-from energy_opt.virtual_arm import Plant, Reference, play
-from energy_opt.virtual_arm.plant import special_from_row
+from energy_opt.virtual_arm.plant import Plant, special_from_row
+from energy_opt.virtual_arm.simulate import Reference, play
 
 pytest.importorskip("mujoco")
 

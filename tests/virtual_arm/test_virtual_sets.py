@@ -18,8 +18,7 @@ from energy_opt.measured import read_set
 from energy_opt.measured.log import read_log
 from energy_opt.measured.sets import robot_of
 from energy_opt.power import load_model
-from energy_opt.virtual_arm import Cogging, Plant
-from energy_opt.virtual_arm.plant import PLAYED
+from energy_opt.virtual_arm.plant import PLAYED, Cogging, Plant
 
 pytest.importorskip("mujoco")
 

@@ -19,8 +19,8 @@ from energy_opt.front.given import source_model
 from energy_opt.motion import Settings
 from energy_opt.robot import load_robot
 from energy_opt.workcell.arm import Arm
-from energy_opt.workcell.arm_move import ArmMove
 from energy_opt.workcell.file import load_workcell
+from energy_opt.workcell.motion import ArmMove
 
 
 def run(folder: Path, document: dict, *options: str) -> tuple[int, dict]:

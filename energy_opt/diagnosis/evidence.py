@@ -207,27 +207,6 @@ def density(white: np.ndarray, jacobian: np.ndarray, before: np.ndarray) -> floa
     return -0.5 * (squares + float(np.linalg.slogdet(after)[1] - np.linalg.slogdet(before)[1]))
 
 
-def left_out(f: Fit) -> np.ndarray:
-    """Logarithm (C,) of the density that the other runs foresee for the readings of each cluster of runs.
-
-    The fit is repeated without the cluster, around the same linearisation. What its numbers leave open counts: an error
-    that they allow for is none.
-    """
-    s = f.world.samples
-    white, off = f.world.whiten(f.residual), f.theta - f.mean
-    jacobian = f.jacobian
-    whole = jacobian.T @ jacobian + f.precision
-    right = jacobian.T @ (white + jacobian @ off)
-    out = []
-    for group in clusters(s):
-        samples = np.concatenate([np.arange(s.parts[r].start, s.parts[r].stop) for r in group])
-        own = jacobian[samples]
-        before = whole - own.T @ own
-        found = np.linalg.solve(before, right - own.T @ (white[samples] + own @ off))
-        out.append(density(white[samples] - own @ (found - off), own, before))
-    return np.array(out)
-
-
 def foresight(f: Fit, held: Samples, noise: Noise) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Errors, Jacobian and precision of each held-out cluster of runs under a fit, as `density` takes them.
 

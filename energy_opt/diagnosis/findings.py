@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.fit import Fit
+from energy_opt.diagnosis.hypothesis import entries
 from energy_opt.diagnosis.joint_side import JointSide
 from energy_opt.diagnosis.predict import predict
 from energy_opt.diagnosis.residual import Attribution
@@ -71,11 +73,25 @@ def findings_of(found: Inference) -> list[Finding]:
         assert effect is not None
         before = declared.get(c.term.name)
         less = f.model.without(c.term.name) if before is None else f.model.replaced(before)
+        if found.unknown:
+            deviation = np.hypot(deviation, between(effect, found.rivals, n))
         values = _values(effect, deviation, n)
         values[0].update(effect.choices)
         share = float(np.clip((size(less) - here) / explained, 1e-6, 1.0))
         records.append(Finding(c.term.name, *values, share, None, claim.odds, c.term.declared))
     return sorted(records, key=lambda row: -row.share_of_residual)
+
+
+def between(effect: Effect, rivals: Sequence[Fit], n: int) -> np.ndarray:
+    """Rms (P,) by which an effect's values differ in fits that predict as well; without the effect they are neutral.
+
+    Where no law holds in detail, none of these fits tells how much of the power is the effect's and how much another's.
+    """
+    own, kind = effect.full(n), type(effect)
+    shapes = [p.shapes for p, *_ in entries(kind, n, len(own))]
+    absent = np.where(shapes, own, kind.neutral(n, **effect.choices, **effect.extents).full(n))
+    others = [absent if (e := f.model.get(effect.name)) is None else e.full(n) for f in rivals]
+    return np.asarray(np.sqrt(np.mean([(x - own) ** 2 for x in others if len(x) == len(own)], axis=0)))
 
 
 def _of_links(found: Inference) -> Finding:

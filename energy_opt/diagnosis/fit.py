@@ -161,8 +161,8 @@ class Fit:
     Attributes:
         charts, numbers: of its effects. free, weights: of its free functions. amounts, levels: of links and runs.
         model: the declared model with the effects' values. residual: (M,) what remains, W, levels and free functions
-            taken out. mean, precision: of theta's prior. hessian: of phi.
-        phi: at the likeliest numbers. evidence: its logarithm, up to a constant for the readings' unit.
+            taken out. mean, precision: of theta's prior. hessian: of phi. phi: at the likeliest numbers.
+        evidence: its logarithm, but for a constant. spread: (P, P) covariance of theta if not the inverse of `hessian`.
     """
 
     world: World
@@ -181,6 +181,7 @@ class Fit:
     phi: float
     evidence: float
     token: int = field(default_factory=count().__next__)
+    spread: np.ndarray | None = None
 
     @property
     def prediction(self) -> Prediction:
@@ -213,7 +214,7 @@ class Fit:
     @property
     def covariance(self) -> np.ndarray:
         """Posterior covariance (P, P) of theta."""
-        return np.linalg.inv(self.hessian)
+        return np.linalg.inv(self.hessian) if self.spread is None else self.spread
 
     @property
     def deviations(self) -> list[np.ndarray]:

@@ -1,16 +1,18 @@
-"""Errors of fits on held-out motions, and the evidence that these give for single effects."""
+"""Errors of fits on motions held out or left out: the evidence for single effects, and the scatter of their numbers."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from energy_opt.diagnosis.claims import CLAIM, Claim, written
+from energy_opt.diagnosis.clusters import clusters
 from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.errors import Quality, quality
-from energy_opt.diagnosis.evidence import density, drift_of, foresight, left_out
+from energy_opt.diagnosis.evidence import density, drift_of, foresight
 from energy_opt.diagnosis.fit import Fit
 from energy_opt.diagnosis.noise import Noise
 from energy_opt.power import PowerModel
@@ -101,3 +103,51 @@ def contradicted(gains: Sequence[float]) -> bool:
     """
     against = np.minimum(gains, 0.0)
     return bool(np.min(against) < -CLAIM and -np.sum(against) > AGAINST * np.sum(np.maximum(gains, 0.0)))
+
+
+def left_out(f: Fit) -> np.ndarray:
+    """Logarithm (C,) of the density that the other runs foresee for the readings of each cluster of runs.
+
+    The fit is repeated without the cluster, around the same linearisation. What its numbers leave open counts: an error
+    that they allow for is none.
+    """
+    return np.array([density(white - own @ step, own, before) for white, own, before, step in _without_clusters(f)])
+
+
+def scattered(f: Fit) -> Fit:
+    """The fit with the covariance of `jackknifed` over clusters of runs.
+
+    Readings of a motion share the errors of a law that does not hold in detail: beside these, the noise alone
+    understates by how much the numbers may be off.
+    """
+    steps = np.array([step for *_, step in _without_clusters(f)])
+    return replace(f, spread=jackknifed(f.covariance, f.precision, steps))
+
+
+def jackknifed(covariance: np.ndarray, precision: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """A covariance (P, P) widened to the scatter between clusters, in each direction in which this is larger.
+
+    Args:
+        covariance: (P, P) posterior by the noise of single readings. precision: (P, P) of the prior.
+        steps: (C, P) change of the numbers in a fit without each cluster (Bell and McCaffrey, 2002). C of them show
+            their scatter as a Student's t with C - 1 degrees of freedom, whose variance is (C - 1) / (C - 3).
+    """
+    count = len(steps)
+    lower, steps = np.linalg.cholesky(covariance), steps - steps.mean(axis=0)
+    apart = solve_triangular(lower, steps.T, lower=True)
+    scatter = (count - 1) ** 2 / count / max(count - 3, 1) * apart @ apart.T
+    sizes, axes = np.linalg.eigh(lower.T @ precision @ lower + scatter)
+    root = lower @ axes * np.sqrt(np.maximum(sizes, 1.0))
+    return np.asarray(root @ root.T)
+
+
+def _without_clusters(f: Fit) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+    """For each cluster of runs: its white residual and Jacobian; precision and change of theta in a fit without it."""
+    s, white, jacobian = f.world.samples, f.world.whiten(f.residual), f.jacobian
+    whole = jacobian.T @ jacobian + f.precision
+    open_ = jacobian.T @ white - f.precision @ (f.theta - f.mean)  # not zero at bounds
+    for group in clusters(s):
+        samples = np.concatenate([np.arange(s.parts[r].start, s.parts[r].stop) for r in group])
+        own = jacobian[samples]
+        before = whole - own.T @ own
+        yield white[samples], own, before, np.linalg.solve(before, open_ - own.T @ white[samples])

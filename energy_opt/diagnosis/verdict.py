@@ -39,7 +39,7 @@ from energy_opt.diagnosis.errors import Quality, mostly_explained
 from energy_opt.diagnosis.evidence import links_odds, noise_of
 from energy_opt.diagnosis.fit import Fit, Nuisance, Stopped, World
 from energy_opt.diagnosis.hypothesis import Measured, Scale
-from energy_opt.diagnosis.judge import Judge, by_chance_least, contradicted
+from energy_opt.diagnosis.judge import Judge, by_chance_least, contradicted, scattered
 from energy_opt.diagnosis.links import links_of
 from energy_opt.diagnosis.noise import Noise, by_chance, standing_noise, weighted
 from energy_opt.diagnosis.predict import predict
@@ -71,7 +71,7 @@ class Inference:
         links: True where the URDF's links are the cause that is claimed.
         idle: joints (indices) that never move. follows: False where power does not go with the motion.
         verdict: as in diagnosis.json; "" where the search was stopped before it had one.
-        blind: True if no cause was sought.
+        blind: True if no cause was sought. unknown: True if a law that the library lacks rules beside the claims.
     """
 
     search: Search
@@ -90,6 +90,7 @@ class Inference:
     idle: tuple[int, ...] = ()
     follows: bool = True
     blind: bool = False
+    unknown: bool = False
 
 
 def excited(samples: Samples, limits: Limits) -> np.ndarray:
@@ -183,7 +184,7 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
         borne[id(accepted)] = accepted, claims
         rivals = tuple(f for f in rivals if borne[id(f)][1] and borne[id(f)][0].names == f.names)
         accepted, claims = borne[id(rivals[0])]
-    rivals = tuple(widened(f) for f in rivals)
+    rivals = tuple(scattered(widened(f)) if unknown else widened(f) for f in rivals)
     best, accepted = rivals[0] if best is accepted else best, rivals[0]
     after = judge.of(accepted)
     model = written(accepted)
@@ -212,7 +213,8 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
     if idle and verdict != "ambiguous":
         verdict = "insufficient"
     return Inference(
-        found, start, best, accepted, verdict, claims, rivals, noise, judge.noise, declared, after, model, linked, idle
+        found, start, best, accepted, verdict, claims, rivals, noise, judge.noise, declared, after, model, linked, idle,
+        unknown=unknown,
     )  # fmt: skip
 
 

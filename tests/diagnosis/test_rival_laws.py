@@ -16,12 +16,14 @@ from energy_opt.diagnosis.claims import is_a_line
 from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.errors import reading_of
 from energy_opt.diagnosis.evidence import density
+from energy_opt.diagnosis.findings import between
 from energy_opt.diagnosis.fit import Free
+from energy_opt.diagnosis.judge import jackknifed
 from energy_opt.diagnosis.noise import Noise, meter_noise, standing_noise
 from energy_opt.diagnosis.usable import Foreseen, foreseen
 from energy_opt.diagnosis.verdict import left_open
 from energy_opt.diagnosis.words import headline
-from energy_opt.effects import Standby, StandbyDrift, ViscousFriction
+from energy_opt.effects import PowerLawFriction, Standby, StandbyDrift, ViscousFriction
 from energy_opt.measured import read_set
 from energy_opt.power import PowerModel, load_model
 
@@ -219,3 +221,53 @@ def test_a_store_is_found_where_the_search_ends_at_another_law_of_negative_power
     found = diagnose(read_set(truth.folder), load_model(truth.folder / "declared.toml"))
     assert (found.verdict, [x.name for x in found.effects]) == ("explained", ["dc_link"])
     assert found.effects[0].parameters["capacity"] == pytest.approx(6.0, rel=0.02)
+
+
+def test_numbers_are_as_uncertain_as_motions_scatter():
+    """Straight lines through ten motions: what their slopes differ by is no noise of single readings."""
+    rng, x, prior = np.random.default_rng(5), np.linspace(-1, 1, 40)[:, None], np.array([[1e-4]])
+
+    def inside(differ: float) -> tuple[float, float]:
+        """Shares of 500 sets whose mean slope lies in the intervals by the noise alone and by `jackknifed`."""
+        held = []
+        for _ in range(500):
+            y = x * (1 + differ * rng.normal(size=10)) + rng.normal(size=(40, 10))
+            gram = (x.T @ x).item()
+            covariance = np.linalg.inv(10 * gram + prior)
+            slope = covariance @ (x.T @ y).sum(axis=1)
+            rest = y - x * slope
+            steps = -(x.T @ rest).T / (9 * gram + prior)
+            both = covariance, jackknifed(covariance, prior, steps)
+            held.append([abs(slope[0] - 1) < 1.96 * c[0, 0] ** 0.5 for c in both])
+            assert both[1][0, 0] >= 0.999 * covariance[0, 0]
+        return tuple(np.mean(held, axis=0))
+
+    noise, wide = inside(1.5)
+    assert noise < 0.4 and 0.92 < wide < 0.98
+    assert min(inside(0.0)) > 0.92
+
+
+def test_what_a_rival_leaves_to_other_laws_is_open():
+    """Half of the fits have the effect, at two values; without it, it changes nothing, and its shape is no number."""
+    fits = [PowerModel("", e) for e in [(PowerLawFriction(c=[2.0, 4.0], exponent=0.5),), (), ()]]
+    fits.append(PowerModel("", (PowerLawFriction(c=[4.0, 4.0], exponent=0.7),)))
+    rivals = [SimpleNamespace(model=model) for model in fits]
+    off = between(fits[0].effects[0], rivals, 2)
+    assert off == pytest.approx([3**0.5, 8**0.5, 0.1])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "world",
+    [
+        World("z1", 11210010, (0.0, 0.05), "ar1", "coulomb_friction", unlisted="current_offset"),
+        World("xarm7", 11210026, (0.0, 0.05), "ar1", "viscous_friction", unlisted="dahl"),
+    ],
+)
+def test_stated_intervals_hold_beside_a_law_that_nobody_knows(world, tmp_path):
+    truth = write_world(world, tmp_path / "set")
+    found = diagnose(read_set(truth.folder, truth.robot), truth.declared)
+    row = next(x for x in found.effects if x.name == world.cause)
+    (name, true) = next(iter(truth.values.items()))
+    low, high = np.transpose(row.ci95[name])
+    assert np.mean((low <= true) & (true <= high)) > 0.8

@@ -167,16 +167,18 @@ def other_drives(found: Search, f: Fit) -> list[Fit]:
     """Every other law of what becomes of negative power, for the one that there is and alone in place of all.
 
     Stores are no straight step away, and what is beside the wrong law may only make up for it. Readings bend in a
-    store's size, so its fit starts at the likeliest of many. Alone, a law starts at the URDF's links, as links that
-    were fitted without it make up for it, too.
+    store's size, so its fit starts at the likeliest of many, also that of a store that there is: its size may be that
+    of a local optimum. Alone, a law starts at the URDF's links, as links that were fitted without it make up for it,
+    too.
     """
     at = next((k for k, c in enumerate(f.charts) if c.term.kind.stage == "drive"), None)
     if at is None or f.charts[at].term.declared:
         return []
     bases = [(without(found, f, at), f.amounts), (root(found.world, f.nuisance), np.zeros_like(f.amounts))]
     own = f.charts[at].term.name
-    others = [c for c in candidates(bases[0][0]) if c.chart.term.kind.stage == "drive" and c.chart.term.name != own]
-    stores = {c.chart.term.name: c.chart for c in others if issubclass(c.chart.term.kind, StoreEffect)}
+    drives = [c for c in candidates(bases[0][0]) if c.chart.term.kind.stage == "drive"]
+    stores = {c.chart.term.name: c.chart for c in drives if issubclass(c.chart.term.kind, StoreEffect)}
+    others = [c for c in drives if c.chart.term.name != own]
     laws = [(c.chart, c.start(np.where(np.isfinite(c.low), c.low, c.high) / 2)) for c in others]
     out = []
     for base, amounts in bases:

@@ -257,6 +257,16 @@ def test_what_a_rival_leaves_to_other_laws_is_open():
 
 
 @pytest.mark.slow
+def test_the_size_of_a_store_that_never_fills_is_open_upwards(tmp_path):
+    """A capacitor of 6 J that gets at most 2.5 J: the fit used to end at 0.6 J, in a local optimum."""
+    truth = write_world(World("z1", 11220026, (0.03, 0.05), "ar1", "dc_link"), tmp_path / "set")
+    found = diagnose(read_set(truth.folder, truth.robot), truth.declared)
+    assert [x.name for x in found.effects] == ["dc_link"]
+    low, high = found.effects[0].ci95["capacity"]
+    assert found.effects[0].parameters["capacity"] > 2.2 and low < 6.0 < high
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "world",
     [

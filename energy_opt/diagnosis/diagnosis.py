@@ -14,7 +14,7 @@ from energy_opt.diagnosis.claims import written
 from energy_opt.diagnosis.clusters import parted, shortened, split
 from energy_opt.diagnosis.errors import errors
 from energy_opt.diagnosis.evidence import drift_of
-from energy_opt.diagnosis.findings import WIDER, Result, evidence_records, findings_of, nuisance_of
+from energy_opt.diagnosis.findings import Result, evidence_records, findings_of, nuisance_of
 from energy_opt.diagnosis.joint_report import friction_findings, prior_of, side_records, side_remarks
 from energy_opt.diagnosis.joint_side import free_runs, joint_side, push_words, pushes
 from energy_opt.diagnosis.modes import mode_words, modes_of
@@ -210,7 +210,7 @@ def _covariance(found: Inference) -> Uncertainty | None:
     if not slopes:
         return Uncertainty((), np.zeros((0, 0)), others) if others else None
     slope = np.vstack(slopes)
-    matrix = slope @ (f.covariance[: f.count, : f.count] * WIDER**2) @ slope.T
+    matrix = slope @ f.covariance[: f.count, : f.count] @ slope.T
     return Uncertainty(tuple(names), (matrix + matrix.T) / 2, others)
 
 

@@ -20,7 +20,6 @@ from energy_opt.measured import MeasuredSet
 from energy_opt.power import PowerModel
 
 STUDENT = 1.96
-WIDER = 1.1  # factor on intervals for repeated errors of smoothing and clocks; from misfit sets, seeds 61 and 62
 
 
 @dataclass(frozen=True)
@@ -119,7 +118,7 @@ def _values(effect: Effect, deviation: np.ndarray, n: int) -> tuple[dict[str, An
     full, at = effect.full(n), 0
     for p in effect.parameters:
         count = p.count(n, effect.extents)
-        value, width = full[at : at + count], WIDER * STUDENT * deviation[at : at + count]
+        value, width = full[at : at + count], STUDENT * deviation[at : at + count]
         low, high = np.maximum(value - width, p.lower), np.minimum(value + width, p.upper)
         at += count
         units[p.name] = p.unit

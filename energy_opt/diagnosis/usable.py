@@ -34,7 +34,8 @@ STATED = 0.7  # share of further motions whose error does not exceed the stated 
 SURE = 2.0  # standard deviations above the noise from which energy errors are more than noise
 OPEN = ("coulomb_friction", "viscous_friction", "copper_loss")  # effects that may hide below the noise
 DIFFERENCE = 20.0  # [%] largest error of the energy difference of two motions for a model that can plan
-CONSERVATIVE = "position"  # a torque that follows the position alone takes the same work between the same ends
+# a torque that follows the position alone takes the same work between the same ends; a meter's drift follows the time
+HARMLESS = ("position", "time")
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ def foreseen(
     Args: noise: of the meter; its share of an energy is subtracted from e^2. None subtracts nothing, if more than noise
     is left. levels: (R,) W of every run by the meter's drift. offset: of its level from run to run, W. f: the fit of
     the model. rivals: models that explain the set as well or better. free: free functions of the likeliest hypothesis:
-    their influence on other motions is unknown, unless they follow the position alone.
+    their influence on other motions is unknown, unless they follow the position or the time alone.
     """
     shown = reading_of(model, samples)
     errors_, lasting, by_noise = [], [], []
@@ -109,7 +110,7 @@ def foreseen(
     apart = max((float(np.mean(other**2)) for other in others), default=0.0)
     square = 2 * float(np.sort(squares)[rank - 1]) + hidden(f) + apart
     size = max(float(np.sqrt(np.mean(difference**2))), 1e-9)
-    signals = [g.signal for g in free if g.signal != CONSERVATIVE]
+    signals = [g.signal for g in free if g.signal not in HARMLESS]
     reason = f"what goes with {signals[0]} follows no known law" if signals else ""
     return Foreseen(100 * square**0.5 / size, len(e), reason)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from copy import copy
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 from energy_opt.cell.bodies import Bodies, Body, Scenery, arm_bodies
 from energy_opt.cell.curve import MotionCurve
 from energy_opt.cell.pairs import POSES, Kept, OwnPairs, kept_apart, neighbours, own_pairs
-from energy_opt.cell.proof import Proof, Touch, inside_at, prove
+from energy_opt.cell.proof import Proof, Touch, one_inside_the_other, prove
 from energy_opt.cell.request import CLEARANCE, CellRequest
 from energy_opt.cell.scene import TOOL, PlacedShape, Scene, out_of_scale
 from energy_opt.cell.solids import GJK_ERROR, Solid, mesh, primitive
@@ -175,23 +176,28 @@ class Cell:
 
     def distances(self, q: np.ndarray, reach: float) -> list[tuple[int, float]]:
         """Pairs that are nearer than `reach` [m] at q (n,): number and distance (0 or less: they touch)."""
+        return [(p, distance) for _, p, distance in self._nearer(q[None], reach)]
+
+    def _nearer(self, q: np.ndarray, reach: float) -> Iterator[tuple[int, int, float]]:
+        """The same at many poses q (K, n), pose by pose: pose, number and distance."""
         if not self.checks:
-            return []
-        scene = Scenery(self.bodies, q[None])
-        pair = np.arange(len(self.bodies.pairs))
-        floor, _, _ = scene.apart(np.zeros_like(pair), pair)
-        inside = inside_at(self.bodies, q)
-        out = []
-        for p in np.flatnonzero(floor < reach).tolist():
+            return
+        scene, pairs = Scenery(self.bodies, q), len(self.bodies.pairs)
+        k, pair = np.repeat(np.arange(len(q)), pairs), np.tile(np.arange(pairs), len(q))
+        floor, _, _ = scene.apart(k, pair)
+        near = np.flatnonzero(floor < reach)
+        for side in (0, 1):
+            scene.place(k[near], self.bodies.pairs[pair[near], side])
+        for i, p in zip(k[near].tolist(), pair[near].tolist(), strict=True):
             ruler = self.bodies.ruler(p)
             a, b = self.bodies.pairs[p].tolist()
-            at, bt = scene.placed(0, a), scene.placed(0, b)
+            at, bt = scene.placed(i, a), scene.placed(i, b)
             distance = ruler.near(at, bt)
             if distance < reach and not ruler.convex:
-                distance = 0.0 if p in inside else ruler.exact(at, bt)
+                inside = distance <= 0 and one_inside_the_other(ruler, at, bt)
+                distance = 0.0 if inside else ruler.exact(at, bt)
             if distance < reach:
-                out.append((p, distance))
-        return out
+                yield i, p, distance
 
     def touching(self, q: np.ndarray) -> Contact | None:
         """The pair that overlaps deepest at q (n,); None where nothing touches."""
@@ -214,11 +220,11 @@ class Cell:
         if found.proven:
             return self
         curve, allowed = MotionCurve(time, position, velocity, acceleration), self._allowed.copy()
-        for instant in [*np.linspace(time[0], time[-1], ALONG), *(touch.time for touch in found.touches)]:
-            for p, distance in self.distances(curve.sample(instant), NEARLY * self.asked):
-                if distance <= TOUCHING:
-                    return self
-                allowed[p] = min(allowed[p], distance / 2)
+        instants = [*np.linspace(time[0], time[-1], ALONG), *(touch.time for touch in found.touches)]
+        for _, p, distance in self._nearer(curve.positions(np.array(instants)), NEARLY * self.asked):
+            if distance <= TOUCHING:
+                return self
+            allowed[p] = min(allowed[p], distance / 2)
         out = copy(self)
         out._allowed = allowed
         return out

@@ -125,9 +125,13 @@ class MotionCurve:
 
     def sample(self, time: float) -> np.ndarray:
         """Position (n,) at a time [s]."""
-        k = int(np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, self.samples - 2))
-        x = (time - self.time[k]) / (self.time[k + 1] - self.time[k])
-        return _part(self._bernstein[:, [k]], np.full((1, 1), x), np.ones((1, 1)))[0, 0]
+        return self.positions(np.array([time]))[0]
+
+    def positions(self, time: np.ndarray) -> np.ndarray:
+        """Positions (M, n) at times (M,) [s]."""
+        k = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, self.samples - 2)
+        share = (time - self.time[k]) / (self.time[k + 1] - self.time[k])
+        return _part(self._bernstein[:, k], share[:, None], np.ones((len(k), 1)))[0]
 
     def cut(self, piece: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
         """Bernstein coefficients (6, M, n) of parts of pieces (M,): from share `begin` to share `end` of each."""

@@ -1,6 +1,6 @@
-"""`banded.c` and `clouds.c`, compiled once, kept in the cache folder, called by ctypes; None without a compiler.
+"""`banded.c`, compiled once and kept in the cache folder, called through ctypes; None without a compiler.
 
-The machine's C compiler builds them in a second; Numba would take fifteen. A quadratic program of 56 unknowns takes
+The machine's C compiler builds it in a second; Numba would take fifteen. A quadratic program of 56 unknowns takes
 0.2 ms, in NumPy 5 ms; one of 294 unknowns 1 to 3 ms, with the library PIQP 18 to 38 ms.
 """
 
@@ -23,7 +23,6 @@ FLAGS = (
 DEFINED = (
     "BARRIER", "BEGIN_BOX", "BEGIN_ROW", "CLOSE", "STEPS", "PRIMAL", "DUAL", "LEAST_DAMPING", "MOST_DAMPING",
 )  # fmt: skip
-FILES = "banded.c", "clouds.c"
 INTEGERS = ("first", "joint", "wide_first", "place", "place_first")
 NUMBERS = ("coefficient", "wide", "gradient", "basis", "border")
 
@@ -45,12 +44,6 @@ class Bounds(ctypes.Structure):
     ]
 
 
-class Clouds(ctypes.Structure):
-    """Sets of points in the layout of the C functions: coordinates, and where each set begins."""
-
-    _fields_ = [(name, ctypes.c_void_p) for name in ("x", "y", "z", "first")]
-
-
 def pointer(x: np.ndarray) -> ctypes.c_void_p:
     """Address of the first entry of a contiguous, writable array; four times as fast as NumPy's own attribute.
 
@@ -66,7 +59,7 @@ def library() -> ctypes.CDLL | None:
     """The compiled functions; None without a compiler, or if it fails."""
     constants = {"LOCAL": LOCAL} | {name: getattr(interior, name) for name in DEFINED}
     source = "".join(f"#define {name} {value!r}\n" for name, value in constants.items())
-    source += "".join(Path(__file__).with_name(name).read_text(encoding="utf-8") for name in FILES)
+    source += Path(__file__).with_name("banded.c").read_text(encoding="utf-8")
     try:
         found = build.library_of(source, FLAGS)
         return ctypes.CDLL(str(found)) if found else None

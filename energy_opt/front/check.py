@@ -10,22 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.cell.load import inspected, load_cell
-from energy_opt.cell.scene_files import check_scene, is_scene, read_scene
 from energy_opt.errors import BadInput, EnergyOptError
 from energy_opt.files import read_json, read_toml, read_yaml_documents
-from energy_opt.formats import read
-from energy_opt.formats.messages import trajectories
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, model_from, payload_from, refuse_degrees, robot_from, robot_of
-from energy_opt.jobs.file import check_job
 from energy_opt.measured import inspect_set
 from energy_opt.motion.judge.certificate import ALLOWED, certify
 from energy_opt.motion.judge.clearance import clearance_of
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.trajectory import Trajectory
-from energy_opt.poses.given import poses_of_scene
 from energy_opt.power import PowerModel
 from energy_opt.power.model import model_from_document
 from energy_opt.requests.verbs import CheckRequest
@@ -121,6 +115,8 @@ def _faults(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
         read_srdf(file)
         return []
     if file.suffix in (".urdf", ".xml", ".xacro"):
+        from energy_opt.cell.load import inspected
+
         robot = load_robot(str(file), limits=request.limits, lock=request.locked, prefix=request.joint_prefix)
         notes += inspected(robot, cell_of(request))
         return []
@@ -129,6 +125,10 @@ def _faults(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
 
 def _document(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
     """A scene, a message with a planned trajectory, or joint limits."""
+    from energy_opt.cell.scene_files import check_scene, is_scene, read_scene
+    from energy_opt.formats.messages import trajectories
+    from energy_opt.poses.given import poses_of_scene
+
     if file.suffix == ".scene":
         return check_scene(file, allow_outside=request.allow_outside, allow_large=request.allow_large)
     documents = [read_json(file)] if file.suffix == ".json" else read_yaml_documents(file)
@@ -165,6 +165,7 @@ def _toml(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
     if kind.startswith("energy-opt/log/"):
         return _set(file, request, notes)
     if kind.startswith("energy-opt/job/"):
+        from energy_opt.jobs.file import check_job
         from energy_opt.workcell.as_job import check_workcell
 
         check = check_workcell if kind == "energy-opt/job/2" else check_job
@@ -187,6 +188,8 @@ def _limits(file: Path, request: CheckRequest) -> list[str]:
 
 def _trajectory(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
     """Waypoints and trajectories: readable, and a trajectory within the robot's limits."""
+    from energy_opt.formats import read
+
     samples = read(file)
     for note in samples.notes:
         notes.append(note)
@@ -220,6 +223,8 @@ def _trajectory(file: Path, request: CheckRequest, notes: list[str]) -> list[str
 
 def _touches(file: Path, request: CheckRequest, robot: Robot, trajectory: Trajectory, notes: list[str]) -> list[str]:
     """Where a trajectory touches the arm's own body or its cell, or comes too near."""
+    from energy_opt.cell.load import load_cell
+
     cell = load_cell(robot, cell_of(request))
     for warning in [] if cell is None else cell.warnings:
         notes.append(f"{file}: {warning}")

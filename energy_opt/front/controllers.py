@@ -7,18 +7,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from energy_opt.errors import BadInput, Infeasible
-from energy_opt.formats import FORMATS, Format, output
-from energy_opt.formats.judging import Judging
-from energy_opt.formats.output import Files, Shares, Written, said, wanted, with_room
-from energy_opt.formats.program import load_of
-from energy_opt.formats.resample import check_rate
-from energy_opt.motion import Move, Planner, Result
-from energy_opt.motion.judge.energy import Scorer
-from energy_opt.motion.plan.robust import RobustPlanner
 from energy_opt.requests.groups import WriteGroup
 from energy_opt.requests.moves import OptimizeRequest
 
 if TYPE_CHECKING:
+    from energy_opt.formats import Format
+    from energy_opt.formats.judging import Judging
+    from energy_opt.formats.output import Written
+    from energy_opt.motion import Move, Planner, Result
+    from energy_opt.motion.plan.robust import RobustPlanner
     from energy_opt.profiles import StandardMoves
 
 ROOM = 1.001  # factor on the shortest duration of standard moves, which leaves no choice
@@ -26,12 +23,16 @@ ROOM = 1.001  # factor on the shortest duration of standard moves, which leaves 
 
 def check_written(request: WriteGroup, joints: int) -> list[Format]:
     """The formats of --write for an arm of `joints` joints; impossible requests are refused before any work."""
+    from energy_opt.formats.output import wanted
+
     check_rate_of(request)
     return wanted(request.write, joints)
 
 
 def check_rate_of(request: WriteGroup) -> None:
     """Refuse an impossible rate, or a rate without files."""
+    from energy_opt.formats.resample import check_rate
+
     if request.rate is not None:
         if not request.write:
             raise BadInput(f"--rate {request.rate:g}: belongs to --write; give --write FORMAT, too")
@@ -108,6 +109,8 @@ class Controllers:
         Args:
             move: as solved. result: the plan. moves: standard moves that replace it, if any.
         """
+        from energy_opt.formats.output import Files, Shares, said, wanted, with_room
+
         if result.interrupted or result.status != "solved":
             return result, moves
         judge = self.judge(move)
@@ -130,6 +133,9 @@ class Controllers:
 
     def judge(self, move: Move) -> Judging:
         """The judge of a move's files."""
+        from energy_opt.formats.judging import Judging
+        from energy_opt.motion.judge.energy import Scorer
+
         planner = self.planner
         limits = (planner if self.robust is None else self.robust.planner).limits(move)
         scorer, all_ = Scorer(planner.robot, planner.model), None if self.robust is None else self.robust.planner.scorer
@@ -141,6 +147,8 @@ class Controllers:
         Args:
             move: as solved. result: the plan. moves: its standard moves, if any. out: a folder.
         """
+        from energy_opt.formats import FORMATS, output
+        from energy_opt.formats.program import load_of
         from energy_opt.profiles import movej
 
         judge, robot, request = self.judge(move), self.planner.robot, self.request

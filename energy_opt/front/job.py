@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.formats import Format
@@ -21,14 +21,14 @@ from energy_opt.jobs.output import found_of, with_room, write, write_programs
 from energy_opt.jobs.posed import run_posed
 from energy_opt.jobs.run import JobResult, run_job
 from energy_opt.jobs.work import Answers
-from energy_opt.placement import Placement
-from energy_opt.placement import PlaceRequest as Box
-from energy_opt.placement import place as placed
 from energy_opt.power import PowerModel
 from energy_opt.power.assumptions import said as assumed
 from energy_opt.power.worth import per_year_words
 from energy_opt.requests.moves import JobRequest, PlaceRequest
 from energy_opt.results import exit_of, written_whole
+
+if TYPE_CHECKING:
+    from energy_opt.placement import Placement
 
 ANSWER = "job.json"
 
@@ -225,6 +225,9 @@ def run_place(request: PlaceRequest, desk: Desk) -> PlaceAnswer:
     Raises:
         BadInput: a fault of the job or of the box. Infeasible: the job cannot be done from anywhere in the box.
     """
+    from energy_opt.placement import PlaceRequest as Box
+    from energy_opt.placement import place as placed
+
     given = request.base_box
     words = given if isinstance(given, str) else ",".join(repr(float(x)) for x in given)
     counts = {name: getattr(request, name) for name in ("looked_at", "seeds", "steps", "fixture")}

@@ -6,25 +6,26 @@ from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
 from os import PathLike
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput
-from energy_opt.formats import read
-from energy_opt.front.answer import Answer
 from energy_opt.front.given import named_robot, positions, refuse_degrees
 from energy_opt.motion import Move, Settings, Trajectory
 from energy_opt.motion.path import JointPath, of_trajectory, through
 from energy_opt.motion.plan.robust import Kind, Rival
 from energy_opt.motion.standing import check_moves_on
-from energy_opt.poses.chosen import Chosen
 from energy_opt.poses.ends import Ends, pose_document
 from energy_opt.poses.given import Given, poses_of_request
 from energy_opt.poses.pose import EXACT, AnyOf, Freedom, Pose
 from energy_opt.requests.moves import MoveRequest
 from energy_opt.robot import Robot
+
+if TYPE_CHECKING:
+    from energy_opt.front.answer import Answer
+    from energy_opt.poses.chosen import Chosen
 
 SAMPLED = 401  # points at which a path given as a function is sampled
 DERIVED = ("draw ", "rival ")  # prefixes of models that follow from another one's covariance and rivals
@@ -42,6 +43,8 @@ def path_from(given: Any, robot: Robot, prefix: str = "", say: Callable[[str], N
         BadInput: of another number of joints, or not finite.
     """
     if isinstance(given, (str, PathLike)):
+        from energy_opt.formats import read
+
         table = read(Path(given))
         for note in table.notes:
             say(note)

@@ -194,8 +194,19 @@ def test_modules_stay_small() -> None:
     assert not long
 
 
-def test_the_command_line_starts_without_heavy_libraries() -> None:
-    heavy = ("casadi", "pinocchio", "coal", "toppra", "matplotlib", "scipy", "pyarrow", "dask", "distributed", "mujoco")
-    code = f"import sys, energy_opt.cli.main; print([m for m in {heavy!r} if m in sys.modules])"
+HEAVY = ("casadi", "pinocchio", "coal", "toppra", "matplotlib", "scipy", "pyarrow", "dask", "distributed", "mujoco")
+PLANS = [f"energy_opt.front.{name}" for name in ("check", "diagnose", "evaluate", "job", "tradeoff", "workcell")]
+
+
+@pytest.mark.parametrize(
+    ("modules", "heavy"),
+    [
+        (["energy_opt.cli.main"], HEAVY),
+        (["energy_opt.front.controllers"], HEAVY),
+        (PLANS, ("toppra", "matplotlib", "pyarrow", "dask", "distributed", "mujoco", "energy_opt.placement")),
+    ],
+)
+def test_modules_start_without_heavy_libraries(modules: list[str], heavy: tuple[str, ...]) -> None:
+    code = f"import sys, {', '.join(modules)}; print([m for m in {heavy!r} if m in sys.modules])"
     answer = subprocess.run([sys.executable, "-c", code], cwd=ROOT.parent, capture_output=True, text=True, check=True)
     assert answer.stdout.strip() == "[]"

@@ -32,7 +32,7 @@ from energy_opt.robot import Limits, Robot
 
 DRAWN, TRIED = 40, 3  # pairs of poses that are drawn; most that are reshaped, the best ones
 WORK = 60_000  # [instructions] fewer pairs are reshaped if a Hessian at a node takes more than a third of this
-ROUNDS = 4  # rounds of reshaping, each for the rivals that differ least on the last motion and for limits broken in it
+ROUNDS = 8  # rounds of reshaping, each for the rivals that differ least on the last motion and for limits broken in it
 SPAN = 2.0  # [rad] motions stay within this distance of the middle of a joint's range
 ACCELERATION, JERK = 12.0, 1500.0  # [rad/s^2], [rad/s^3] limits if an arm's own are higher or unknown
 SLOWER = 2.5  # factor on the duration of the slow pass, whose velocity limits are divided by it

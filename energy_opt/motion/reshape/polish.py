@@ -20,7 +20,8 @@ from energy_opt.motion.reshape.sqp import box
 from energy_opt.numerics import ipopt
 from energy_opt.numerics.quadratic import Constraints
 
-BARRIER, ITERATIONS, TOLERANCE = 1e-6, 160, 1e-6  # first barrier parameter; most iterations and tolerance of all rounds
+BARRIER, TOLERANCE = 1e-6, 1e-6  # first barrier parameter, and the tolerance
+ITERATIONS = 500  # most of all rounds; with 160, 3 of 10 moves with the tool on a line ended without convergence
 # excess share at which a limit becomes a constraint, and share at which others are added with it
 BROKEN, NEAR = 1e-7, 0.7
 # [rad, m] largest move of control points in a round, so that limits that are not held are not exceeded by much

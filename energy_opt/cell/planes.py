@@ -17,12 +17,11 @@ and turns nothing. Derivatives by followers are added to those of their leaders 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 
 from energy_opt.cell.bodies import Bodies
 from energy_opt.cell.solids import Piece, Plane
+from energy_opt.numerics.clouds import Clouds, boxes_apart
 from energy_opt.robot.kinematics import Poses, cross, into
 
 LENGTH = 0.1  # [m] unit of constraints, so that they are of order one
@@ -54,12 +53,13 @@ class Near:
         self.radius = np.array([piece.radius for piece in self.pieces])
         self.flat = bodies.flat[self.body]
         self._joint = bodies.joint[self.body]
-        self.points = [
+        points = [
             np.zeros((1, 3)) + bodies.shift[i] if bodies.flat[i] else p.points @ bodies.rotation[i].T + bodies.shift[i]
             for i, p in pieces
         ]  # in the frame of the joint
-        self._middle = np.array([(p.min(axis=0) + p.max(axis=0)) / 2 for p in self.points]).reshape(-1, 3)
-        self._half = np.array([(p.max(axis=0) - p.min(axis=0)) / 2 for p in self.points]).reshape(-1, 3)
+        self.clouds = Clouds(points)
+        self._middle = np.array([(p.min(axis=0) + p.max(axis=0)) / 2 for p in points]).reshape(-1, 3)
+        self._half = np.array([(p.max(axis=0) - p.min(axis=0)) / 2 for p in points]).reshape(-1, 3)
         self._half += self.radius[:, None]
         # a plane is fixed in the second body, so no joint may move that body alone
         of = [np.flatnonzero(self.body == i) for i in range(len(bodies.all))]
@@ -136,8 +136,7 @@ class Near:
         rotation, origin = poses.rotation[:, self._joint], poses.origin[:, self._joint]
         middle = np.matmul(rotation, self._middle[:, :, None])[..., 0] + origin
         half = np.matmul(np.abs(rotation), self._half[:, :, None])[..., 0]
-        gap = np.abs(middle[:, self.a] - middle[:, self.b]) - half[:, self.a] - half[:, self.b]
-        out = np.sqrt(np.sum(np.maximum(gap, 0) ** 2, axis=2))
+        out = boxes_apart(middle, half, self.a, self.b)
         for one in np.flatnonzero(self.flat[self.b]):
             b, a = self.b[one], self.a[one]
             normal = rotation[:, b] @ self.bodies.rotation[self.body[b]][:, 2]
@@ -154,17 +153,8 @@ class Near:
         a, b = self.a[number], self.b[number]
         ja, jb = self._joint[a], self._joint[b]
         out = np.sum(normal * (poses.origin[k, ja] - poses.origin[k, jb]), axis=1) - self.radius[a] - self.radius[b]
-        out += self.lowest(a, into(poses.rotation[k, ja], normal))[1]
-        return np.asarray(out + self.lowest(b, into(poses.rotation[k, jb], -normal))[1])
-
-    def lowest(self, piece: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of pieces (M,) the vertex that goes least along directions (M, 3) in their joints' frames, and how far."""
-        vertex, height = np.zeros(len(piece), dtype=int), np.zeros(len(piece))
-        for which, some in _groups(piece):
-            all_ = direction[some] @ self.points[which].T
-            vertex[some] = np.argmin(all_, axis=1)
-            height[some] = all_[np.arange(len(some)), vertex[some]]
-        return vertex, height
+        out += self.clouds.lowest(a, into(poses.rotation[k, ja], normal))[1]
+        return np.asarray(out + self.clouds.lowest(b, into(poses.rotation[k, jb], -normal))[1])
 
     def constraints(self, u: np.ndarray, q: np.ndarray, margin: np.ndarray, reach: float) -> PlaneConstraints:
         """Constraints at places u (K,), positions q (K, n), for what is nearer than `reach` [m] there.
@@ -174,35 +164,6 @@ class Near:
         """
         k, number, distance, normal, poses = self.measured(u, q, reach)
         return PlaneConstraints(self, u, poses, (k, number, distance, normal), margin)
-
-    def spread(self, piece: np.ndarray, direction: np.ndarray, distance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Planes and vertices for constraints: the lowest vertex of each of pieces (M,), and low ones far from it."""
-        constraints, vertices = [], []
-        for which, members in _groups(piece):
-            points = self.points[which]
-            height = direction[members] @ points.T
-            first = np.argmin(height, axis=1)
-            constraints.append(members)
-            vertices.append(first)
-            near = np.flatnonzero(distance[members] < TURNING)
-            if len(points) == 1 or not len(near):
-                continue
-            height, first, members = height[near], first[near], members[near]
-            usable = height <= height[np.arange(len(near)), first][:, None] + ABOVE
-            gap = np.sum((points[None] - points[first][:, None]) ** 2, axis=2)
-            for _ in range(VERTICES - 1):
-                gap = np.where(usable, gap, 0.0)
-                best = np.argmax(gap, axis=1)
-                good = gap[np.arange(len(gap)), best] > BESIDE**2
-                if not good.any():
-                    break
-                constraints.append(members[good])
-                vertices.append(best[good])
-                members, usable, best = members[good], usable[good], best[good]
-                gap = np.minimum(gap[good], np.sum((points[None] - points[best][:, None]) ** 2, axis=2))
-        if not constraints:
-            return np.zeros(0, dtype=int), np.zeros(0, dtype=int)
-        return np.concatenate(constraints), np.concatenate(vertices)
 
 
 class PlaneConstraints:
@@ -226,7 +187,10 @@ class PlaneConstraints:
         flat = np.flatnonzero(near.flat[near.b[number]])
         normal[flat] = bodies.frames(poses, k[flat], near.body[near.b[number[flat]]])[0][:, :, 2]
         joint_a = bodies.joint[near.body[near.a[number]]]
-        which, vertex = near.spread(near.a[number], into(poses.rotation[k, joint_a], normal), distance)
+        down = into(poses.rotation[k, joint_a], normal)
+        spread = near.clouds.spread(near.a[number], down, distance < TURNING, VERTICES, ABOVE, BESIDE)
+        which, column = np.nonzero(spread >= 0)
+        vertex = spread[which, column]
         order = np.lexsort((vertex, number[which], k[which]))
         which, vertex = which[order], vertex[order]
         self.place, number, normal = k[which], number[which], normal[which]
@@ -238,9 +202,8 @@ class PlaneConstraints:
         self._joint_a, self._joint_b = bodies.joint[near.body[a]], bodies.joint[near.body[b]]
         self._moves = bodies.moves[0][pair]
         self._normal = into(poses.rotation[self.place, self._joint_b], normal)  # in the frame of b's joint
-        self._point = np.array([near.points[i][v] for i, v in zip(a.tolist(), vertex.tolist(), strict=True)])
-        self._point = self._point.reshape(-1, 3)
-        self._height = -near.lowest(b, -self._normal)[1] + near.radius[a] + near.radius[b]
+        self._point = near.clouds.points(a, vertex)
+        self._height = -near.clouds.lowest(b, -self._normal)[1] + near.radius[a] + near.radius[b]
         self._at: np.ndarray | None = None
 
     def _move(self, q: np.ndarray) -> None:
@@ -286,12 +249,3 @@ class PlaneConstraints:
         np.add.at(out, self.place, h)
         out += (out * ~np.eye(len(above), dtype=bool)).transpose(0, 2, 1)
         return kinematics.coupling.joined(kinematics.coupling.joined(out), axis=1)
-
-
-def _groups(piece: np.ndarray) -> Iterable[tuple[int, np.ndarray]]:
-    """Each of pieces (M,) with the indices where it is."""
-    if not len(piece):
-        return
-    order = np.argsort(piece, kind="stable")
-    for some in np.split(order, np.flatnonzero(np.diff(piece[order])) + 1):
-        yield int(piece[some[0]]), some

@@ -25,22 +25,11 @@ from energy_opt.poses.inverse import ToolKinematics
 from energy_opt.requests import moves
 from energy_opt.robot import load_robot
 
-PANDA = """
-format = "energy-opt/job/1"
-robot = "panda"
-cycle_time = 4.0
-[[step]]
-min_duration = 2.0
-max_duration = 2.0
-pose = [0.5, 0.2, 0.2, 3.14159265, 0, 0]
-free = ["rz"]
-[[step]]
-min_duration = 2.0
-max_duration = 2.0
-pose = [0.3, -0.4, 0.3, 3.14159265, 0, 0]
-free = ["rz"]
-payload = 1.0
-"""
+STEP = '[[step]]\nmin_duration = 2.0\nmax_duration = 2.0\npose = [{}, 3.14159265, 0, 0]\nfree = ["rz"]\n'
+PANDA = "".join((
+    'format = "energy-opt/job/1"\nrobot = "panda"\ncycle_time = 4.0\n',
+    STEP.format("0.5, 0.2, 0.2"), STEP.format("0.3, -0.4, 0.3"), "payload = 1.0\n",
+))  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -165,7 +154,8 @@ def test_other_branches_at_a_placement_cost_less_than_the_likely_ones(tmp_path: 
     here = search.settled(np.array([0.2, -0.07, 0.0, 0.0]), "seed")
     there = search.varied(here)
     assert len(search.path) == 1  # it is the same placement
-    assert there.energy < here.energy - 0.05
+    losses = sum(answer.energy.loss for answer in here.plan.answers)
+    assert there.energy < here.energy - 0.01 * losses
 
 
 @pytest.mark.slow

@@ -20,9 +20,9 @@ from energy_opt.cli.options import Help, Parser, add_options, request_of
 from energy_opt.cli.terminal import Terminal
 from energy_opt.errors import BadInput, EnergyOptError, near, speaking_of_options
 from energy_opt.files import read_text
+from energy_opt.folders import leave_folders
 from energy_opt.front.verbs import VERBS
 from energy_opt.requests.option import flag_of, options_of
-from energy_opt.results import leave_folders
 
 SHELLS = ("bash", "zsh", "tcsh")
 ALONE = {"--example": "KIND", "--print-completion": "SHELL"}  # options without a verb, and their values

@@ -13,6 +13,7 @@ from energy_opt import formats
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.load import own_body
 from energy_opt.files import replacing, write_json
+from energy_opt.folders import written_whole
 from energy_opt.formats.output import Written, unchanged
 from energy_opt.front.desk import Answered
 from energy_opt.motion import Move, Result
@@ -25,7 +26,7 @@ from energy_opt.reports.motion import drawn
 from energy_opt.reports.optimize import page
 from energy_opt.reports.words import clearance_words, energy_records, goals_words, input_words, limits_words
 from energy_opt.requests.moves import OptimizeRequest
-from energy_opt.results import exit_of, written_whole
+from energy_opt.results import exit_of
 from energy_opt.robot import Robot
 
 UNCHECKED = "self-collision is off: whether the arm touches itself was not checked"

@@ -12,6 +12,7 @@ import numpy as np
 
 from energy_opt.errors import BadInput, EnergyOptError
 from energy_opt.files import read_json, read_toml, read_yaml_documents
+from energy_opt.folders import faults_of_results
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, model_from, payload_from, refuse_degrees, robot_from, robot_of
 from energy_opt.measured import inspect_set
@@ -23,7 +24,7 @@ from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
 from energy_opt.power.model import model_from_document
 from energy_opt.requests.verbs import CheckRequest
-from energy_opt.results import Found, faults_of_results
+from energy_opt.results import Found
 from energy_opt.robot import Robot, known_robots, load_robot
 from energy_opt.robot.limits import names_in
 from energy_opt.robot.tool import read_srdf

@@ -17,8 +17,9 @@ from typing import Any, ParamSpec, TypeVar, cast
 from energy_opt import __version__
 from energy_opt.errors import BadInput, Infeasible, near
 from energy_opt.files import plain, read_json, write_json
+from energy_opt.folders import no_folder_in_the_way, no_other_verb, take_folder, written_whole
 from energy_opt.requests.option import Request, options_of
-from energy_opt.results import Found, no_folder_in_the_way, no_other_verb, take_folder, written_whole
+from energy_opt.results import Found
 
 SAME_ANSWER = ("verb", "version", "command", "folder")  # entries that may differ between equal requests
 

@@ -15,6 +15,7 @@ from energy_opt.diagnosis import diagnose as diagnosed
 from energy_opt.diagnosis.words import next_step
 from energy_opt.effects import CopperLoss, Standby
 from energy_opt.errors import BadInput
+from energy_opt.folders import written_whole
 from energy_opt.formats import table
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, model_from, payload_from, request_of_set, robot_of, robot_of_set
@@ -29,7 +30,7 @@ from energy_opt.passports.changes import changes_since
 from energy_opt.power import PowerModel, load_model, source_method_2
 from energy_opt.power.variants import of_joints
 from energy_opt.requests.verbs import DiagnoseRequest
-from energy_opt.results import Found, written_whole
+from energy_opt.results import Found
 
 ANSWER = "diagnosis.json"
 NEXT = "next_motion.csv"

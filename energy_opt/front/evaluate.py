@@ -16,6 +16,7 @@ from energy_opt.evaluations.run import Evaluation
 from energy_opt.evaluations.run import evaluate as evaluated
 from energy_opt.evaluations.source import Recorded, Stretch, joints_in, load, robot_named
 from energy_opt.files import plain, write_json
+from energy_opt.folders import written_whole
 from energy_opt.formats.cycle import write_cycle
 from energy_opt.formats.output import Written
 from energy_opt.front.controllers import check_written
@@ -26,7 +27,7 @@ from energy_opt.front.rivals import rivals_of
 from energy_opt.motion.standing import standstills
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.requests.verbs import EvaluateRequest
-from energy_opt.results import Found, exit_of, written_whole
+from energy_opt.results import Found, exit_of
 from energy_opt.robot import Robot, known_robots, load_robot
 
 FORMAT = "energy-opt/evaluation/1"

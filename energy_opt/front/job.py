@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from energy_opt.errors import BadInput, Infeasible
+from energy_opt.folders import written_whole
 from energy_opt.formats import Format
 from energy_opt.formats.output import Files, Shares, Written
 from energy_opt.front.controllers import check_written
@@ -25,7 +26,7 @@ from energy_opt.power import PowerModel
 from energy_opt.power.assumptions import said as assumed
 from energy_opt.power.worth import per_year_words
 from energy_opt.requests.moves import JobRequest, PlaceRequest
-from energy_opt.results import exit_of, written_whole
+from energy_opt.results import exit_of
 
 if TYPE_CHECKING:
     from energy_opt.placement import Placement

@@ -13,6 +13,7 @@ import numpy as np
 from energy_opt.cell.load import load_cell
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.files import plain, read_toml, to_json
+from energy_opt.folders import take_folder, written_whole
 from energy_opt.formats import read_trajectory
 from energy_opt.formats.bags import is_bag
 from energy_opt.formats.recordings import unpack
@@ -23,7 +24,7 @@ from energy_opt.measured.importing import Imported, import_files
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power.variants import of_joints
 from energy_opt.requests.verbs import ImportRequest, SimulateRequest
-from energy_opt.results import Found, take_folder, written_whole
+from energy_opt.results import Found
 from energy_opt.robot import Robot, robot_named
 from energy_opt.virtual_arm.plant import Plant, load_plant
 from energy_opt.virtual_arm.simulate import Instruments, Reference, Run, pose, reference_of

@@ -10,11 +10,11 @@ from typing import Any
 
 from energy_opt.errors import BadInput, near
 from energy_opt.files import read_json
+from energy_opt.folders import ANSWERS
 from energy_opt.front.desk import Desk, verb
 from energy_opt.requests import moves, verbs
 from energy_opt.requests.option import Request
 from energy_opt.requests.verbs import RunRequest
-from energy_opt.results import ANSWERS
 
 
 @dataclass(frozen=True)

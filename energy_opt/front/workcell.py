@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from energy_opt.errors import BadInput, Infeasible
+from energy_opt.folders import written_whole
 from energy_opt.front.controllers import check_rate_of
 from energy_opt.front.desk import Answered, Desk
 from energy_opt.front.given import cell_of, robot_of, several
@@ -19,7 +20,7 @@ from energy_opt.power import PowerModel
 from energy_opt.power.worth import per_year_words
 from energy_opt.reports.workcell import BRIEF
 from energy_opt.requests.moves import JobRequest
-from energy_opt.results import exit_of, written_whole
+from energy_opt.results import exit_of
 from energy_opt.robot import Robot
 
 WORKCELL = "energy-opt/job/2"

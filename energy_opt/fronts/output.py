@@ -16,6 +16,7 @@ import numpy as np
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.load import own_body
 from energy_opt.files import write_json, write_text
+from energy_opt.folders import written_whole
 from energy_opt.formats import table as rows
 from energy_opt.fronts.cycle import Cycle
 from energy_opt.fronts.front import Front, Point
@@ -27,7 +28,6 @@ from energy_opt.motion.plan.robust import Rival, RobustPlanner, row_of
 from energy_opt.power.worth import per_year_words
 from energy_opt.reports.motion import drawn
 from energy_opt.reports.tradeoff import page
-from energy_opt.results import written_whole
 from energy_opt.robot import Robot
 
 COLUMNS = ("duration", "energy_total", "energy_standby", "energy_loss", "status")

@@ -12,6 +12,7 @@ import numpy as np
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import Infeasible
 from energy_opt.files import write_json, write_text
+from energy_opt.folders import written_whole
 from energy_opt.fronts.output import COLUMNS, table
 from energy_opt.jobs.legs import Job
 from energy_opt.jobs.posed import Posed
@@ -21,7 +22,6 @@ from energy_opt.power import PowerModel
 from energy_opt.reports.optimize import assumed
 from energy_opt.reports.page import Chart, Line, Report
 from energy_opt.reports.words import yearly
-from energy_opt.results import written_whole
 
 COUNT = 10  # default number of cycle times
 ROOM = 1.0005  # times the shortest cycle: the shortest itself leaves nothing to share

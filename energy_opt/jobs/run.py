@@ -1,15 +1,9 @@
-"""A job from its steps to a cycle: shares of time, solved legs, waits, and the plain baselines.
-
-`RoughCycles` comes near the optimum in a fraction of a solve's time, from a cycle with other ends; nothing is proven.
-
-A cycle's first motions are sketched. Those of a neighbour are bent to the new ends and settle to the nearest optimum:
-one sequential quadratic program for each leg. Bodies are considered only for legs whose motions touch something.
-"""
+"""A job from its steps to a cycle: shares of time, solved legs, waits, and the plain baselines."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
 from typing import Any
@@ -35,10 +29,9 @@ from energy_opt.jobs.cycle import (
 )
 from energy_opt.jobs.file import Job, Step
 from energy_opt.jobs.legs import Leg, legs_of, slope_of_slowing
-from energy_opt.jobs.work import Cells, Worker, unloaded
+from energy_opt.jobs.work import Cells, Worker
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.move import Settings
-from energy_opt.motion.plan.planner import Planner
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
@@ -283,41 +276,3 @@ def _anew(
     ratio = np.clip(ratio, 0.05, 1.0)
     holding = standby + ratio * (shares.holding - standby)
     return modelled(fronts, ratio * shares.saved, holding, time, waiting)
-
-
-class RoughCycles:
-    """Solves cycles of one job roughly for different end positions; all share what the first has built.
-
-    Args:
-        model: its payload is replaced by those of the job's steps.
-        stopped: called between solves.
-    """
-
-    def __init__(self, model: PowerModel, settings: Settings, job: Job, stopped: Callable[[], bool]) -> None:
-        self._model, self._settings, self._stopped = model, settings, stopped
-        quick = replace(settings, solver="sqp")
-        self._planner = Planner(job.robot, unloaded(model), quick, batch=True, stopped=stopped)
-        self.scorers = Scorers(job.robot, unloaded(model))
-
-    def cycle(self, job: Job, cells: Cells, near: Plan | None = None) -> tuple[Plan, float]:
-        """A cycle of a job without open ends, and its energy [J].
-
-        Args:
-            cells: bodies that the arm keeps clear of.
-            near: a cycle of the same steps with other ends, whose durations are kept.
-
-        Raises:
-            Infeasible: nothing within limits was found for a leg, or the cycle is too short.
-        """
-        work = Worker(job, self._model, self._settings, cells, self._stopped, planner=self._planner)
-        legs = tuple(legs_of(job.steps))
-        rest = cheapest_rest(job, self.scorers)
-        if near is None:
-            durations = shares_of(job, work, legs, [work.timing(leg) for leg in legs], rest)[1].durations
-        else:
-            durations = np.array([answer.trajectory.duration for answer in near.answers])
-        before = [None] * len(legs) if near is None else near.answers
-        answers = tuple(map(work.rough, legs, np.round(durations, 9).tolist(), before))
-        left = job.cycle_time - job.waiting - sum(answer.trajectory.duration for answer in answers)
-        plan = Plan(legs, answers, rest, max(left, 0.0))
-        return plan, energy_of(assembled(job, self.scorers, plan))

@@ -10,10 +10,11 @@ from typing import Any
 
 from energy_opt.errors import BadInput
 from energy_opt.files import write_json
+from energy_opt.folders import written_whole
 from energy_opt.passports.changes import Change, changes
 from energy_opt.passports.sources import Arm, read_arm
 from energy_opt.power import PowerModel
-from energy_opt.results import Found, written_whole
+from energy_opt.results import Found
 from energy_opt.robot import Robot, load_robot
 
 FORMAT = "energy-opt/passport/1"

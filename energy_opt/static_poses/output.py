@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from energy_opt.files import write_json
+from energy_opt.folders import written_whole
 from energy_opt.power import PowerModel
 from energy_opt.reports.page import Chart, Line, Report
 from energy_opt.reports.plots import COLOURS, labelled, legend_beside, new_figure, save
-from energy_opt.results import written_whole
 
 ANSWER = "identify.json"
 

@@ -19,7 +19,7 @@ import energy_opt as eo
 from energy_opt.batches.records import read_journal
 from energy_opt.cli import faults
 from energy_opt.cli.main import main
-from energy_opt.results import leave_folder, take_folder, written_whole
+from energy_opt.folders import leave_folder, take_folder, written_whole
 
 START, GOAL = "0,0,0,-1.5,0,1.5,0", "0.3,0.2,0.1,-1.2,0.1,1.7,0.2"
 MOVE = [
@@ -198,7 +198,7 @@ def test_a_folder_where_another_run_is_writing_is_left_alone(
 ) -> None:
     """Told before the work, in one line; the other run's death, by SIGKILL too, frees the folder."""
     out = tmp_path / "deep" / "out"
-    hold = f"from energy_opt.results import take_folder as t; t({str(out)!r}); print(1, flush=True); input()"
+    hold = f"from energy_opt.folders import take_folder as t; t({str(out)!r}); print(1, flush=True); input()"
     other = subprocess.Popen([sys.executable, "-c", hold], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
     assert other.stdout is not None and other.stdout.readline() == b"1\n"
     words = [*MOVE, *ENDS, "--duration", "2", "--self-collision", "off", "--out", str(out)]

@@ -15,8 +15,8 @@ from virtual_sets import make_set
 from energy_opt.cli import faults
 from energy_opt.cli.main import main
 from energy_opt.effects import CoulombFriction
+from energy_opt.folders import written_whole
 from energy_opt.power import load_model
-from energy_opt.results import written_whole
 
 pytest.importorskip("mujoco")
 
@@ -98,7 +98,7 @@ def test_identify_ends_quietly(
 
 def test_files_change_place_undisturbed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "last").write_text("old")
-    pressed(monkeypatch, "energy_opt.results:os.replace")
+    pressed(monkeypatch, "energy_opt.folders:os.replace")
     with pytest.raises(KeyboardInterrupt), written_whole(tmp_path, "last") as aside:
         for name in ("first", "last"):
             (aside / name).write_text("new")

@@ -142,7 +142,7 @@ def test_a_full_disk(verb: str, given: Path, small_disk: Path) -> None:
 
 
 def test_a_dead_run_s_folder_is_swept(tmp_path: Path) -> None:
-    from energy_opt.results import written_whole
+    from energy_opt.folders import written_whole
 
     dead = subprocess.Popen([sys.executable, "-c", ""])
     dead.wait()

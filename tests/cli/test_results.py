@@ -10,9 +10,9 @@ import pytest
 
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
+from energy_opt.folders import ANSWERS, BESIDE, faults_of_results, written_whole
 from energy_opt.formats import FORMATS
 from energy_opt.front.simulate import simulated_files
-from energy_opt.results import ANSWERS, BESIDE, faults_of_results, written_whole
 
 READY, NEAR = "0,-0.785,0,-2.356,0,1.571,0.785", "0.2,-0.685,0.1,-2.256,0.1,1.471,0.885"
 MOVE = ("optimize", "--robot", "panda", "--start", READY, "--goal", NEAR, "--mode", "retime", "--quiet",

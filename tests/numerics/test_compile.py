@@ -178,7 +178,7 @@ def test_workers_run_no_local_code(tmp_path):
     scripts = tmp_path / "scripts"
     scripts.mkdir()
     (scripts / "script.py").write_text(
-        f"import os, sys\nsys.path.insert(0, {str(ROOT)!r})\nfrom energy_opt.batches.batch import local\n"
+        f"import os, sys\nsys.path.insert(0, {str(ROOT)!r})\nfrom energy_opt.batches.executors import local\n"
         "if __name__ == '__main__':\n    with local(1) as place:\n"
         "        print(place.executor.submit(os.getpid).result() != os.getpid())\n"
     )

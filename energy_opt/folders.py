@@ -1,0 +1,274 @@
+"""Folders of results: which files belong to which verb.
+
+A folder is taken before the work begins, and written so that new and old results never stand side by side.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import os
+import shutil
+import signal
+import tempfile
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from energy_opt.errors import BadInput
+from energy_opt.files import read_json, write_json
+
+# Files that show that a folder holds a verb's results; reports, plots and tables of several verbs have the same names.
+ANSWERS = {"result.json": "optimize", "tradeoff.json": "tradeoff", "job.json": "job", "results.jsonl": "bench",
+           "identify.json": "identify", "diagnosis.json": "diagnose",
+           "evaluate.json": "evaluate", "place.json": "place", "passport.json": "passport"}  # fmt: skip
+# suffixes of every written format
+SUFFIXES = (".csv", ".yaml", ".json", ".mcap", ".goal.yaml", ".script", ".franka.csv")
+# All files that each verb may write besides its answer: those of an earlier run are removed when a new one is written.
+BESIDE = {
+    "result.json": (*(f"trajectory{s}" for s in SUFFIXES), "trajectory_*hz.csv", "moves.yaml", "moves.script",
+                    "plot.png", "report.html"),
+    "tradeoff.json": ("tradeoff.csv", "trajectory_minimum.csv", "trajectory_cycle_minimum.csv", "plot.png",
+                      "report.html"),
+    "job.json": ("step_[0-9]*.csv", "cycle.csv", "cycle_*.csv", *(f"trajectory{s}" for s in SUFFIXES),
+                 "trajectory_*hz.csv", "report.html"),
+    "results.jsonl": ("results.parquet", "summary.json", "report.html"),
+    "identify.json": ("model_method1.toml", "model_method2.toml", "plot.png", "report.html"),
+    "evaluate.json": tuple(f"trajectory*{s}" for s in SUFFIXES),
+    "diagnosis.json": ("model.toml", "next_motion.csv", "report.html"),
+    "passport.json": ("report.html",),
+    "place.json": ("map.png", "report.html", "job/*"),
+}  # fmt: skip
+
+
+def no_folder_in_the_way(out: Path, own: str) -> None:
+    """Refuse, before the work begins, an `out` with a folder where the verb that writes `own` puts a file.
+
+    Raises:
+        BadInput: names it.
+    """
+    for name in (own, *BESIDE.get(own, ())):
+        for path in Path(out).glob(name):
+            if path.is_dir():
+                raise BadInput(f"{path}: a folder where a file is to be written; move it, or choose another --out")
+
+
+def earlier(out: Path, own: str) -> set[Path]:
+    """Files in `out` that earlier runs of the verb that writes `own`, or of others with an answer there, have left.
+
+    These are all that such a verb may write, and what an answer lists with its digest while that is still so.
+    """
+    out, found = Path(out), set()
+    for answer in {own, *(name for name in ANSWERS if (out / name).is_file())}:
+        found |= {path for name in (answer, *BESIDE.get(answer, ())) for path in out.glob(name) if not path.is_dir()}
+        found |= {
+            out / name for name, digest in (listed(out / answer) or {}).items() if digest == digest_of(out / name)
+        }
+    return found
+
+
+def listed(answer: Path) -> dict[str, str] | None:
+    """The files that an answer lists, and their digests; None where it has no such list."""
+    if answer.suffix != ".json" or not answer.is_file():
+        return None
+    try:
+        document = read_json(answer)
+    except BadInput:
+        return None
+    records = document.get("files") if isinstance(document, dict) else None
+    if not isinstance(records, list):
+        return None
+    records = [record for record in records if isinstance(record, dict)]
+    own = {str(row.get("name")): str(row.get("sha256")) for row in records}
+    return {name: digest for name, digest in own.items() if Path(name).name == name}
+
+
+def digest_of(path: Path) -> str | None:
+    """SHA-256 of a file's content; None where there is no file to be read."""
+    try:
+        with Path(path).open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError:
+        return None
+
+
+def faults_of_results(out: Path) -> list[str] | None:
+    """What differs between a folder and the files that its answers list; None where it holds no such answer."""
+    answers = [Path(out) / name for name in ANSWERS if (Path(out) / name).is_file()]
+    faults = []
+    for answer in answers:
+        files = listed(answer)
+        if answer.suffix == ".json" and files is None:
+            faults.append(f"{answer}: lists no files with digests, so the other files cannot be checked")
+        for name, digest in (files or {}).items():
+            found = digest_of(answer.parent / name)
+            if found != digest:
+                what = "is missing" if found is None else "is not the file that was written"
+                faults.append(f"{answer.parent / name}: {what} with {answer.name} (by its SHA-256)")
+        foreign = earlier(out, answer.name) - {answer.parent / name for name in (*(files or ()), *ANSWERS)}
+        if files is not None and len(answers) == 1:
+            faults += [f"{path}: not of the motion that {answer.name} describes" for path in sorted(foreign)]
+    return faults if answers else None
+
+
+def no_other_verb(out: Path, own: str) -> None:
+    """Refuse a folder with the results of another verb than that which writes `own`.
+
+    Raises:
+        BadInput: there are such results.
+    """
+    for name, verb in ANSWERS.items():
+        if name != own and (Path(out) / name).is_file():
+            raise BadInput(f"{out} holds the results of {verb} ({name}); choose another --out, or add --force")
+
+
+ASIDE = ".writing-"  # prefix of temporary folders, before the number of the process that writes there
+
+
+_taken: dict[Path, tuple[int, list[Path]]] = {}  # by folder: the descriptor of its lock, and the folders created for it
+
+
+def take_folder(out: Path) -> None:
+    """Make sure, before the work begins, that results can be written into `out`, by this process alone.
+
+    Other processes are kept out by a lock on the folder itself, which ends with the process however that ends, or with
+    `leave_folders`. On file systems without such locks the last of two runs wins, whole.
+
+    Raises:
+        BadInput: another run is writing there; or it is a file, not permitted, has an impossible name, or the disk is
+            full.
+    """
+    out = Path(out)
+    try:
+        key = out.resolve()
+        if key not in _taken:
+            _taken[key] = _locked(out)
+        with tempfile.TemporaryFile(dir=out) as stream:
+            stream.write(bytes(4096))
+    except BlockingIOError:
+        raise BadInput(f"{out}: another run is writing here; wait for its end, or choose another --out") from None
+    except (OSError, ValueError) as error:  # ValueError: NUL in the name
+        leave_folder(out)
+        raise BadInput(f"--out {out}: cannot be written: {_reason(error)}") from None
+
+
+def _locked(out: Path) -> tuple[int, list[Path]]:
+    """A descriptor that locks a folder, and the folders created for it, innermost first."""
+    while True:
+        created = [folder for folder in (out, *out.parents) if not folder.exists()]
+        out.mkdir(parents=True, exist_ok=True)
+        handle = os.open(out, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(handle)
+            raise
+        except OSError:  # no locks on this file system
+            pass
+        if out.exists() and os.path.samestat(os.fstat(handle), out.stat()):
+            return handle, created
+        os.close(handle)  # another run, which wrote nothing, has just removed the folder
+
+
+def leave_folder(out: Path) -> None:
+    """Let others write into a folder that was taken; if it was made for that and is empty, it goes."""
+    try:
+        handle, created = _taken.pop(Path(out).resolve())
+    except (KeyError, OSError, ValueError):
+        return
+    for folder in created:
+        try:
+            folder.rmdir()
+        except OSError:  # the folder is not empty
+            break
+    os.close(handle)
+
+
+def leave_folders() -> None:
+    """The same for all of them."""
+    for out in list(_taken):
+        leave_folder(out)
+
+
+@contextmanager
+def written_whole(out: Path, last: str, old: Sequence[str] = ()) -> Iterator[Path]:
+    """A folder aside, whose files take their places in `out` together when the block ends without an error.
+
+    The file `last` says that a result is whole: an old one goes before anything else changes, the new one comes last.
+    Whatever happens in between (a full disk, a kill), no part of a new result is beside the `last` of an old one,
+    and what earlier runs have left goes with it, `old` names among them. A JSON `last` lists the other files:
+    `files: [{name, sha256}]`.
+
+    Raises:
+        BadInput: another run is writing there; or writing failed, say because the disk is full: `out` is as it was, or
+            without `last`.
+    """
+    out = Path(out)
+    aside, known = None, out.resolve() in _taken
+    take_folder(out)
+    try:
+        _sweep(out)
+        aside = Path(tempfile.mkdtemp(prefix=f"{ASIDE}{os.getpid()}-", dir=out))
+        yield aside
+        names = sorted((p.relative_to(aside) for p in aside.rglob("*") if p.is_file()), key=lambda p: str(p) == last)
+        _list_files(aside, last, names)
+        for name in names:
+            if (out / name).is_dir():
+                raise BadInput(f"{out / name}: a folder where a file is to be written; nothing in {out} was changed")
+        left = (earlier(out, last) | {out / name for name in old}) - {out / name for name in names}
+        with _undisturbed():
+            (out / last).unlink(missing_ok=True)
+            for path in sorted(left, key=lambda path: path.name not in ANSWERS):
+                path.unlink(missing_ok=True)
+            for name in names:
+                (out / name).parent.mkdir(parents=True, exist_ok=True)
+                os.replace(aside / name, out / name)
+    except OSError as error:
+        raise BadInput(f"{out}: cannot be written: {_reason(error)}; nothing in it was changed") from None
+    finally:
+        if aside is not None:
+            shutil.rmtree(aside, ignore_errors=True)
+        if not known:
+            leave_folder(out)
+
+
+def _list_files(aside: Path, last: str, names: Sequence[Path]) -> None:
+    """Put the names and digests of the other files into the document that comes last."""
+    if not last.endswith(".json") or not (aside / last).is_file():
+        return
+    records = [{"name": str(name), "sha256": digest_of(aside / name)} for name in names if str(name) != last]
+    write_json(aside / last, {**read_json(aside / last), "files": records})
+
+
+def _sweep(out: Path) -> None:
+    """Remove temporary folders of killed runs."""
+    for folder in out.glob(f"{ASIDE}*"):
+        process = folder.name.removeprefix(ASIDE).partition("-")[0]
+        try:
+            os.kill(int(process), 0)
+        except ProcessLookupError:
+            shutil.rmtree(folder, ignore_errors=True)
+        # another user's process is alive, or the folder has a foreign name
+        except (OSError, ValueError, OverflowError):
+            pass
+
+
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Delay Ctrl-C until the block has ended; in other threads than the main one it never arrives."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    pressed: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda *_: pressed.append(1))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        if pressed and before is not signal.SIG_IGN:
+            signal.raise_signal(signal.SIGINT)
+
+
+def _reason(error: OSError | ValueError) -> str:
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)

@@ -91,7 +91,6 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cells", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--out", type=Path)
     args = parser.parse_args()
     rows = []
@@ -102,7 +101,7 @@ def main() -> int:
             file = Path(folder) / "cell.toml"
             file.write_bytes(tomli_w.dumps(asked).encode())
             begin = time.process_time()
-            result = run_workcell(load_workcell(file), file, model_of=no_model, seconds=args.seconds)
+            result = run_workcell(load_workcell(file), file, model_of=no_model)
             found = document(result)
         row = {
             "robots": len(asked["robot"]),

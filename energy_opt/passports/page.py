@@ -10,7 +10,7 @@ import numpy as np
 from energy_opt.passports.changes import Change
 from energy_opt.passports.sources import Arm, Number, friction, loss
 from energy_opt.reports.page import Chart, Line, Report, shown
-from energy_opt.reports.plots import heat_maps, png
+from energy_opt.reports.plots import loss_maps, png
 
 POINTS = 41  # points of a curve
 GRID = 25  # points of a map along each axis
@@ -109,4 +109,4 @@ def _maps(arm: Arm) -> bytes:
         torque = np.linspace(-0.6, 0.6, GRID) * most
         speed = np.linspace(-1.0, 1.0, GRID) * arm.speeds[j, -1]
         maps[joint] = (speed, torque, loss(arm.model, arm.robot.n, j, torque, speed))
-    return png(heat_maps(maps, "speed [rad/s]", "torque [N m]", "loss [W]"))
+    return png(loss_maps(maps))

@@ -111,9 +111,9 @@ def thinned(q: np.ndarray, cost: np.ndarray, most: int = MOST) -> np.ndarray:
     return q[kept]
 
 
-def layer(scorers: Sequence[Scorer], positions: np.ndarray, wait: float = 0.0) -> Layer:
-    """A layer with the power of standing at its positions (K, n)."""
-    return Layer(positions, wait, holding(scorers, positions))
+def layer(scorers: Sequence[Scorer], positions: np.ndarray) -> Layer:
+    """A layer without a wait, with the power of standing at its positions (K, n)."""
+    return Layer(positions, 0.0, holding(scorers, positions))
 
 
 class Ring:

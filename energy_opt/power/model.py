@@ -7,16 +7,49 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
+from pydantic import ConfigDict, StrictStr
 
 from energy_opt.effects import EXACT, BaseTilt, Effect, PowerEffect, SupplyEffect, effect_class
 from energy_opt.errors import BadInput, near
 from energy_opt.files import read_toml, write_toml
+from energy_opt.schema import Number, Table, parse
 
 FORMAT = "energy-opt/model/1"
+
+
+class EffectTable(Table):
+    """An effect of a model file: its name, the source of its values, and its parameters and options."""
+
+    model_config = ConfigDict(extra="allow")
+    name: StrictStr
+    source: StrictStr = ""
+
+
+class RivalTable(Table):
+    """Another model that explains the same data."""
+
+    effect: list[EffectTable] = []
+
+
+class CovarianceTable(Table):
+    """Covariance of the numbers `names` of a model, each effect.parameter.index."""
+
+    names: list[StrictStr]
+    matrix: list[list[Number]]
+
+
+class ModelTable(Table):
+    """A model file."""
+
+    format: Literal["energy-opt/model/1"]
+    robot: StrictStr = ""
+    effect: list[EffectTable] = []
+    covariance: CovarianceTable | None = None
+    rival: list[RivalTable] = []
 
 
 @dataclass(frozen=True)
@@ -211,68 +244,40 @@ class PowerModel:
 
 
 def model_from_document(document: dict[str, Any], where: str) -> PowerModel:
-    """A model from a parsed model file; `where` names it in messages."""
-    if document.get("format") != FORMAT:
-        raise BadInput(f"{where}: format = {document.get('format')!r}; expected {FORMAT!r}")
-    unknown = sorted(set(document) - {"format", "robot", "effect", "covariance", "rival"})
-    if unknown:
-        raise BadInput(
-            f"{where}: unknown key {unknown[0]!r}; a model file has format, robot and [[effect]] tables, and may have "
-            "[covariance] and [[rival]]"
-        )
-    robot = document.get("robot", "")
-    records = document.get("effect", [])
-    if not isinstance(robot, str):
-        raise BadInput(f"{where}: robot = {robot!r}; expected a name in quotes")
-    if not isinstance(records, list) or not all(isinstance(row, dict) for row in records):
-        raise BadInput(f"{where}: effect is not a list of [[effect]] tables")
+    """A model from a parsed model file; `where` names it in messages.
+
+    Raises:
+        BadInput: names `where`, the effect and the parameter at fault.
+    """
+    table = parse(ModelTable, document, where)
+    model = _model_of(table.robot, table.effect, where)
+    rivals = tuple(
+        _model_of(table.robot, rival.effect, f"{where}: [[rival]] {k}") for k, rival in enumerate(table.rival, start=1)
+    )
+    if table.covariance is None:
+        return replace(model, uncertainty=Uncertainty((), np.zeros((0, 0)), rivals) if rivals else None)
+    names, size = tuple(table.covariance.names), len(table.covariance.names)
+    for name in set(names) - set(names_of(model)):
+        raise BadInput(f"{where}: [covariance] name {name!r} is not effect.parameter.index of the model")
+    if [len(row) for row in table.covariance.matrix] != [size] * size:
+        raise BadInput(f"{where}: [covariance] matrix is not {size} x {size} numbers, as names says")
+    matrix = np.array(table.covariance.matrix).reshape(size, size)
+    if np.abs(matrix - matrix.T).max(initial=0.0) > 1e-6 * np.abs(matrix).max(initial=1.0):
+        raise BadInput(f"{where}: [covariance] matrix is not symmetric")
+    return replace(model, uncertainty=Uncertainty(names, matrix, rivals))
+
+
+def _model_of(robot: str, records: Sequence[EffectTable], where: str) -> PowerModel:
     effects = []
     for number, row in enumerate(records, start=1):
-        name = row.get("name")
         try:
-            if not isinstance(row.get("source", ""), str):
-                raise BadInput(
-                    f"source = {row['source']!r}; expected text in quotes that names the source of the values"
-                )
-            effects.append(effect_class(name)(**{k: v for k, v in row.items() if k not in ("name", "source")}))
+            effects.append(effect_class(row.name)(**(row.model_extra or {})))
         except BadInput as error:
             raise BadInput(f"{where}: [[effect]] {number}: {error}") from None
     try:
-        model = PowerModel(robot, tuple(effects))
-        return replace(model, uncertainty=uncertainty_from_document(document, model, where))
+        return PowerModel(robot, tuple(effects))
     except BadInput as error:
         raise BadInput(f"{where}: {error}") from None
-
-
-def uncertainty_from_document(document: dict[str, Any], model: PowerModel, where: str) -> Uncertainty | None:
-    """The [covariance] and [[rival]] tables of a model file; None where it has neither."""
-    table, records = document.get("covariance"), document.get("rival", [])
-    if table is None and not records:
-        return None
-    if not isinstance(records, list) or not all(isinstance(row, dict) for row in records):
-        raise BadInput(f"{where}: rival is not a list of [[rival]] tables, each with [[rival.effect]] tables")
-    head: dict[str, Any] = {key: document[key] for key in ("format", "robot") if key in document}
-    rivals = tuple(
-        model_from_document({**head, **row}, f"{where}: [[rival]] {k}") for k, row in enumerate(records, start=1)
-    )
-    if table is None:
-        return Uncertainty((), np.zeros((0, 0)), rivals)
-    if not isinstance(table, dict) or set(table) != {"names", "matrix"} or not isinstance(table["names"], list):
-        raise BadInput(f"{where}: [covariance] has names (a list) and matrix, nothing else")
-    names = tuple(str(name) for name in table["names"])
-    try:
-        matrix = np.array(table["matrix"], dtype=float).reshape(len(names), len(names))
-    except (TypeError, ValueError):
-        size = f"{len(names)} x {len(names)}"
-        raise BadInput(f"{where}: [covariance] matrix is not {size} numbers, as names says") from None
-    skew, largest = np.abs(matrix - matrix.T).max(initial=0.0), np.abs(matrix).max(initial=1.0)
-    if not np.isfinite(matrix).all() or skew > 1e-6 * largest:
-        raise BadInput(f"{where}: [covariance] matrix is not finite and symmetric")
-    places = set(names_of(model))
-    for name in names:
-        if name not in places:
-            raise BadInput(f"{where}: [covariance] name {name!r} is not effect.parameter.index of the model")
-    return Uncertainty(names, matrix, rivals)
 
 
 def names_of(model: PowerModel) -> list[str]:

@@ -101,16 +101,16 @@ def bars(axes: Axes, groups: Mapping[str, Mapping[str, float]]) -> None:
         legend_beside(axes, 7)
 
 
-def heat_maps(maps: Mapping[str, tuple[np.ndarray, np.ndarray, np.ndarray]], x: str, y: str, z: str) -> Figure:
-    """Colour over two axes, by the map's name: x (S,), y (T,) and the value (T, S); each has its own scale."""
+def loss_maps(maps: Mapping[str, tuple[np.ndarray, np.ndarray, np.ndarray]]) -> Figure:
+    """Losses as colour, by joint: speeds (S,), torques (T,) and losses (T, S) [W]; each map has its own scale."""
     columns = min(len(maps), 4)
     records = -(-len(maps) // columns)
     figure, grid = new_figure(records, columns, width=3.6 * columns, height=2.8)
     for axes in grid.ravel()[len(maps) :]:
         axes.set_visible(False)
-    for axes, (name, (across, up, value)) in zip(grid.ravel(), maps.items(), strict=False):
-        labelled(axes, x, y, name)
-        figure.colorbar(axes.contourf(across, up, value, 16, cmap="viridis"), ax=axes, label=z)
+    for axes, (name, (speed, torque, loss)) in zip(grid.ravel(), maps.items(), strict=False):
+        labelled(axes, "speed [rad/s]", "torque [N m]", name)
+        figure.colorbar(axes.contourf(speed, torque, loss, 16, cmap="viridis"), ax=axes, label="loss [W]")
     return figure
 
 

@@ -314,13 +314,3 @@ class RigidBody:
         for k, c in enumerate(self.configuration(q)):
             out[k] = pin.computeJointTorqueRegressor(model, data, c, v[k], a[k])
         return self.coupling.joined(out, axis=1)
-
-    def torque_derivatives(
-        self, q: np.ndarray, v: np.ndarray, a: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """dtau/dq, dtau/dv and the mass matrix, (n, n) each, at one state (for a continuous joint, by its angle)."""
-        data, rates = self._model.createData(), self.coupling.rates  # kept alive: the results are views of it
-        dq, dv, da = pin.computeRNEADerivatives(self._model, data, self.configuration(q), rates(v), rates(a))
-        all_ = (np.array(x) for x in (dq, dv, np.triu(da) + np.triu(da, 1).T))
-        dq, dv, da = (self.coupling.joined(self.coupling.joined(x), axis=0) for x in all_)
-        return dq, dv, da

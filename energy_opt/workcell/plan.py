@@ -25,7 +25,7 @@ from energy_opt.workcell.arm import SOLVED, Arm
 from energy_opt.workcell.aside import aside
 from energy_opt.workcell.between import Between, TwoArms, meeting, prove_apart
 from energy_opt.workcell.motion import PeriodicMotion, nearest
-from energy_opt.workcell.stage import Candidate, Levers, Stage, with_lever
+from energy_opt.workcell.stage import SECONDS, Candidate, Levers, Stage, with_lever
 
 SETTLED = 1e-3  # relative change of the cycle's energy that ends refining
 REFINED = 6  # most schedules whose durations are optimized
@@ -207,7 +207,7 @@ class Planning(Stage):
         return replace(schedule, energies=tuple(energies))
 
     def _scheduled(self, hold: Sequence[dict[int, float] | None] | None = None) -> Schedule:
-        return solve(self.problem(True, hold), seconds=self.seconds, gap=1e-5)
+        return solve(self.problem(True, hold), seconds=SECONDS, gap=1e-5)
 
     def _refined(self) -> Schedule:
         """A schedule whose moves are all optimized at their scheduled durations."""
@@ -303,7 +303,7 @@ class Planning(Stage):
         poses = "other poses, or bases that are farther apart, may give room"
         help_ = f"nor does a cycle of {LONGER[-1] * self.cell.cycle_time:.4g} s; {poses}"
         for longer in LONGER:
-            cycle, seconds = longer * self.cell.cycle_time, self.seconds / len(LONGER)
+            cycle, seconds = longer * self.cell.cycle_time, SECONDS / len(LONGER)
             try:
                 solve(replace(problem, cycle_time=cycle), seconds=seconds)
             except Infeasible as error:

@@ -85,7 +85,6 @@ def run_workcell(
     model_of: Callable[[str | None, Robot], PowerModel],
     settings: Settings | None = None,
     request: CellRequest | None = None,
-    seconds: float = 60.0,
     stopped: Callable[[], bool] = lambda: False,
     progress: Callable[[str, float], None] = lambda text, share: None,
 ) -> CellResult:
@@ -96,7 +95,6 @@ def run_workcell(
         load: loads a robot from its name or from the path of its URDF.
         model_of: the power model of a robot, from its entry in the file (None: no entry).
         request: body and cell, without the bases, which are in the file.
-        seconds: for each schedule [s]; the remaining gap is in the result.
         stopped: called between solves; True ends the work with the best so far.
         progress: called with the present task and the finished share of the work.
 
@@ -110,7 +108,7 @@ def run_workcell(
         else Arm(cell, table, Path(path), load, model_of, settings or Settings(), request or CellRequest(), stopped)
         for table in cell.robot
     )
-    planning = Planning(cell, arms, seconds, progress, stopped)
+    planning = Planning(cell, arms, progress, stopped)
     candidates = planning.candidates()
     if planning.moving:
         planned, levers = planning.plan(candidates)

@@ -24,6 +24,8 @@ from energy_opt.workcell.arrange import arrangements, cheapest, listed
 from energy_opt.workcell.curves import problem_of, ring_of
 from energy_opt.workcell.file import WorkCell, groups_of
 
+SECONDS = 60.0  # [s] most time for one schedule; the gap that is left is in the result
+
 
 @dataclass(frozen=True)
 class Candidate:
@@ -44,11 +46,10 @@ class Stage:
         self,
         cell: WorkCell,
         arms: Sequence[Arm | None],
-        seconds: float,
         progress: Callable[[str, float], None],
         stopped: Callable[[], bool],
     ) -> None:
-        self.cell, self.arms, self.seconds = cell, tuple(arms), seconds
+        self.cell, self.arms = cell, tuple(arms)
         self.progress, self.stopped = progress, stopped
         self.exclusions: dict[tuple[int, int, int, int], Exclusion] = {}
         self.least: dict[tuple[int, str], float] = {}  # [s] least durations of moves of a robot, for the supply
@@ -80,7 +81,7 @@ class Stage:
         def add(arms: tuple[Arm | None, ...], levers: Levers | None, schedule: Schedule | None = None) -> None:
             with suppress(Infeasible):
                 if free or levers is None:
-                    schedule = schedule or solve(self.problem(False, arms=arms), seconds=self.seconds)
+                    schedule = schedule or solve(self.problem(False, arms=arms), seconds=SECONDS)
                     if levers is not None and arms == plain:  # the solver may have stopped at a gap
                         schedule = min(schedule, levers.best, key=lambda s: s.energy)
                     levers = with_lever(levers, "order", schedule)
@@ -88,7 +89,7 @@ class Stage:
 
         levers: Levers | None = None
         try:
-            levers = pull(self.problem(False).as_listed, seconds=self.seconds)
+            levers = pull(self.problem(False).as_listed)
         except Infeasible as error:
             fault = error
         if levers is not None or not self.moving:
@@ -152,7 +153,7 @@ class Stage:
         Args:
             lossless: a supply that loses nothing; else each robot has its own, which loses all braking energy.
         """
-        return solve(self.problem(True, lossless=lossless, anywhere=True), seconds=self.seconds).bound
+        return solve(self.problem(True, lossless=lossless, anywhere=True), seconds=SECONDS).bound
 
 
 @dataclass(frozen=True)
@@ -182,16 +183,15 @@ def with_lever(levers: Levers | None, name: str, schedule: Schedule) -> Levers:
     return replace(levers, steps=(*(step for step in levers.steps if step[0] != name), (name, schedule)))
 
 
-def pull(problem: Problem, *, seconds: float) -> Levers:
+def pull(problem: Problem) -> Levers:
     """Schedule a problem with one lever after the other, except the order of steps.
 
-    Args:
-        seconds: for the answer [s]; the others take at most a quarter of that each.
+    The answer takes at most SECONDS, each of the others a quarter of that.
 
     Raises:
         Infeasible: no schedule keeps cycle time, lags and zones, whatever the durations.
     """
-    best, brief = solve(problem, seconds=seconds, explain=True), seconds / 4
+    best, brief = solve(problem, seconds=SECONDS, explain=True), SECONDS / 4
     steps: list[tuple[str, Schedule]] = []
     alone: tuple[tuple[str, Schedule], ...] = ()
     relaxed = False

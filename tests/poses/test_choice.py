@@ -130,7 +130,8 @@ def test_the_ring_is_the_cheapest_of_all(ur: ToolKinematics) -> None:
     """Against all combinations, at the price of waiting."""
     scorer = [Scorer(ur.robot, rivals_from(["source-method-2"], None, ur.robot, None)[0][0].model)]
     rng = np.random.default_rng(1)
-    layers = [layer(scorer, rng.uniform(-1, 1, (count, 6)), wait) for count, wait in ((3, 0.5), (2, 0.0), (3, 1.0))]
+    sizes = ((3, 0.5), (2, 0.0), (3, 1.0))
+    layers = [replace(layer(scorer, rng.uniform(-1, 1, (count, 6))), wait=wait) for count, wait in sizes]
     ring = Ring(layers, [scorer] * 3, [(0.0, np.inf)] * 3)
     chosen, energy = ring.cheapest(1e3, 0.0)
 

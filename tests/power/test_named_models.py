@@ -68,7 +68,7 @@ def test_a_model_file_may_say_where_its_values_come_from(tmp_path):
     (tmp_path / "m.toml").write_text(text.format('"the data sheet"'))
     assert model_of(tmp_path / "m.toml", "panda").get("standby").full(7) == 88.0
     (tmp_path / "m.toml").write_text(text.format("3"))
-    with pytest.raises(eo.BadInput, match=r"\[\[effect\]\] 1: source = 3; expected text in quotes"):
+    with pytest.raises(eo.BadInput, match=r"effect 1 \(standby\): source = 3; expected text"):
         model_of(tmp_path / "m.toml", "panda")
 
 

@@ -194,7 +194,7 @@ HEAD = 'format = "energy-opt/model/1"\nrobot = "panda"\n'
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ('robot = "panda"\n', "format = None"),
+        ('robot = "panda"\n', "format is missing"),
         ('format = "energy-opt/model/9"\n', "expected 'energy-opt/model/1'"),
         (HEAD + "extra = 1\n", "unknown key 'extra'"),
         (HEAD + '[[effect]]\nname = "warp"\n', "unknown name 'warp'"),

@@ -111,16 +111,9 @@ def test_the_palletizer_is_pinocchios_own(palletizer: Robot, files: Path) -> Non
 
 
 @pytest.mark.parametrize("name", ["palletizer", "odd"])
-def test_derivatives_and_regressors(name: str, request: pytest.FixtureRequest) -> None:
+def test_regressors(name: str, request: pytest.FixtureRequest) -> None:
     robot: Robot = request.getfixturevalue(name)
     body, n = robot.body, robot.n
-    q, v, a = (x[0] for x in states(n))
-    for k, found in enumerate(body.torque_derivatives(q, v, a)):
-        for j in range(n):
-            step = 1e-6 * np.eye(n)[j]
-            up, down = ([x + s * step if i == k else x for i, x in enumerate((q, v, a))] for s in (1, -1))
-            slope = (body.torque(*up) - body.torque(*down))[0] / 2e-6
-            assert np.allclose(found[:, j], slope, atol=1e-5 * max(1, np.abs(slope).max()))
     links = body.tree()
     about = [x.inertia + x.mass * (x.lever @ x.lever * np.eye(3) - np.outer(x.lever, x.lever)) for x in links]
     six = [i[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]] for i in about]

@@ -244,20 +244,23 @@ def compared(result: Result, rivals: Sequence[Rival], robot: Robot) -> Result:
         return grounded(
             replace(result, models=({**first, **_interval(result, rivals[0], robot)}, *others)), rivals, robot
         )
-    judges = with_careful(rivals, robot)
-    judges += _explaining(rivals[0])
-    slowed = result.baseline("scaled")
-    records: list[dict[str, Any]] = []
-    warnings = list(result.warnings)
-    for rival in judges:
-        scorer = Scorer(robot, rival.model)
-        beside = None if slowed is None or not slowed.valid else scorer.energy(slowed.trajectory)
-        row = row_of(rival.name, scorer.energy(result.trajectory), beside)
-        records.append({**row, **(_interval(result, rival, robot) if rival is judges[0] else {})})
-        joules = row["saving_joules"]
-        if isinstance(joules, float) and joules < 0 and rival is not judges[0]:
-            warnings.append(
-                f"under the model {rival.name!r} this move takes {-joules:.3g} J more than the same move slowed "
-                "evenly; plan with --robust mean, or with a model that was calibrated"
-            )
-    return grounded(replace(result, models=tuple(records), warnings=tuple(warnings)), rivals[:1], robot)
+    scaled = result.baseline("scaled")
+    slowed = None if scaled is None or not scaled.valid else scaled.trajectory
+    judges = [*with_careful(rivals, robot), *_explaining(rivals[0])]
+    records = records_under(judges, result.trajectory, slowed, robot)
+    warnings = [
+        f"under the model {row['name']!r} this move takes {-row['saving_joules']:.3g} J more than the same move slowed "
+        "evenly; plan with --robust mean, or with a model that was calibrated"
+        for row in records[1:]
+        if (row["saving_joules"] or 0.0) < 0
+    ]
+    models = ({**records[0], **_interval(result, judges[0], robot)}, *records[1:])
+    return grounded(replace(result, models=models, warnings=(*result.warnings, *warnings)), rivals[:1], robot)
+
+
+def records_under(
+    judges: Sequence[Rival], ours: Trajectory, slowed: Trajectory | None, robot: Robot
+) -> list[dict[str, Any]]:
+    """A record of `Result.models` for every judge: its energies of a motion and of the evenly slowed one, if any."""
+    scorers = [(judge.name, Scorer(robot, judge.model)) for judge in judges]
+    return [row_of(name, s.energy(ours), None if slowed is None else s.energy(slowed)) for name, s in scorers]

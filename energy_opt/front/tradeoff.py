@@ -16,10 +16,10 @@ from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, robot_of
 from energy_opt.front.jobs import EXITS, JobFront, run_job
 from energy_opt.front.moves import ends_of, move_of, resolved, settings_of
-from energy_opt.front.rivals import break_even_friction, members, rivals_of, said, with_careful
+from energy_opt.front.rivals import break_even_friction, members, records_under, rivals_of, said, with_careful
 from energy_opt.fronts.cycle import Cycle
 from energy_opt.fronts.front import Front, trace
-from energy_opt.fronts.output import document, models_of, models_of_front, stated, text, write
+from energy_opt.fronts.output import document, stated, text, write
 from energy_opt.motion import Move, Planner
 from energy_opt.motion.plan.robust import Rival, RobustPlanner
 from energy_opt.motion.travel import detours
@@ -215,17 +215,16 @@ def document_of(
     found = document(front, robot=robot.name, joints=robot.joints, mode=move.mode, cycle=cycle)
     found["assumptions"] = [asdict(row) for row in assumptions(robot, [rival.model for rival in rivals])]
     best = None if front.minimum is None else front.minimum.trajectory
+    models: list[dict[str, Any]] = []
     if best is not None:
-        base = planner.planner if isinstance(planner, RobustPlanner) else planner
-        found["break_even_friction"] = break_even_friction(
-            best, base.slowed(move, best.duration), rivals[0].model, robot
-        )
+        slowed = mean_of(planner).slowed(move, best.duration)
+        found["break_even_friction"] = break_even_friction(best, slowed, rivals[0].model, robot)
         found["travel"] = detours(best)
-    if isinstance(planner, RobustPlanner):
-        models, warnings = models_of_front(planner, move, front), []
-    else:
-        models = models_of(planner, move, front, with_careful(rivals, robot))
-        warnings = said(models, "the front's minimum")
+        if isinstance(planner, RobustPlanner):
+            models = planner.compared(best, slowed)
+        else:
+            models = records_under(with_careful(rivals, robot), best, slowed, robot)
+    warnings = [] if isinstance(planner, RobustPlanner) else said(models, "the front's minimum")
     if worth is not None:
         over = found.get("cycle") or {}
         least, fastest = over.get("minimum"), over.get("fastest_then_wait")

@@ -6,7 +6,7 @@ A front under several models is stated under the first, and at no point costs mo
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,11 +20,10 @@ from energy_opt.folders import written_whole
 from energy_opt.formats import table as rows
 from energy_opt.fronts.cycle import Cycle
 from energy_opt.fronts.front import Front, Point
-from energy_opt.motion import Move, Planner
-from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion import Move
 from energy_opt.motion.plan.context import path_of
 from energy_opt.motion.plan.neighbour import Optimum
-from energy_opt.motion.plan.robust import Rival, RobustPlanner, row_of
+from energy_opt.motion.plan.robust import RobustPlanner
 from energy_opt.power.worth import per_year_words
 from energy_opt.reports.motion import drawn
 from energy_opt.reports.tradeoff import page
@@ -179,20 +178,6 @@ def text(front: Front, found: Mapping[str, Any], out: Path) -> str:
     return "\n".join([*lines, f"files in {out}"]) + "\n"
 
 
-def models_of(planner: Planner, move: Move, front: Front, judges: Sequence[Rival]) -> list[dict[str, Any]]:
-    """A record for every judge: name, total and loss [J], and the saving over the same move slowed evenly."""
-    best = front.minimum
-    if best is None or best.trajectory is None:
-        return []
-    slowed = planner.slowed(move, best.trajectory.duration)
-    records = []
-    for judge in judges:
-        scorer = Scorer(planner.robot, judge.model)
-        beside = None if slowed is None else scorer.energy(slowed)
-        records.append(row_of(judge.name, scorer.energy(best.trajectory), beside))
-    return records
-
-
 def stated(robust: RobustPlanner, move: Move, front: Front, cycle: Cycle | None) -> Front:
     """A front computed for the mean of several models, stated under the first of them.
 
@@ -235,11 +220,3 @@ def stated(robust: RobustPlanner, move: Move, front: Front, cycle: Cycle | None)
         known_in_cycle = [in_cycle, *(point for point in solved if point.waiting is not None)]
         in_cycle = min(known_in_cycle, key=lambda point: point.cycle_total)
     return replace(front, points=points, minimum=minimum, fastest=quickest, cycle_minimum=in_cycle)
-
-
-def models_of_front(robust: RobustPlanner, move: Move, front: Front) -> list[dict[str, Any]]:
-    """Each model's energies of a front's minimum and of the same move slowed evenly."""
-    best = front.minimum
-    if best is None or best.trajectory is None:
-        return []
-    return robust.compared(best.trajectory, robust.planner.slowed(move, best.trajectory.duration))

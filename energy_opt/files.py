@@ -89,7 +89,11 @@ def write_toml(path: Path, value: Mapping[str, Any]) -> None:
 
 
 def write_table(path: Path, header: Sequence[str], columns: Sequence[np.ndarray]) -> None:
-    """Write equally long columns as CSV with full double precision."""
+    """Write a table as CSV with full double precision.
+
+    Args:
+        path: the file. header: name of each column. columns: (N,) each.
+    """
     with replacing(path) as aside, aside.open("w", newline="", encoding="utf-8") as stream:
         stream.write(",".join(map(_cell, header)) + "\n")
         for row in np.column_stack(columns).tolist():

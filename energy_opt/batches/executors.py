@@ -104,6 +104,13 @@ def run_tasks(tasks: Sequence[Task], place: Opener, solve: Solver = solve_task) 
 
     If a worker dies, the tasks of its pool are tried again, each alone; a task that kills its worker again gets a
     record with that reason.
+
+    Args:
+        tasks: to do. place: opens the workers.
+        solve: what a worker does with a task; workers must be able to import it.
+
+    Raises:
+        EnergyOptError: the cluster stopped.
     """
     first: dict[object, int] = {}  # tasks of one built problem stay together, otherwise in the order of the suite
     group = {task.index: first.setdefault(task.build, task.index) for task in tasks}

@@ -29,7 +29,11 @@ LISTED = 200  # most failures on the page; all are in results.parquet
 
 
 def write_report(path: Path, records: Sequence[Row], summary: dict[str, Any]) -> None:
-    """Write the page."""
+    """Write the page.
+
+    Args:
+        path: the file. records: of the finished moves. summary: the content of summary.json.
+    """
     report = Report(f"Batch {summary['suite']}")
     counts = ", ".join(f"{count} {status}" for status, count in sorted(summary["status"].items()))
     report.headline(f"{len(records)} of {summary['moves']} moves done: {counts or 'none'}.")

@@ -110,7 +110,11 @@ def load_suite(
 
 
 def check_suite(path: str | Path, *, allow_outside: bool = False, allow_large: bool = False) -> list[str]:
-    """Every fault of a suite file, one line each; empty if it is usable. Arguments are those of `load_suite`."""
+    """Every fault of a suite file, one line each; empty if it is usable.
+
+    Args:
+        path: the file. allow_outside, allow_large: as those of `load_suite`.
+    """
     try:
         load_suite(path, compile="never", allow_outside=allow_outside, allow_large=allow_large)
     except BadInput as error:

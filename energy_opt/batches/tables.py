@@ -197,7 +197,10 @@ def joint_values(value: Any, joints: Sequence[str]) -> tuple[float, ...]:
 
 
 def posed_move(name: str, row: MoveTable, robot: Robot, folder: Path, around: Surroundings) -> NamedMove:
-    """A move between poses of the tool, or joint positions and such poses; `folder` has the files of poses.
+    """A move between poses of the tool, or joint positions and such poses.
+
+    Args:
+        name: of the move. row: its table. robot: the arm. folder: with the files of poses. around: scene and base.
 
     Raises:
         BadInput: no such pose, or a frame that is not in the scene.

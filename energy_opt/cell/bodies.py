@@ -80,13 +80,21 @@ class Bodies:
         return self.kinematics(q)
 
     def frames(self, poses: Poses, k: np.ndarray, body: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Rotations (M, 3, 3) and origins (M, 3) [m] in the base frame, of bodies (M,) at configurations (M,)."""
+        """Rotations (M, 3, 3) and origins (M, 3) [m] of bodies in the base frame.
+
+        Args:
+            poses: of all joints, by configuration. k: (M,) indices of configurations. body: (M,) indices of bodies.
+        """
         turn, joint = poses.rotation[k, self.joint[body]], self.joint[body]
         shift = np.matmul(turn, self.shift[body][:, :, None])[..., 0]
         return np.matmul(turn, self.rotation[body]), shift + poses.origin[k, joint]
 
     def placements(self, poses: Poses, k: np.ndarray, body: np.ndarray) -> dict[tuple[int, int], Any]:
-        """Poses of bodies (M,) at configurations (M,), as coal's transforms, by configuration and body."""
+        """Poses of bodies as coal's transforms, by configuration and body.
+
+        Args:
+            poses: of all joints, by configuration. k: (M,) indices of configurations. body: (M,) indices of bodies.
+        """
         k, body = np.divmod(np.unique(k * len(self.all) + body), len(self.all))
         names, frames = zip(k.tolist(), body.tolist(), strict=True), zip(*self.frames(poses, k, body), strict=True)
         return {name: placement(*frame) for name, frame in zip(names, frames, strict=True)}
@@ -212,6 +220,10 @@ MOST_TRIANGLES = 1_000_000  # most triangles of a mesh, as in a scene
 
 def arm_bodies(robot: Robot, package_dirs: Sequence[Path] = (), allow_large: bool = False) -> list[Body]:
     """Every collision body of the description, with locked joints at their positions.
+
+    Args:
+        robot: the arm. package_dirs: folders in which `package://` paths of meshes are found.
+        allow_large: meshes may have more than MOST_TRIANGLES triangles.
 
     Raises:
         BadInput: a mesh is missing, too large, or cannot be read; names the link.

@@ -47,7 +47,7 @@ class Spans:
         return len(self.first)
 
     def take(self, which: np.ndarray) -> Spans:
-        """Some of the intervals."""
+        """The intervals of the indices or the mask `which` (M,)."""
         return Spans(self.first[which], self.last[which], self.low[which], self.high[which])
 
     def halves(self) -> Spans:

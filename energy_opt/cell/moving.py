@@ -107,7 +107,11 @@ class MovingCell(Cell):
         return float((distance - wanted[self._near.pair[number]]).min(initial=reach))
 
     def wanted(self, ends: np.ndarray, clearance: float | None = None) -> np.ndarray:
-        """`Cell.wanted`, followed by the clearance of the pairs with other arms."""
+        """`Cell.wanted` (P,) [m] at the ends of a move (2, n), followed by the clearance of the pairs with other arms.
+
+        Args:
+            ends: joint positions. clearance: [m] for all pairs with other arms; None: that of each pair.
+        """
         count, wanted = len(self._others.pairs), self._others.wanted
         others = wanted if clearance is None else np.full(count, clearance)
         return np.concatenate([self._own.wanted(ends, clearance), others])
@@ -120,7 +124,12 @@ class MovingCell(Cell):
         acceleration: np.ndarray,
         wanted: np.ndarray | None = None,
     ) -> Clearance:
-        """`Cell.prove`; in addition the pairs with other arms must be proven apart."""
+        """`Cell.prove`; in addition the pairs with other arms must be proven apart.
+
+        Args:
+            time: (N,) [s]. position, velocity, acceleration: (N, n).
+            wanted: (P,) [m] the distance to prove, by pair; None: as `Cell.prove`.
+        """
         first = len(self._own.bodies.pairs)
         own = self._own.prove(time, position, velocity, acceleration, None if wanted is None else wanted[:first])
         proof = self._others.prove(time - time[0], position, velocity, acceleration)

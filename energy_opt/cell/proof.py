@@ -84,7 +84,11 @@ def least_heights(
 
 
 def one_inside_the_other(ruler: Ruler, at: Any, bt: Any) -> bool:
-    """Whether a part of one body, away from all surfaces, lies within the other's mesh."""
+    """Whether a part of one body, away from all surfaces, lies within the other's mesh.
+
+    Args:
+        ruler: measures the distance of the two bodies. at, bt: their poses, as coal's transforms.
+    """
     a, b = ruler.a, ruler.b
     if ruler.exact(at, bt) <= 0:
         return False  # surfaces meet, which the distance shows
@@ -95,9 +99,12 @@ def one_inside_the_other(ruler: Ruler, at: Any, bt: Any) -> bool:
 
 
 def enclosed(points: np.ndarray, vertices: np.ndarray, triangles: np.ndarray) -> bool:
-    """Whether any of `points` (M, 3) is within a surface: it sees more than half of the sphere around it covered.
+    """Whether a point is within a surface: it sees more than half of the sphere around it covered.
 
     The solid angle of a triangle after van Oosterom and Strackee (1983); gaps in a surface do no harm.
+
+    Args:
+        points: (M, 3) [m]. vertices: (V, 3) [m]. triangles: (T, 3) indices of vertices.
     """
     corners = vertices[triangles]
     for point in points:

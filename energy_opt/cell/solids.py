@@ -275,7 +275,7 @@ class Ruler:
 
 
 def placement(rotation: np.ndarray, origin: np.ndarray) -> Any:
-    """A pose as coal's transform."""
+    """A rotation (3, 3) and an origin (3,) [m] as coal's transform."""
     return coal.Transform3s(rotation, origin)
 
 

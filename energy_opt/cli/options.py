@@ -86,7 +86,11 @@ class Parser(argparse.ArgumentParser):
 
 
 def add_options(parser: argparse.ArgumentParser, name: str, verb: Verb) -> None:
-    """The options of a verb: those of its request, and those that every verb has."""
+    """The options of a verb: those of its request, and those that every verb has.
+
+    Args:
+        parser: receives them. name: of the verb. verb: with its request.
+    """
     parser.epilog = epilog(name)
     groups: dict[str, argparse._ArgumentGroup] = {}
     for field, (declared, spelled) in options_of(verb.request).items():

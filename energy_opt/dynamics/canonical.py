@@ -46,7 +46,10 @@ class CanonicalLink:
 
 
 def snapped(matrix: np.ndarray, tolerance: float = ROUNDING) -> np.ndarray:
-    """Entries within `tolerance` of 0 and +-1 made exact, so that symbolic products with them vanish."""
+    """A matrix of any shape; entries within `tolerance` of 0 and +-1 are made exact.
+
+    Symbolic products with such entries vanish.
+    """
     out = np.where(np.abs(matrix) < tolerance, 0.0, matrix)
     return np.where(np.abs(np.abs(out) - 1) < tolerance, np.sign(out), out)
 

@@ -147,7 +147,12 @@ class Effect:
 
     @classmethod
     def split(cls, vector: ca.SX, joints: int, extents: Mapping[str, int] | None = None) -> SimpleNamespace:
-        """The parameters by name, cut out of a column laid out as `full`."""
+        """The parameters by name, cut out of a column.
+
+        Args:
+            vector: (size, 1), laid out as `full`. joints: number of joints.
+            extents: lengths of free dimensions, by name.
+        """
         known = cls._extents(extents)
         out, at = SimpleNamespace(**known), 0
         for p in cls.parameters:
@@ -158,7 +163,12 @@ class Effect:
 
     @classmethod
     def from_full(cls, vector: Sequence[float] | np.ndarray, joints: int, **words: str | int) -> Effect:
-        """The effect with the values of `vector`, laid out as `full`; `words` are options and lengths of dimensions."""
+        """The effect with given values.
+
+        Args:
+            vector: (size,) laid out as `full`. joints: number of joints.
+            words: options, and lengths of free dimensions.
+        """
         known = cls._extents({key: int(word) for key, word in words.items() if key not in cls.options})
         values, at = {}, 0
         for p in cls.parameters:
@@ -201,7 +211,7 @@ class Effect:
 
     @classmethod
     def example(cls, joints: int, rng: np.random.Generator) -> np.ndarray:
-        """Parameter values (`full`) away from neutral and inside the bounds, for checks."""
+        """Parameter values (size,), laid out as `full`, away from neutral and inside the bounds, for checks."""
         out: list[float] = []
         for p in cls.parameters:
             for _ in range(p.count(joints, cls._extents(None))):
@@ -223,14 +233,20 @@ class Effect:
 
     @classmethod
     def to_chart(cls, full: np.ndarray, joints: int) -> np.ndarray:
-        """x from `full`. A parameter of `products` is replaced by its product with its factor, such as mass * com."""
+        """Coordinates x (size,) of a fit, from values (size,) laid out as `full`.
+
+        A parameter of `products` is replaced by its product with its factor, such as mass * com.
+        """
         x, (times, by) = np.array(full, dtype=float), cls._products(joints)
         x[times] *= full[by]
         return x
 
     @classmethod
     def from_chart(cls, x: np.ndarray, joints: int) -> np.ndarray:
-        """`full` from x, the inverse of `to_chart`. A factor near 0 is replaced by SMALL before the division."""
+        """Values (size,), laid out as `full`, from coordinates x (size,); the inverse of `to_chart`.
+
+        A factor near 0 is replaced by SMALL before the division.
+        """
         full, (times, by) = x.copy(), cls._products(joints)
         full[by] = _away(x[by])
         full[times] /= full[by]
@@ -246,7 +262,7 @@ class Effect:
 
     @classmethod
     def chart_bounds(cls, joints: int) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds of x."""
+        """Least and largest coordinates x of a fit, (size,) each."""
         known = {name: (-most, most) for name, (_, most) in cls.products.items()}
         each = [(known.get(p.name, p.bounds), p.count(joints, cls.extents_by_default)) for p in cls.parameters]
         bounds = np.array([pair for pair, count in each for _ in range(count)]).reshape(-1, 2)

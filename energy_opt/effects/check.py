@@ -44,6 +44,9 @@ def check_effect(kind: type[Effect], joints: int = 3, seed: int = 0) -> list[str
     Checked: at its neutral value it changes nothing; its derivatives by every parameter agree with finite differences;
     it is finite at rest; if it claims to dissipate, it never gives power; its parameters are recovered from data
     that it simulates.
+
+    Args:
+        kind: the effect's class. joints: number of joints of the arm that is simulated. seed: of its random states.
     """
     rng = np.random.default_rng(seed)
     if issubclass(kind, MeterEffect | StoreEffect | SoakingEffect):

@@ -54,8 +54,12 @@ class DcLink(StoreEffect):
 
     @classmethod
     def supplied(cls, step: np.ndarray, bus: np.ndarray, value: float) -> np.ndarray:
-        """The store, step by step: e grows by -x dt while x < 0 (at most to the capacity), and is used first while x >
-        0.
+        """Power (N,) [W] that the supply gives.
+
+        The stored energy e grows by -x dt while x < 0 (at most to the capacity), and is used first while x > 0.
+
+        Args:
+            step: (N,) [s] duration of each instant. bus: (N,) [W] the drives' power x. value: capacity [J].
         """
         if value >= ENDLESS:
             return bus

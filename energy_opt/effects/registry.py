@@ -166,7 +166,14 @@ def load_file(path: str | Path) -> list[type[Effect]]:
 
 
 def load_source(text: str, where: str) -> list[type[Effect]]:
-    """As `load_file`, from the text of a file, as another process receives it; `where` names the file in messages."""
+    """As `load_file`, from the text of a file, as another process receives it.
+
+    Args:
+        text: Python source. where: names the file in messages.
+
+    Raises:
+        BadInput: the text does not run, or it has no effect.
+    """
     mark = hashlib.sha256(text.encode()).hexdigest()[:16]
     name = _module(mark)
     if mark in _sources:

@@ -106,7 +106,11 @@ def evaluate(
 
 
 def part_of(trajectory: Trajectory, start: float, end: float) -> Trajectory:
-    """The samples of a trajectory between two times [s] from its first sample, both included; its time starts at 0."""
+    """The part of a trajectory between two times, both included; its time starts at 0.
+
+    Args:
+        trajectory: the whole. start, end: [s] from its first sample.
+    """
     time = trajectory.time - trajectory.time[0]
     inner = time[(time > start + SHORT) & (time < end - SHORT)]
     at = np.concatenate([[start], inner, [end]])

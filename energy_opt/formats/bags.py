@@ -85,7 +85,14 @@ class Bag:
         return ", ".join(shown[:12]) + (", ..." if len(shown) > 12 else "") or "none"
 
     def messages(self, wanted: Callable[[str, str], bool]) -> Iterator[tuple[str, str, int, Any]]:
-        """Topic, type, time of recording [ns] and message, in order of time, where `wanted(topic, type)`."""
+        """Topic, type, time of recording [ns] and message, in order of time.
+
+        Args:
+            wanted: of topic and type, True for topics to read.
+
+        Raises:
+            BadInput: these topics have more than MOST_MESSAGES messages.
+        """
         chosen = [c for c in self._reader.connections if wanted(c.topic, c.msgtype)]
         if not chosen:
             return
@@ -224,13 +231,21 @@ class Budget:
         return min(LARGEST_PART, self._left)
 
     def take(self, count: int, most: int | None = None) -> None:
-        """Note that `count` bytes were unpacked, at most `most` of them allowed."""
+        """Note that `count` bytes were unpacked.
+
+        Raises:
+            BadInput: they are more than `most`, or than all that is left.
+        """
         if count > (self._left if most is None else most):
             raise BadInput(f"{self._path}: unpacks to far more than it holds; cut out the part that matters")
         self._left -= count
 
     def unpack(self, new: Callable[[], Any], data: bytes) -> bytes:
-        """All frames in `data`, each by a decompressor that `new` makes."""
+        """All frames in `data`, each by a decompressor that `new` makes.
+
+        Raises:
+            BadInput: a frame is cut off, or they unpack to more than is allowed.
+        """
         out, most = [], self.part
         while data:
             frame = new()

@@ -99,7 +99,12 @@ def _written(
 def certificates(
     parts: Sequence[Part], judge: CycleJudging, formats: Sequence[Format], rate: float | None
 ) -> list[Certificate]:
-    """Certificates of the samples that formats write of a cycle; none if they write the judged samples."""
+    """Certificates of the samples that formats write of a cycle; none if they write the judged samples.
+
+    Args:
+        parts: of the cycle, in order. judge: of the cycle. formats: that are asked for.
+        rate: [Hz] of the samples; None: those of the plan.
+    """
     limits, out = judge.scorer.robot.limits, []
     names = {form.name for form in formats}
     if "franka" in names:

@@ -160,6 +160,9 @@ def seconds(stamp: Any, where: str) -> float:
     """A duration in s from {sec, nanosec}, {secs, nsecs} or a plain number of seconds.
 
     Whole seconds and nanoseconds are added in decimal, so that a time with nine digits is met to the last bit.
+
+    Raises:
+        BadInput: none of these; the line begins with `where`.
     """
     if not isinstance(stamp, Mapping):
         return number(stamp, where)

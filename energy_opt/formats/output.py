@@ -76,7 +76,7 @@ def wanted(names: Sequence[str], joints: int | None = None) -> list[Format]:
 
 
 def file_of(form: Format, rate: float | None, stem: str = "trajectory") -> str:
-    """The file's name; that of a table at a rate contains the rate, to differ from the judged one."""
+    """The file's name; that of a table at a rate [Hz] contains the rate, to differ from the judged one."""
     at = f"_{rate:g}hz" if form.name == "csv" and rate is not None else ""
     return f"{stem}{at}{form.suffix}"
 
@@ -146,7 +146,12 @@ def write(
 
 
 def read_back(path: Path, form: Format, got: Sampled, judge: Judging, prefix: str, trajectory: Trajectory) -> Written:
-    """Read a file and judge its content; `trajectory` is its source."""
+    """Read a file and judge its content.
+
+    Args:
+        path: the file. form: its format. got: the samples that were written. judge: of the motion.
+        prefix: of the joints' names in the file. trajectory: the motion that the samples are of.
+    """
     again = form.read(path).of(judge.scorer.robot.joints, prefix).trajectory()
     positions_alone = form.name in STEPS and got.rate == STEPS[form.name]
     if isinstance(judge, CycleJudging) and form.name == "urscript":
@@ -159,7 +164,11 @@ def read_back(path: Path, form: Format, got: Sampled, judge: Judging, prefix: st
 
 
 def unchanged(path: Path, form: Format, judged: Trajectory, certificate: Certificate) -> Written:
-    """A file of the samples that `certificate` is of: valid where it holds these to the last bit."""
+    """A file of judged samples: valid if it holds them to the last bit.
+
+    Args:
+        path: the file. form: its format. judged: the samples. certificate: theirs.
+    """
     again = form.read(path).of(judged.joints).trajectory()
     same = all(
         np.array_equal(getattr(again, name), getattr(judged, name))

@@ -126,7 +126,11 @@ def broken(certificate: Certificate, rate: float) -> str:
 
 
 def lowest(trajectory: Trajectory, judge: Judge, above: float = 0.0) -> float | None:
-    """The lowest of the usual rates at which the samples stay within all limits; None where none of them does."""
+    """The lowest of the usual rates [Hz] at which the samples stay within all limits; None if none of them does.
+
+    Args:
+        trajectory: to be sampled. judge: of the samples. above: [Hz] rates up to this one are left out.
+    """
     return next((rate for rate in RATES if rate > above and judge(resampled(trajectory, rate)).valid), None)
 
 
@@ -166,8 +170,9 @@ def _mean(q: np.ndarray, width: int) -> np.ndarray:
 
 
 def of_steps(joints: tuple[str, ...], q: np.ndarray, rate: float) -> Trajectory:
-    """Positions (N, n) at steps as a trajectory; velocity and acceleration by differences over two steps, at rest
-    before and after.
+    """Positions (N, n) at steps of `rate` [Hz] as a trajectory.
+
+    Velocity and acceleration are differences over two steps; the arm rests before and after.
     """
     padded = np.concatenate([q[:1], q, q[-1:]])
     v = (padded[2:] - padded[:-2]) * rate / 2

@@ -35,7 +35,10 @@ _SERVO = f"servoj(q, 0, 0, dt, {LOOKAHEAD}, {GAIN})"
 
 
 def vector(values: np.ndarray) -> str:
-    """Numbers as a list of URScript, with fifteen decimals, as accelerations come from differences over 10 us."""
+    """Numbers (n,) as a list of URScript.
+
+    It has fifteen decimals, because the controller's accelerations are differences over 10 us.
+    """
     return "[" + ",".join(f"{x:.15f}" for x in values.tolist()) + "]"
 
 

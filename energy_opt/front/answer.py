@@ -185,7 +185,12 @@ def _under(row: Mapping[str, Any]) -> str:
 
 
 def table(result: Result, out: Path, robot: Robot, year: str = "") -> str:
-    """The short table for the terminal; `year` is the line on the saving per year."""
+    """The short table for the terminal.
+
+    Args:
+        result: the solved move. out: the folder of its files. robot: for the units of joints.
+        year: the line on the saving per year, or empty.
+    """
     columns = [("result", result.trajectory.duration, result.energy)]
     columns += [(b.name, b.duration, b.energy) for b in result.baselines]
     lines = [f"{'energy [J]':<22}" + "".join(f"{name:>12}" for name, _, _ in columns)]

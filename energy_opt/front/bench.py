@@ -80,7 +80,11 @@ bench = verb(BenchRequest, run)
 
 
 def overrides_of(request: BenchRequest) -> dict[str, Any]:
-    """A request's values that replace those of every table of a suite, by the suite's keys."""
+    """A request's values that replace those of every table of a suite, by the suite's keys.
+
+    Raises:
+        BadInput: a robot or model that is loaded already; processes need names or files.
+    """
     out: dict[str, Any] = dict(request.overrides or {})
     for name, given in (("robots", request.robot), ("models", request.model)):
         if isinstance(given, (Robot, PowerModel)):

@@ -180,7 +180,8 @@ def verb(request: Callable[P, Asked], run: Callable[[Asked, Desk], Given]) -> Ca
         request: the class of the request. run: does what a request asks for, with a desk.
 
     Returns:
-        The function; its signature and its text come from the request's fields.
+        The function; its signature and its text come from the request's fields. It raises BadInput for an unknown
+        argument.
     """
     kind = cast(type[Request], request)
     spelled = {name: found for name, (_, found) in options_of(kind).items()}

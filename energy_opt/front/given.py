@@ -101,7 +101,14 @@ def several(given: AnyModel | Sequence[AnyModel] | None) -> list[AnyModel]:
 
 
 def source_model(robot: AnyRobot = "panda", method: int = 2) -> PowerModel:
-    """The power model of Petrichenko et al. 2024 (arXiv 2411.03194) by its Method 1 or 2, taken over for any robot."""
+    """The power model of Petrichenko et al. 2024 (arXiv 2411.03194), applied to any robot.
+
+    Args:
+        robot: loaded, or by name. method: 1 or 2.
+
+    Raises:
+        BadInput: another method.
+    """
     name = f"source-method-{method}"
     if not is_named(name):
         raise BadInput(f"--method {method}; expected 1 or 2")

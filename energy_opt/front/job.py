@@ -145,7 +145,11 @@ job = verb(JobRequest, run)
 
 
 def table(found: Mapping[str, Any], cycles: float | None, out: Path) -> str:
-    """Table of the steps and savings, for a terminal; `cycles` per year if requested."""
+    """Table of the steps and savings, for a terminal.
+
+    Args:
+        found: the content of job.json. cycles: how many a year, if asked for. out: the folder of the files.
+    """
     lines = [f"{'step':<24} {'begins [s]':>10} {'takes [s]':>10} {'energy [J]':>11} {'kg':>5}"]
     for row in found["steps"]:
         lines.append(

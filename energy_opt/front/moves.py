@@ -272,7 +272,14 @@ def _passing(trajectory: Trajectory, q: np.ndarray) -> np.ndarray:
 
 
 def with_goals(result: Answer, chosen: Chosen, poses: dict[str, Pose], settings: Settings) -> Answer:
-    """The answer with the goals that were considered, and the errors of its ends at their poses."""
+    """The answer with the goals that were considered, and the errors of its ends at their poses.
+
+    It is `not_converged` if an end misses the tolerance of its pose.
+
+    Args:
+        result: the solved move. chosen: the goals that were compared.
+        poses: of the ends, by "start", "goal" and "via 1". settings: with the tool.
+    """
     positions = result.trajectory.position
     at = {"start": positions[0], "goal": positions[-1]}
     for k, q in enumerate(chosen.move.via, start=1):

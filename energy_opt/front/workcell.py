@@ -73,7 +73,12 @@ class CellAnswer(Answered):
 
 
 def run_workcell_job(request: JobRequest, desk: Desk) -> CellAnswer:
-    """A cycle of several robots, scheduled and planned for least energy."""
+    """A cycle of several robots, scheduled and planned for least energy.
+
+    Raises:
+        BadInput: an option of one robot, or a fault of the file.
+        Infeasible: no schedule keeps cycle time, lags, zones, limits of the supply, and arms apart.
+    """
     from energy_opt.workcell.file import workcell_of
     from energy_opt.workcell.program import formats_of
     from energy_opt.workcell.run import run_workcell
@@ -120,7 +125,11 @@ def run_workcell_job(request: JobRequest, desk: Desk) -> CellAnswer:
 
 
 def table(found: Mapping[str, Any], cycles: float | None, out: Path) -> str:
-    """Table of the schedule and the saving by each lever, for a terminal; `cycles` per year if requested."""
+    """Table of the schedule and the saving by each lever, for a terminal.
+
+    Args:
+        found: the content of job.json. cycles: how many a year, if asked for. out: the folder of the files.
+    """
     lines = [f"{'robot':<14} {'step':<28} {'begins [s]':>10} {'takes [s]':>10} {'mode':<16} {'energy [J]':>12}"]
     for robot in found["robots"]:
         lines += [

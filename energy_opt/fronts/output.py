@@ -33,7 +33,12 @@ COLUMNS = ("duration", "energy_total", "energy_standby", "energy_loss", "status"
 
 
 def document(front: Front, *, robot: str, joints: tuple[str, ...], mode: str, cycle: Cycle | None) -> dict[str, Any]:
-    """The content of tradeoff.json; energies in J, durations in s."""
+    """The content of tradeoff.json; energies in J, durations in s.
+
+    Args:
+        front: the points. robot: its name. joints: their names. mode: of the move.
+        cycle: the cycle with the wait, or None.
+    """
     out: dict[str, Any] = {
         "status": front.status,
         "robot": robot,
@@ -151,7 +156,11 @@ def _plot(path: Path, front: Front) -> None:
 
 
 def text(front: Front, found: Mapping[str, Any], out: Path) -> str:
-    """The front as a short table for a terminal."""
+    """The front as a short table for a terminal.
+
+    Args:
+        front: the points. found: the content of tradeoff.json. out: the folder of the files.
+    """
     lines = [f"{'duration [s]':>12} {'total [J]':>11} {'standby':>11} {'loss':>11} {'stored':>11}  status"]
     for p in found["points"]:
         numbers = [p[f"energy_{part}"] for part in ("total", "standby", "loss", "stored")]

@@ -156,7 +156,12 @@ def _fitted(seen: Sequence[_Seen], best: _Seen, holding: np.ndarray) -> tuple[np
 def modelled(
     fronts: Sequence[Front], saved: np.ndarray, holding: np.ndarray, time: float, waiting: float
 ) -> np.ndarray:
-    """Durations (L,) [s] by the legs' models alone: `saved` k [J s^3] and `holding` h [W], (L,) each."""
+    """Durations (L,) [s] by the legs' models alone.
+
+    Args:
+        fronts: of the legs, for their shortest and longest durations.
+        saved: (L,) k [J s^3]. holding: (L,) h [W]. time: [s] of all legs together. waiting: [W] during time left over.
+    """
     low, high = (np.array([getattr(front, name) for front in fronts]) for name in ("shortest", "longest"))
     holding = np.maximum(holding, waiting + FLAT)
     durations = _durations(saved, holding, low, high, waiting)

@@ -132,7 +132,11 @@ class Plan:
     left: float
 
     def under(self, job: Job, scorers: Scorers, factor: int = DENSER) -> Plan:
-        """The same motions and waits, scored by other models on a grid `factor` times denser than the samples."""
+        """The same motions and waits, scored by other models.
+
+        Args:
+            job: of the plan. scorers: of the other models. factor: how much denser than the samples the grid is.
+        """
         pairs = zip(self.legs, self.answers, strict=True)
         answers = tuple(replace(a, energy=scorers.of(leg.step).energy(a.trajectory, factor)) for leg, a in pairs)
         power = standing_power(scorers, job.steps[self.rest.after], self.rest.brakes)
@@ -140,7 +144,11 @@ class Plan:
 
 
 def assembled(job: Job, scorers: Scorers, plan: Plan) -> tuple[Piece, ...]:
-    """All pieces of a cycle in order."""
+    """All pieces of a cycle in order.
+
+    Args:
+        job: its steps. scorers: for the energy of waits. plan: the motions, the waits and the time left over.
+    """
     by_step = {leg.steps[0]: (leg, answer) for leg, answer in zip(plan.legs, plan.answers, strict=True)}
     rest = plan.rest
     out: list[Piece] = []

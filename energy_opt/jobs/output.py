@@ -77,7 +77,12 @@ def with_room(result: JobResult, files: Files, again: Callable[[Shares], JobResu
 def write_programs(
     result: JobResult, formats: Sequence[Format], out: Path, rate: float | None = None, prefix: str = ""
 ) -> list[Written]:
-    """Write the cycle in several formats into a folder, as `write_cycle` does."""
+    """Write the cycle in several formats into a folder, as `write_cycle` does.
+
+    Args:
+        result: the solved job. formats: of the files. out: the folder. rate: [Hz] of samples; None: those of the plan.
+        prefix: of the joints' names.
+    """
     return write_cycle(parts_of(result), judging_of(result), formats, out, rate, prefix)
 
 
@@ -230,7 +235,14 @@ def write(
     result: JobResult, request: Mapping[str, Any], out: Path, worth: PerYear | None = None,
     written: Sequence[Written] = (),
 ) -> dict[str, Any]:  # fmt: skip
-    """Write step_01.csv ..., cycle.csv, report.html and job.json, this last; returns the document of `found_of`."""
+    """Write step_01.csv ..., cycle.csv, report.html and job.json, this last.
+
+    Args:
+        result: the solved job. request: its document. out: the folder. worth, written: as those of `found_of`.
+
+    Returns:
+        The document of `found_of`.
+    """
     parts = [(result.scorer(result.job.steps[piece.steps[0] if piece.steps else 0]), part)
              for piece in result.pieces for part in split(piece, result)]  # fmt: skip
     for number, (scorer, part) in enumerate(parts, start=1):

@@ -115,7 +115,11 @@ def knee(time: np.ndarray, energy: np.ndarray) -> int | None:
 
 
 def document(job: Job, points: Sequence[JobPoint], shortest: float, interrupted: bool) -> dict[str, Any]:
-    """The content of a job's tradeoff.json: `duration` is the cycle time [s], energies are of the whole cycle [J]."""
+    """The content of a job's tradeoff.json: `duration` is the cycle time [s], energies are of the whole cycle [J].
+
+    Args:
+        job: as asked. points: its cycle times. shortest: [s] the shortest cycle. interrupted: whether it stopped early.
+    """
     records = [_row(point) for point in points]
     found = [row for row in records if row["energy_total"] is not None]
     bend = knee(*(np.array([row[name] for row in found]) for name in ("duration", "energy_total")))

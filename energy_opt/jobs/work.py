@@ -218,7 +218,11 @@ class Answers:
             return None
 
     def keep(self, leg: Leg, duration: float, trajectory: Trajectory) -> None:
-        """Write an answer, completely or not at all."""
+        """Write the answer to a leg of a duration [s], completely or not at all.
+
+        Raises:
+            BadInput: the file cannot be written.
+        """
         formats.write(trajectory, self._path(leg, duration))
 
     def forget(self) -> None:

@@ -80,7 +80,7 @@ class Clock:
     explained: float
 
     def moved(self, stamps: np.ndarray) -> np.ndarray:
-        """Stamps of the meter on the joints' clock, s."""
+        """Stamps (M,) [s] of the meter on the joints' clock."""
         return stamps + self.offset + self.drift * (stamps - self.middle)
 
 

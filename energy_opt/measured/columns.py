@@ -44,7 +44,11 @@ def kind_of(quantity: str) -> str:
 
 
 def factor_of(quantity: str, rule: Rule, table: Table) -> float:
-    """Factor to SI units: from the log, else from the file's row of units, else 1."""
+    """Factor to SI units: from the log, else from the file's row of units, else 1.
+
+    Args:
+        quantity: as log.toml names it. rule: its columns. table: the file.
+    """
     if rule.factor is not None:
         return rule.factor
     kind = kind_of(quantity)
@@ -53,7 +57,14 @@ def factor_of(quantity: str, rule: Rule, table: Table) -> float:
 
 
 def rule_from(quantity: str, value: Any, where: str) -> Rule:
-    """A rule from an entry of the [columns] table: a header, or a table with column or product, and unit."""
+    """A rule from an entry of the [columns] table.
+
+    Args:
+        quantity: the entry's key. value: a header, or a table with column or product, and unit. where: the log's name.
+
+    Raises:
+        BadInput: an unknown quantity, key or unit, or no header.
+    """
     if quantity == LOGGED or quantity.startswith(LOGGED + "."):
         return _signal(quantity, value, where)
     kind = kind_of(quantity)

@@ -115,7 +115,10 @@ def _torque_error(table: Table, name: str) -> float | None:
 
 
 def guess_joints(table: Table, robot: Robot, hand: ByHand) -> Guess:
-    """Columns and units of a file of joints, its own meter included; those named by `hand` have priority.
+    """Columns and units of a file of joints, its own meter included.
+
+    Args:
+        table: the file. robot: whose joints these are. hand: columns that the user named, which have priority.
 
     Raises:
         BadInput: it has no time, or no position for some joint.
@@ -162,7 +165,10 @@ def guess_joints(table: Table, robot: Robot, hand: ByHand) -> Guess:
 
 
 def guess_meter(table: Table, span: float | None, hand: ByHand) -> Guess:
-    """Columns and units of a meter's own file, which lasts about `span` [s].
+    """Columns and units of a meter's own file.
+
+    Args:
+        table: the file. span: [s] its approximate duration, if known. hand: columns that the user named.
 
     Raises:
         BadInput: it has neither power nor energy.

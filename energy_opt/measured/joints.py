@@ -35,7 +35,7 @@ class Stamped:
 
 
 def backward(time: np.ndarray) -> int | None:
-    """Index of the first stamp that lies before its predecessor, None if there is none."""
+    """Index of the first stamp in `time` (N,) that lies before its predecessor, None if there is none."""
     back = np.flatnonzero(np.diff(time) < 0)
     return int(back[0]) + 1 if back.size else None
 
@@ -181,7 +181,11 @@ class Joints:
 
 
 def quantity(table: Table, name: str, rule: Rule) -> np.ndarray:
-    """A quantity in SI units (N,), nan for empty cells; implausible values are added to the table's faults."""
+    """A quantity in SI units (N,), nan for empty cells.
+
+    Args:
+        table: the file; implausible values are added to its faults. name: of the quantity. rule: its columns.
+    """
     values = table.product(rule.columns)
     factor = factor_of(name, rule, table)
     if name.endswith("time"):
@@ -201,7 +205,10 @@ def stamp_factor(stamps: np.ndarray, name: str = "time", span: float | None = No
     """Seconds per unit of stamps without a named unit: by their size if they count from 1970, else by their step.
 
     Recorders of arms write 5 to 2000 samples/s, so a step of 0.5 or more is not in seconds; meters write 0.1 to 100.
-    A given `span` [s], the approximate duration, decides instead of the step.
+
+    Args:
+        stamps: (N,) as written; not finite ones are ignored. name: "power.time" for a meter's.
+        span: [s] the approximate duration, if known: it decides instead of the step.
     """
     stamps = stamps[np.isfinite(stamps)]
     if len(stamps) < 2:
@@ -229,7 +236,14 @@ def wanted(rules: Mapping[str, Rule], table: Table) -> list[str]:
 
 
 def read_joints(table: Table, rules: Mapping[str, Rule], robot: Robot, kind: str) -> Joints | None:
-    """The joints' samples of a table; None if it has faults, which are then in `table.faults`."""
+    """The joints' samples of a table; None if it has faults, which are then in `table.faults`.
+
+    Args:
+        table: the file. rules: the columns of each quantity. robot: the arm. kind: "motion" or "static".
+
+    Raises:
+        BadInput: no column is named for a joint's position.
+    """
     table.load(wanted(rules, table))
     time = quantity(table, "time", rules["time"])
     signals = {}

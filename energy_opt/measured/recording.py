@@ -38,7 +38,7 @@ class Readings:
     remarks: tuple[str, ...] = ()
 
     def some(self, which: np.ndarray) -> Readings:
-        """Some of the readings."""
+        """The readings of the indices or the mask `which` (M,)."""
         return replace(self, time=self.time[which], power=self.power[which], window=self.window[which])
 
 
@@ -116,7 +116,7 @@ def _counter(time: np.ndarray, energy: np.ndarray, dated: bool) -> Readings:
 
 
 def total(time: np.ndarray, energy: float) -> Readings:
-    """One reading over a whole run, from its total energy [J]."""
+    """One reading over a whole run of samples at `time` (N,) [s], from its total energy [J]."""
     span = float(time[-1] - time[0])
     return Readings(time[-1:], np.array([energy / span]), np.array([span]), "total")
 

@@ -81,7 +81,7 @@ class Run:
             object.__setattr__(self, "window", np.zeros(len(self.power)))
 
     def logged_at(self, samples: slice | np.ndarray) -> dict[str, np.ndarray]:
-        """`logged` at some joint samples."""
+        """`logged`, (M,) each, at the joint samples `samples` (M,)."""
         return {name: values[samples] for name, values in self.logged.items()}
 
     def joint_signals(self) -> Iterator[tuple[str, np.ndarray]]:
@@ -128,6 +128,9 @@ def standstills(time: np.ndarray, position: np.ndarray) -> list[tuple[int, int]]
     """Index ranges [first, last] in which no joint moves for at least `SHORTEST`.
 
     Speed is the slope over a window of about 0.1 s, so that encoder steps do not count as motion.
+
+    Args:
+        time: (N,) [s]. position: (N, n) [rad, m].
     """
     step = float(np.median(np.diff(time)))
     half = max(1, round(0.05 / step))

@@ -71,7 +71,10 @@ def stated_payload(log: LogFile) -> PointMass | None:
 
 
 def robot_of(log: LogFile, limits: Path | None = None, lock: Mapping[str, float] | None = None) -> Robot:
-    """The robot that a log names, with a joint_limits.yaml and locked joints; a URDF lies in the set's folder.
+    """The robot that a log names; a URDF lies in the set's folder.
+
+    Args:
+        log: the set's. limits: a joint_limits.yaml. lock: positions of joints that do not move, by name.
 
     Raises:
         BadInput: no such robot; or its URDF lies outside of the set's folder, and the log may not name such files.
@@ -146,7 +149,11 @@ def inspect_set(
 ) -> tuple[list[str], list[str]]:
     """All faults of a measured set, and remarks on the reading: samples dropped, recordings cut, clocks found.
 
-    It never raises for a faulty file. `lock`: locked joints of the log's robot, with their positions.
+    It never raises for a faulty file.
+
+    Args:
+        folder: of the set. allow_outside: its log may name files outside.
+        lock: positions of joints that do not move, by name.
     """
     try:
         log = read_log(folder, allow_outside)

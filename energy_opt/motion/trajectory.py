@@ -31,7 +31,10 @@ MOST_SAMPLES = 20_000  # most samples that ROW_STEP gives: longer motions are sl
 
 
 def whole(time: np.ndarray | float) -> np.ndarray:
-    """Times [s] rounded to whole nanoseconds, the unit of messages: judged times can then be written exactly."""
+    """Times (N,) [s] rounded to whole nanoseconds, the unit of messages.
+
+    Judged times can then be written without a change.
+    """
     return np.asarray(np.round(np.asarray(time, dtype=float) * 1e9) / 1e9)
 
 

@@ -62,9 +62,11 @@ class Way:
 def reshaped(
     level: Level, way: Way, leg: Curve, parameters: np.ndarray, rng: np.random.Generator | None = None
 ) -> Curve:
-    """Reshape `leg` to lower the level's cost, starting from it or, given `rng`, from the best of some random bends.
+    """A leg reshaped to lower the level's cost; `leg` itself if the solver ends outside the limits.
 
-    Return `leg` itself if the solver ends outside the limits.
+    Args:
+        level: the cost and its nodes. way: ends, limits and durations. leg: to begin with.
+        parameters: (P,) the models' values. rng: None begins with `leg`, else with the best of some random bends.
     """
     limits = scaled(joint_limits(way.limits), SPARE)
     start = leg if rng is None else _bent(level, way, leg, limits, parameters, rng)
@@ -109,7 +111,11 @@ def _fast(curve: Curve, limits: Sequence[Limit]) -> Curve:
 
 
 def shortest(robot: Robot, limits: Sequence[Limit], start: np.ndarray, goal: np.ndarray) -> float:
-    """Shortest quintic within the limits on motion, and within torque limits (with a tenth to spare), s."""
+    """Duration [s] of the shortest quintic within the limits on motion and torque, a tenth of them to spare.
+
+    Args:
+        robot: for its torques. limits: on motion. start, goal: (n,) [rad, m].
+    """
     way = goal - start
     moved = [np.max(PEAKS[k.order] * 1.1 * np.abs(way) / k.bound) ** (1 / k.order) for k in limits if k.order]
     duration = max(SHORTEST, *(float(one) for one in moved))

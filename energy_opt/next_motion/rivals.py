@@ -101,9 +101,12 @@ def separations(rivals: Sequence[Rival], body: RigidBody, trajectory: Trajectory
 def nearest(
     rivals: Sequence[Rival], body: RigidBody, trajectory: Trajectory, step: float, pair: int
 ) -> list[PowerModel]:
-    """The rivals' models, one of `pair` with the numbers by which it resembles the other most on a motion.
+    """The rivals' models, one of a pair with the numbers by which it resembles the other most on a motion.
 
     A motion that is changed to let these differ tells more than their numbers can take up (Danskin's theorem).
+
+    Args:
+        rivals: all of them. body: the arm's. trajectory: the motion. step: [s] between readings. pair: its index.
     """
     _, k, u = _left(rivals, body, trajectory, step)[pair]
     models, slack = [rival.model for rival in rivals], rivals[k].slack
@@ -148,7 +151,11 @@ def _unexplained(d: np.ndarray, slack: Slack | None, by: np.ndarray, step: float
 
 
 def samples_of(body: RigidBody, trajectory: Trajectory, step: float) -> Samples:
-    """A motion as samples `step` s apart, without a measured power."""
+    """A motion as samples without a measured power.
+
+    Args:
+        body: the arm's. trajectory: the motion. step: [s] between samples.
+    """
     time = np.arange(int(trajectory.duration / step) + 1) * step
     q, v, a, _ = trajectory.sample(trajectory.time[0] + time)
     count = len(time)

@@ -96,7 +96,11 @@ def changes(before: Arm, after: Arm) -> list[Change]:
 
 
 def changes_since(last: PowerModel, now: PowerModel, robot: Robot) -> list[Change]:
-    """Changes of a new calibration against the last one, real changes first."""
+    """Changes of a new calibration against the last one, real changes first.
+
+    Args:
+        last, now: both models. robot: whose models they are.
+    """
     found = changes(Arm("last", robot, last, "", {}), Arm("now", robot, now, "", {}))
     return sorted((x for x in found if x.difference), key=lambda x: (not x.real, -abs(x.percent or 0.0)))
 

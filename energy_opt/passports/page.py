@@ -17,7 +17,11 @@ GRID = 25  # points of a map along each axis
 
 
 def page(arms: Sequence[Arm], changes: Sequence[Change], headline: str, request: Mapping[str, Any]) -> Report:
-    """The report of a passport of `arms`."""
+    """The report of a passport.
+
+    Args:
+        arms: with their values. changes: between the first and the others. headline: one sentence. request: as asked.
+    """
     names = ", ".join(arm.label for arm in arms)
     report = Report(f"Electrical passport: {names}").headline(headline)
     for arm in arms:

@@ -155,7 +155,11 @@ class Arm:
         return "published" if effect in self.sources else "declared"
 
     def number(self, effect: str, parameter: str, index: int = 0) -> Number:
-        """One value of the model; `index` counts joints."""
+        """One value of the model with its interval and source; without a value if the model lacks the effect.
+
+        Args:
+            effect, parameter: by name. index: of the joint.
+        """
         held = self.model.get(effect)
         if held is None:
             return Number(None, "")
@@ -206,6 +210,9 @@ class Arm:
 
 def read_arm(word: str, robot: Robot | None = None, limits: Path | None = None) -> Arm:
     """The arm of a model file, of a model's name, or of a robot's name: its published values, else assumed ones.
+
+    Args:
+        word: a file or a name. robot: if loaded already. limits: a joint_limits.yaml.
 
     Raises:
         BadInput: none of these; the file is at fault; its robot is not known and none was given; or its lists do not

@@ -15,7 +15,14 @@ from energy_opt.reports.page import Report
 
 
 def write(placement: Placement, request: Mapping[str, Any], out: Path) -> dict[str, Any]:
-    """Write the folder; returns place.json's document."""
+    """Write place.json, map.png, report.html and the job's folder.
+
+    Args:
+        placement: the answer. request: its document. out: the folder.
+
+    Returns:
+        The content of place.json.
+    """
     from energy_opt.reports.plots import plot_placements, png
 
     found = {**placement.document(), "request": plain(request)}

@@ -49,7 +49,11 @@ class PlaceRequest:
 
     @classmethod
     def of(cls, words: str, **more: Any) -> PlaceRequest:
-        """From X0,X1,Y0,Y1,Z0,Z1, and `yaw` (all round) or YAW0,YAW1."""
+        """From X0,X1,Y0,Y1,Z0,Z1 [m], and `yaw` (all round) or YAW0,YAW1 [rad]; `more` are further fields.
+
+        Raises:
+            BadInput: another form, a range whose end is below its beginning, or a value that no search has.
+        """
         parts = [part.strip() for part in words.split(",")]
         turning = len(parts) == 7 and parts[6].lower() == "yaw"
         try:

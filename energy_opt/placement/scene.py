@@ -26,7 +26,14 @@ def in_scene(job: Job, cell: CellRequest) -> Job:
 
 
 def fixture_pose(job: Job, cell: CellRequest, fixture: str) -> tuple[float, ...]:
-    """The placement of a fixture: x, y, z [m], roll, pitch, yaw [rad] (6,) of its frame in the scene's."""
+    """The placement of a fixture: x, y, z [m], roll, pitch, yaw [rad] (6,) of its frame in the scene's.
+
+    Args:
+        job: its steps name the fixture. cell: with the scene, unless the job has its own. fixture: the object's name.
+
+    Raises:
+        BadInput: no step ends at a pose in that frame, or there is no scene with such an object.
+    """
     steps = [step for step in job.steps if step.pose is not None and step.pose.frame == fixture]
     if not steps:
         raise BadInput(f"{job.name}: no step ends at a pose in the frame of {fixture!r}, so its place changes nothing; "

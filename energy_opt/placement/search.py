@@ -79,7 +79,11 @@ class Search:
         return x, y, z, self.given[3], self.given[4], yaw
 
     def posed(self, point: np.ndarray, pool: dict[int, np.ndarray] | None = None) -> Posed:
-        """The choice of positions at a placement; with a pool of starts it is quick and ignores bodies."""
+        """The choice of positions at a placement `point` (4,).
+
+        Args:
+            pool: starts (K, n) by step; with them the choice is quick and ignores bodies.
+        """
         cell = self.at(point)
         return Posed(self.job, self.model, self.settings, cell, starts=pool)
 
@@ -96,7 +100,7 @@ class Search:
         return out
 
     def estimates(self) -> list[tuple[np.ndarray, float]]:
-        """Placements with their estimates [J], the cheapest first; infinite if a pose is out of reach."""
+        """Placements (4,) with their estimates [J], the cheapest first; infinite if a pose is out of reach."""
         out: list[tuple[np.ndarray, float]] = []
         points = self.points()
         for k, point in enumerate(points):
@@ -107,7 +111,7 @@ class Search:
         return sorted(out, key=lambda item: item[1])
 
     def estimate(self, point: np.ndarray) -> float:
-        """The likely energy of the job at a placement [J]; infinite if a pose is out of reach."""
+        """The likely energy [J] of the job at a placement (4,); infinite if a pose is out of reach."""
         try:
             posed = self.posed(point, self._pool)
         except Infeasible:
@@ -172,7 +176,7 @@ class Search:
         return [posed.estimated()[0], posed.greedy()]
 
     def better(self, here: Rough) -> tuple[np.ndarray, float]:
-        """A placement near a rough cycle at which its bent motions cost less, and the gain [J]."""
+        """A placement (4,) near a rough cycle at which its bent motions cost less, and the gain [J]."""
         assert here.plan is not None
         starts, point = {k: q[None] for k, q in here.ends.items()}, here.point
         bent = self.posed(point, starts).bending(here.plan)
@@ -200,7 +204,7 @@ class Search:
         return at, before - value
 
     def ends_at(self, point: np.ndarray, ends: Ends) -> Ends | None:
-        """The positions at a placement nearest to given ones; None if a pose is out of reach."""
+        """The positions (n,) by step at a placement (4,) nearest to given ones; None if a pose is out of reach."""
         try:
             there = self.posed(point, {k: q[None] for k, q in ends.items()})
         except Infeasible:
@@ -208,7 +212,11 @@ class Search:
         return {k: there.sets[k][0] if k in there.poses else q for k, q in ends.items()}
 
     def step(self, here: Rough, relax: float, most: int) -> tuple[Rough | None, float]:
-        """A rough cycle that costs less, None if none is near among `most`, and the factor of the next step."""
+        """A rough cycle that costs less, None if none is near, and the factor of the next step.
+
+        Args:
+            here: to begin at. relax: factor of this step. most: how many placements to try.
+        """
         assert here.plan is not None
         at, gain = self.better(here)
         if gain < WORTH * sum(answer.energy.loss for answer in here.plan.answers):

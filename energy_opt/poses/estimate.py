@@ -70,8 +70,10 @@ class Curves:
 
 
 def fastest(robot: Robot, start: np.ndarray, goal: np.ndarray) -> np.ndarray:
-    """Lower bounds (P,) [s] of the durations of motions between positions (P, n): velocity, acceleration, jerk
-    limits.
+    """Lower bounds (P,) [s] of the durations of motions, by the limits on velocity, acceleration and jerk.
+
+    Args:
+        robot: for its limits. start, goal: (P, n) [rad, m].
     """
     limits = robot.limits
     way, v, a, j = np.abs(goal - start), limits.velocity, limits.acceleration, limits.jerk
@@ -83,7 +85,11 @@ def fastest(robot: Robot, start: np.ndarray, goal: np.ndarray) -> np.ndarray:
 
 
 def quickest(robot: Robot, q: np.ndarray, found: np.ndarray) -> np.ndarray:
-    """The one of positions (K, n) that is quickest to reach from q (n,); among equals the one with less travel."""
+    """The positions (n,) that are quickest to reach; among equals those with less travel.
+
+    Args:
+        robot: for its limits. q: (n,) to begin at. found: (K, n) to choose from.
+    """
     seconds = fastest(robot, np.broadcast_to(q, found.shape), found) + 1e-3 * np.abs(found - q).sum(axis=1)
     return np.asarray(found[int(np.argmin(seconds))])
 
@@ -100,7 +106,11 @@ def curves(scorers: Sequence[Scorer], start: np.ndarray, goal: np.ndarray) -> Cu
 
 
 def straight(scorers: Sequence[Scorer], start: np.ndarray, goal: np.ndarray, duration: np.ndarray) -> np.ndarray:
-    """Energy (P,) [J] of straight moves between positions (P, n) in `duration` (P,) [s], the mean over the models."""
+    """Energy (P,) [J] of straight moves, the mean over the models.
+
+    Args:
+        scorers: of the models. start, goal: (P, n) [rad, m]. duration: (P,) [s].
+    """
     x = np.linspace(0, 1, SAMPLES)[:, None]
     way, time = (goal - start)[:, None], duration[:, None, None]
     q = start[:, None] + way * (x**3 * (10 - 15 * x + 6 * x**2))

@@ -160,7 +160,11 @@ def _differences(cost: Cost, q: np.ndarray, along: np.ndarray, now: float) -> tu
 
 
 def used(tool: ToolKinematics, pose: Pose, q: np.ndarray, cost: Cost) -> tuple[Pose, np.ndarray] | None:
-    """The pose moved to the cheapest edge of its tolerance, and positions that reach it; None if none do."""
+    """The pose moved to the cheapest edge of its tolerance, and positions (n,) that reach it; None if none do.
+
+    Args:
+        tool: its kinematics. pose: with its tolerance. q: (n,) positions that reach it. cost: of positions (K, n).
+    """
     if max(pose.tolerance) <= WIDE:
         return None
     slope, _ = _differences(cost, q, np.eye(len(q)), float(cost(q[None])[0]))

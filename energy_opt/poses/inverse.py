@@ -219,7 +219,11 @@ def _log_derivative(vector: np.ndarray) -> np.ndarray:
 
 
 def turned_near(q: np.ndarray, near: np.ndarray | None, robot: Robot) -> np.ndarray:
-    """Positions (K, n) with revolute joints shifted by whole turns, within the limits, towards `near`."""
+    """Positions with revolute joints shifted by whole turns, within the limits, towards other positions.
+
+    Args:
+        q: (K, n) [rad, m]. near: (n,); None changes nothing. robot: for its limits.
+    """
     if near is None:
         return q
     out = q.copy()

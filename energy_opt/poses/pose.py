@@ -43,7 +43,11 @@ class Freedom:
 
     @classmethod
     def of(cls, word: str) -> Freedom:
-        """From AXIS or AXIS:FROM:TO, with degrees for turns and millimetres for shifts."""
+        """From AXIS or AXIS:FROM:TO, with degrees for turns and millimetres for shifts.
+
+        Raises:
+            BadInput: another form, an unknown axis, or ends that are no range.
+        """
         axis, *ends = word.split(":")
         if len(ends) not in (0, 2):
             raise BadInput(f"--free {word}: expected AXIS or AXIS:FROM:TO, in degrees or millimetres")
@@ -110,6 +114,10 @@ def pose_from(
 ) -> Pose:
     """A pose from text or from the arguments of `Pose`; a `Pose` is returned unchanged.
 
+    Args:
+        given: text, six or seven numbers, or a matrix (4, 4). free: axes.
+        tolerance: text, or distance [m] and angle [rad]. name: of the argument, for messages.
+
     Raises:
         BadInput: another count of numbers, or no pose.
     """
@@ -119,7 +127,11 @@ def pose_from(
 
 
 def matrix_of(given: str | Sequence[float] | np.ndarray, name: str) -> np.ndarray:
-    """A pose (4, 4) from six or seven numbers, also as text, or from itself; see `Pose`."""
+    """A pose (4, 4) from six or seven numbers, also as text, or from itself; see `Pose`.
+
+    Raises:
+        BadInput: no such numbers, or no pose; the line begins with `name`.
+    """
     if isinstance(given, str):
         given = [finite_number(word, f"{name} {given}", FORM) for word in words_of(given)]
     try:
@@ -145,7 +157,11 @@ FORM = "X,Y,Z,R,P,Y or X,Y,Z,QX,QY,QZ,QW with lengths in m and angles in rad"
 
 
 def tolerance_of(text: str) -> tuple[float, float]:
-    """Distance [m] and angle [rad] from `1mm,1deg`; either may be left out, and m and rad are accepted too."""
+    """Distance [m] and angle [rad] from `1mm,1deg`; either may be left out, and m and rad are accepted too.
+
+    Raises:
+        BadInput: another unit, or a negative number.
+    """
     units = {"mm": (0, 1e-3), "m": (0, 1.0), "deg": (1, np.pi / 180), "rad": (1, 1.0)}
     given: dict[int, float] = {}
     for word in text.split(","):

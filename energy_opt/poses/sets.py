@@ -54,6 +54,10 @@ def positions_of(
 ) -> np.ndarray:
     """All positions (K, n) found that reach a target without contact.
 
+    Args:
+        tool: its kinematics. target: a pose, or positions (n,). cell: bodies to keep clear of; None: none.
+        near: (n,) positions at which the search begins, too. seed: of its random starts.
+
     Raises:
         Infeasible: none reaches it, or each of them touches something.
     """
@@ -86,7 +90,11 @@ def positions_near(tool: ToolKinematics, pose: Pose, starts: np.ndarray) -> np.n
 
 
 def straight_is_free(cell: Cell | None, start: np.ndarray, goal: np.ndarray) -> bool:
-    """True if nothing touches at several places of the straight line between positions (n,)."""
+    """True if nothing touches at LOOKS places of a straight line.
+
+    Args:
+        cell: None: nothing is checked. start, goal: (n,) [rad, m].
+    """
     if cell is None or not cell.checks:
         return True
     return all(cell.touching(start + x * (goal - start)) is None for x in np.linspace(0, 1, LOOKS + 2)[1:-1])
@@ -100,7 +108,11 @@ def free_of(q: np.ndarray, cell: Cell | None) -> np.ndarray:
 
 
 def thinned(q: np.ndarray, cost: np.ndarray, most: int = MOST) -> np.ndarray:
-    """At most `most` of positions (K, n), far from each other; the cheapest first."""
+    """Some of given positions, far from each other; the cheapest first.
+
+    Args:
+        q: (K, n) [rad, m]. cost: (K,). most: how many remain.
+    """
     if len(q) <= most:
         return q
     kept = [int(np.argmin(cost))]

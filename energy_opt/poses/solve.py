@@ -81,7 +81,15 @@ def _placed(
 
 
 def nearest_move(ends: Ends, move: Move, robot: Robot, cell: Cell | None, settings: Settings) -> Move:
-    """The move to the positions that are quickest to reach, each from the one before."""
+    """The move to the positions that are quickest to reach, each from the one before.
+
+    Args:
+        ends: poses and positions. move: for its start, if that is no pose. robot: the arm.
+        cell: bodies to keep clear of. settings: with tool and seed.
+
+    Raises:
+        Infeasible: a pose is out of reach, or every position that reaches it touches something.
+    """
     tool = ToolKinematics(robot, settings.tool)
     q = move.start
     if ends.start is not None:

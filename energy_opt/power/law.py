@@ -288,7 +288,11 @@ def rigid_inputs(model: PowerModel, body: RigidBody) -> tuple[PointMass | None, 
 
 
 def rigid_torque(model: PowerModel, body: RigidBody, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-    """Rigid-body torque (N, n) [N m] with the model's payload, tilt and links, by Pinocchio."""
+    """Rigid-body torque (N, n) [N m] with the model's payload, tilt and links, by Pinocchio.
+
+    Args:
+        model: its rigid effects. body: the arm's. q, v, a: (N, n) [rad, rad/s, rad/s^2].
+    """
     body = body_of(model, body)
     payload, gravity = rigid_inputs(model, body)
     changed = None if np.array_equal(gravity, body.gravity) else gravity

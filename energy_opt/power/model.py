@@ -173,7 +173,7 @@ class PowerModel:
         return tuple(e.form if not e.bakes else (*e.form, f"@{hash(e):x}") for e in self.effects)
 
     def values(self, joints: int) -> np.ndarray:
-        """All parameter values as one vector, effects in order, each laid out as `Effect.full`."""
+        """All parameter values as one vector (P,), effects in order, each laid out as `Effect.full`."""
         return np.concatenate([e.full(joints) for e in self.effects] or [np.zeros(0)])
 
     def slices(self, joints: int) -> list[slice]:
@@ -190,7 +190,7 @@ class PowerModel:
         return ca.SX.sym("p", sum(e.size(joints, e.extents) for e in self.effects))
 
     def with_values(self, vector: Sequence[float] | np.ndarray, joints: int) -> PowerModel:
-        """The same effects with other values, laid out as `values`."""
+        """The same effects with other values (P,), laid out as `values`."""
         effects = tuple(
             type(e).from_full(np.asarray(vector)[s], joints, **e.choices, **e.extents)
             for e, s in zip(self.effects, self.slices(joints), strict=True)

@@ -171,7 +171,7 @@ class Mixture(PowerModel):
         return tuple(form for member in self.members for form in (("member",), *member.structure))
 
     def values(self, joints: int) -> np.ndarray:
-        """The members' values one after the other, then the weights."""
+        """The members' values one after the other, then the weights (K,)."""
         return np.concatenate([*(member.values(joints) for member in self.members), self.weights])
 
     def symbols(self, joints: int) -> ca.SX:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +18,10 @@ def robust_moves(
     robust: RobustPlanner, move: Move, reference: Result, vias: int, least: int = 0
 ) -> tuple[Result, StandardMoves]:
     """The standard moves of `MovesPlanner.solve`, planned under all of a robust planner's models.
+
+    Args:
+        robust: the models. move: as asked. reference: the free trajectory.
+        vias, least: the largest and the least number of via points.
 
     Returns:
         The result and the moves with energies under the first model; `kept` is a share under the models' mean. If
@@ -37,9 +40,6 @@ def robust_moves(
     chosen = next(m for m in found if np.array_equal(m.trajectory.position, result.trajectory.position))
     moves = replace(chosen, trajectory=result.trajectory, energy=result.energy)
     return replace(result, moves=moves.document()), moves
-
-
-Find = Callable[[int, int], tuple[Result, StandardMoves]]
 
 
 def standard_moves(

@@ -68,7 +68,11 @@ def leading(chain: Chain, limit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def write_urscript(moves: StandardMoves, robot: Robot, path: Path) -> None:
-    """Write a program with one `movej` per line; it refuses to begin if the arm is not at the start."""
+    """Write a program with one `movej` per line; it refuses to begin if the arm is not at the start.
+
+    Args:
+        moves: to write. robot: for limits and blend radii. path: the file.
+    """
     chain = moves.chain
     speed, acceleration = leading(chain, robot.limits.acceleration)
     radii = [*blend_radii(chain, robot.body), 0.0]
@@ -87,7 +91,11 @@ def write_urscript(moves: StandardMoves, robot: Robot, path: Path) -> None:
 
 
 def write_yaml(moves: StandardMoves, robot: Robot, path: Path) -> None:
-    """Write corners, times and the usual settings of controllers."""
+    """Write corners, times and the usual settings of controllers.
+
+    Args:
+        moves: to write. robot: for limits, blend radii and units. path: the file.
+    """
     chain = moves.chain
     speed, acceleration = leading(chain, robot.limits.acceleration)
     radii = [*blend_radii(chain, robot.body), 0.0]
@@ -121,7 +129,12 @@ def write_yaml(moves: StandardMoves, robot: Robot, path: Path) -> None:
 
 
 def write(moves: StandardMoves, robot: Robot, judge: Judging, out: Path, names: Sequence[str]) -> list[Written]:
-    """Write the named files, and moves.script if the arm has six joints; each is read back and judged."""
+    """Write files of standard moves; each is read back and judged.
+
+    Args:
+        moves: to write. robot: the arm. judge: of the motion. out: the folder.
+        names: of the files; moves.script is added if the arm has six joints.
+    """
     names = [*names, *(["moves.script"] if robot.n == JOINTS else [])]
     for name in names:
         (write_yaml if name.endswith(".yaml") else write_urscript)(moves, robot, out / name)

@@ -56,7 +56,7 @@ class Placed:
         self._bent = ca.Function("bent", [x, pull], [bent])
 
     def move(self, x: np.ndarray) -> None:
-        """Compute positions, values and gradients at unknowns x."""
+        """Compute positions, values and gradients at unknowns x (N,)."""
         q, slope = self._position(x)
         self._x, self._q = x, np.asarray(q.full()).T.copy()
         self._slope = np.asarray(slope.full()).reshape(*self._q.shape, -1)  # (K, n, unknowns)
@@ -90,7 +90,10 @@ class Shape:
 
 
 def lobatto(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and weights of Gauss-Lobatto quadrature on [0, 1]; exact for polynomials of degree 2 count - 3."""
+    """Nodes and weights (count,) of Gauss-Lobatto quadrature on [0, 1].
+
+    It is exact for polynomials of degree 2 count - 3.
+    """
     inner = np.polynomial.legendre.Legendre.basis(count - 1)
     x = np.concatenate([[-1.0], np.sort(inner.deriv().roots().real), [1.0]])
     return (x + 1) / 2, 1 / (count * (count - 1) * inner(x) ** 2)
@@ -183,7 +186,7 @@ class Program:
         self._at = b""
 
     def chain(self, x: np.ndarray) -> Chain:
-        """The chain of the unknowns."""
+        """The chain of unknowns x (N,): corners between the ends, then spans, ramps and rises."""
         n, k = self.shape.joints, self.shape.vias
         corners = np.vstack([self._ends[0], x[: n * k].reshape(k, n), self._ends[1]])
         spans, ramps, rises = np.split(x[n * k :], [k + 1, 2 * k + 3])
@@ -191,7 +194,7 @@ class Program:
 
     @staticmethod
     def unknowns(chain: Chain) -> np.ndarray:
-        """The unknowns of a chain."""
+        """The unknowns (N,) of a chain; the inverse of `chain`."""
         return np.concatenate([chain.corners[1:-1].ravel(), chain.spans, chain.ramps, chain.rises])
 
     def _move(self, x: np.ndarray) -> None:
@@ -216,7 +219,7 @@ class Program:
             placed.move(x)
 
     def cost(self, x: np.ndarray) -> float:
-        """Energy, scaled, without the work that depends only on the ends."""
+        """Energy at unknowns x (N,), scaled, without the work that depends only on the ends."""
         self._move(x)
         return self.scale * float(self._h @ self._e)
 
@@ -232,7 +235,7 @@ class Program:
         return np.concatenate([self._closed, held, *(placed.value for placed in self.placed)])
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """Derivatives of the constraints by all unknowns, column by column."""
+        """Derivatives of the constraints by all unknowns x (N,), column by column."""
         self._move(x)
         slope = self._values_z[:, :, self._bounded] / self._bounds
         at_nodes = np.matmul(slope.transpose(0, 2, 1), self._jz).reshape(-1, self.size)
@@ -240,7 +243,11 @@ class Program:
         return np.vstack([self._closed_x, at_nodes, *by_place]).T.ravel()  # CasADi's order: by columns
 
     def hessian(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray:
-        """Upper triangle of the Hessian of `factor` times the cost plus multipliers times constraints."""
+        """Upper triangle of the Hessian of `factor` times the cost plus the multipliers times the constraints.
+
+        Args:
+            x: (N,) unknowns. factor: of the cost. multipliers: (R,) of the constraints.
+        """
         self._move(x)
         s = self.scale * factor
         ends = np.cumsum([self._closed_count, self._count * len(self._bounded), *(len(p.value) for p in self.placed)])

@@ -119,7 +119,11 @@ def _closest(document: Mapping[str, Any]) -> Closest | None:
 
 
 def motion_charts(result: Motion, beside: Mapping[str, Motion], robot: Robot) -> list[Chart]:
-    """Charts of positions, then of limited quantities as shares of their bounds, then of power."""
+    """Charts of positions, then of limited quantities as shares of their bounds, then of power.
+
+    Args:
+        result: the motion. beside: others by name, whose power is drawn, too. robot: for limits and units.
+    """
     limits, t = robot.limits, result.time - result.time[0]
     charts, slides = [], np.array(robot.slides)
     for title, unit, chosen in (("Position", "rad", ~slides), ("Position of joints that slide", "m", slides)):

@@ -48,7 +48,11 @@ def plotly() -> str:
 
 @cache
 def three() -> str:
-    """three.js, packed: the part of trimesh's viewer page before that page's own few lines."""
+    """three.js, packed: the part of trimesh's viewer page before that page's own few lines.
+
+    Raises:
+        BadInput: the installed trimesh has another page.
+    """
     archive = (_folder("trimesh") / "resources" / "templates" / "viewer.zip").read_bytes()
     with zipfile.ZipFile(io.BytesIO(archive)) as file:
         page = file.read("viewer.html.template").decode("utf-8")
@@ -298,7 +302,7 @@ def _line(line: Line) -> dict[str, Any]:
 
 
 def thinned(count: int, most: int = MOST_POINTS) -> np.ndarray:
-    """Indices of at most `most` of `count` points, the first and the last among them."""
+    """Indices (K,) of at most `most` of `count` points, the first and the last among them."""
     if count <= most:
         return np.arange(count)
     return np.unique(np.linspace(0, count - 1, most).round().astype(int))

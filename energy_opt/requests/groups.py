@@ -41,7 +41,10 @@ MODEL = "power model: a file, or source-method-1, source-method-2, careful"
 
 
 def numbers_of(given: Any, count: int, flag: str, expected: str) -> tuple[float, ...]:
-    """`count` finite numbers from words (`words_of`) or any sequence.
+    """Finite numbers from words (`words_of`) or any sequence.
+
+    Args:
+        given: words or numbers. count: how many there must be. flag: the option, and expected: its form, for messages.
 
     Raises:
         BadInput: another count, or something that is no number.

@@ -59,7 +59,12 @@ class Option:
 
 
 def option(default: Any, help: str, metavar: str = "", **more: Any) -> Any:
-    """A dataclass field with its `Option`; `more` are further attributes of that."""
+    """A dataclass field with its `Option`.
+
+    Args:
+        default: the field's; ... if it has none. help: one line. metavar: how the help shows its value.
+        more: further attributes of the `Option`.
+    """
     if default is ...:
         return field(metadata={"option": Option(help, metavar, **more)})
     return field(default=default, metadata={"option": Option(help, metavar, **more)})

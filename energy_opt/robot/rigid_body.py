@@ -231,8 +231,9 @@ class RigidBody:
         return symbolic, symbolic.Model(self._model)
 
     def configuration(self, q: np.ndarray) -> np.ndarray:
-        """Pinocchio's configurations (..., nq) of positions (..., n). A continuous joint has two entries, cosine and
-        sine.
+        """Pinocchio's configurations (..., nq) of positions (..., n) [rad, m].
+
+        A continuous joint has two entries, cosine and sine.
         """
         q = self.coupling.positions(np.asarray(q, dtype=float))
         if not self.continuous.any():

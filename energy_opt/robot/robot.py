@@ -71,7 +71,7 @@ def known_robots() -> tuple[str, ...]:
 
 
 def urdf_of(entry: Entry) -> Path:
-    """Where the URDF of a catalogue entry lies on this machine."""
+    """Where the URDF of a catalogue entry lies on this machine; BadInput if it is not installed."""
     if entry.own:
         return DATA / entry.file
     found = _installed(entry.file)

@@ -208,7 +208,11 @@ def possible(group: Group, wanted: Sequence[int]) -> list[int]:
 
 
 def in_blocks(count: int, groups: Sequence[Group], orders: Sequence[Sequence[int]]) -> list[int]:
-    """Indices of `count` steps with the blocks of every group in the given order."""
+    """Indices of `count` steps with the blocks of every group in the given order.
+
+    Args:
+        count: of steps. groups: blocks that may change places. orders: of each group's blocks.
+    """
     out = list(range(count))
     for group, order in zip(groups, orders, strict=True):
         first, last = group.blocks[0][0], group.blocks[-1][1]
@@ -220,7 +224,11 @@ CLOSE = 1e-6  # [s] tolerance
 
 
 def keeps(problem: Problem, starts: Sequence[np.ndarray], durations: Sequence[np.ndarray]) -> bool:
-    """True if starts and durations [s] of every ring's steps keep all lags and exclusions."""
+    """True if a schedule keeps all lags and exclusions.
+
+    Args:
+        problem: with these. starts, durations: [s] of each ring's steps, (steps,) each.
+    """
     cycle = problem.cycle_time
     for lag in problem.lags:
         (a, i), (b, j) = lag.begin, lag.end
@@ -271,7 +279,7 @@ class Polynomial:
         return float(sum(c * k * duration ** (k - 1) for k, c in self.terms if k))
 
     def breaks(self, least: float, most: float) -> np.ndarray:
-        """Durations [s] of the first tangents, denser where the curve bends more."""
+        """Durations (16,) [s] of the first tangents, denser where the curve bends more."""
         return np.geomspace(least, most, 16) if least > 0 else np.linspace(least, most, 16)
 
     def is_convex(self, least: float, most: float) -> bool:
@@ -324,7 +332,7 @@ class Hull:
         return float(np.diff(self.energies)[k] / np.diff(self.durations)[k])
 
     def breaks(self, least: float, most: float) -> np.ndarray:
-        """The middle [s] of each piece: its tangent there is the piece itself."""
+        """The middle [s] of each piece, (pieces,): its tangent there is the piece itself."""
         return (self.durations[1:] + self.durations[:-1]) / 2 if len(self.durations) > 1 else self.durations
 
 

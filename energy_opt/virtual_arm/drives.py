@@ -150,7 +150,11 @@ class JointLaws:
         return out + self._gear_mean[0] * tau if self._gear_mean else out
 
     def unknown(self, q: np.ndarray, v: np.ndarray, travel: np.ndarray) -> np.ndarray | float:
-        """Torque (n,) [N m] that the motor must add and the controller does not know: the specials."""
+        """Torque (n,) [N m] that the motor must add and the controller does not know: the specials.
+
+        Args:
+            q, v: (n,) [rad, rad/s]. travel: (n,) [rad] since each joint's last reversal.
+        """
         out: np.ndarray | float = 0.0
         for special in self.specials:
             out = out + special.added_torque(q, v, travel)

@@ -29,7 +29,7 @@ class Special:
         return 0.0
 
     def added_power(self, t: np.ndarray) -> np.ndarray | float:
-        """Added power, W, at the set times t, s."""
+        """Added power (N,) [W] at the set times t (N,) [s]."""
         return 0.0
 
 
@@ -43,7 +43,7 @@ class Cogging(Special):
     name: ClassVar[str] = "cogging"
 
     def added_torque(self, q: np.ndarray, v: np.ndarray, travel: np.ndarray) -> np.ndarray:
-        """-A sin(k q + phase) [N m]."""
+        """-A sin(k q + phase), (n,) [N m]."""
         return -self.amplitude * np.sin(self.periods * q + self.phase)
 
 
@@ -56,7 +56,7 @@ class SpeedRipple(Special):
     name: ClassVar[str] = "speed_ripple"
 
     def added_torque(self, q: np.ndarray, v: np.ndarray, travel: np.ndarray) -> np.ndarray:
-        """A sin(2 pi v / period) [N m]."""
+        """A sin(2 pi v / period), (n,) [N m]."""
         return self.amplitude * np.sin(2 * np.pi * v / self.period)
 
 
@@ -72,7 +72,7 @@ class Backlash(Special):
     name: ClassVar[str] = "backlash"
 
     def added_torque(self, q: np.ndarray, v: np.ndarray, travel: np.ndarray) -> np.ndarray:
-        """A exp(-travel / gap) tanh(v / 0.01) [N m], travel [rad] since the last reversal."""
+        """A exp(-travel / gap) tanh(v / 0.01), (n,) [N m]; travel (n,) [rad] since the last reversal."""
         return self.amplitude * np.exp(-travel / self.gap) * np.tanh(v / 0.01)
 
 
@@ -87,7 +87,7 @@ class Fan(Special):
     name: ClassVar[str] = "fan"
 
     def added_power(self, t: np.ndarray) -> np.ndarray:
-        """The fan's power [W] while it is on, periodic in time."""
+        """The fan's power (N,) [W] at times t (N,) [s] while it is on; it is periodic in time."""
         return np.where(np.mod(t + self.offset, self.period) < self.duty * self.period, float(self.power), 0.0)
 
 
@@ -100,7 +100,7 @@ class StandbyStep(Special):
     name: ClassVar[str] = "standby_step"
 
     def added_power(self, t: np.ndarray) -> np.ndarray:
-        """The step's power [W] from its time on."""
+        """The step's power (N,) [W] at times t (N,) [s], 0 before its time."""
         return np.where(t >= self.time, float(self.power), 0.0)
 
 

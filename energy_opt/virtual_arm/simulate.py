@@ -145,7 +145,12 @@ class Run:
 
 
 def play(arm: MujocoArm, plant: Plant, reference: Reference, rest: float = 0.0, start: float = 0.0) -> Run:
-    """Play one motion; `rest` s of standing before and after, `start` the set time of its beginning."""
+    """Play one motion.
+
+    Args:
+        arm: that plays it. plant: its effects. reference: the motion. rest: [s] of standing before and after.
+        start: [s] the set time of its beginning.
+    """
     if reference.static:
         played = arm.hold(reference.position[0], reference.duration)
     else:

@@ -313,7 +313,11 @@ class Arm:
         return steps[name] if name in steps else steps[name.removeprefix(ADDED.format(""))]
 
     def parts(self, ring: Ring, starts: np.ndarray, durations: np.ndarray) -> list[Part]:
-        """The motion of every step of the ring, as scheduled."""
+        """The motion of every step of the ring, as scheduled.
+
+        Args:
+            ring: the arm's steps. starts, durations: (steps,) [s].
+        """
         moves = {self.names[move.place]: move for move in self.moves}
         out = []
         for step, start, duration in zip(ring.steps, starts.tolist(), durations.tolist(), strict=True):

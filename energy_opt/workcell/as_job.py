@@ -49,7 +49,15 @@ def job_of(
     allow_outside: bool,
     named: Mapping[str, Pose],
 ) -> Job:
-    """The robot's steps as a job of one robot."""
+    """The robot's steps as a job of one robot.
+
+    Args:
+        cell: with cycle time and common poses. table: the robot's. load: loads a robot from its name or URDF.
+        path: the job file. allow_outside: URDFs and scenes may lie outside of its folder. named: poses of the scene.
+
+    Raises:
+        BadInput: every fault, one a line, with robot and step.
+    """
     document = {
         "format": "energy-opt/job/1",
         "robot": table.robot,

@@ -123,7 +123,12 @@ def _clear_lines(cell: MovingCell, known: Trajectory, duration: float, limits: L
 
 
 def others_during(own: Cell, others: Sequence[Other], start: float, duration: float, jitter: float) -> Others:
-    """The bodies of other arms during a move, over time, at the largest lead and lag between both arms too."""
+    """The bodies of other arms during a move, over time, at the largest lead and lag between both arms too.
+
+    Args:
+        own: the moving arm's cell. others: cell, motion and clearance [m] of each. start, duration: [s] of the move.
+        jitter: [s] by which each arm may be early or late.
+    """
     late = (0.0,) if jitter == 0 else (0.0, -2 * jitter, 2 * jitter)
     inward = np.linalg.inv(own.request.base_pose)
     bodies: list[Body] = []

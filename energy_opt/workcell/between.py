@@ -220,6 +220,9 @@ def meeting(arms: TwoArms, one: Part, two: Part) -> tuple[Shares | None, Shares 
     """The parts of two steps that may not happen at the same time, as shares of the steps' durations.
 
     None represents a whole step: for a wait, or if samples find nothing near.
+
+    Args:
+        arms: the bodies of both. one, two: the steps' motions.
     """
     waits = [np.ptp(part.trajectory.position, axis=0).max() == 0 for part in (one, two)]
     shares = [np.array([0.5]) if wait else np.linspace(0, 1, SAMPLES) for wait in waits]

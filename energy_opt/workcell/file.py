@@ -241,7 +241,14 @@ def load_workcell(path: Path) -> WorkCell:
 
 
 def workcell_of(document: Mapping[str, Any], path: Path) -> WorkCell:
-    """A cell from its document; `path` names it in messages. Otherwise as `load_workcell`."""
+    """A cell from its document.
+
+    Args:
+        document: the file's content. path: names it in messages.
+
+    Raises:
+        BadInput: another format; or every fault, one a line, with robot and step.
+    """
     if document.get("format") != FORMAT:
         raise BadInput(f"{path}: format = {document.get('format')!r}; expected {FORMAT!r}")
     cell = parse(WorkCell, document, str(path))

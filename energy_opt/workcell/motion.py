@@ -70,7 +70,7 @@ class PeriodicMotion:
         return [part for part in self.parts if part.start <= at + ROUNDED][-1]
 
     def sample_times(self, begin: float, end: float) -> np.ndarray:
-        """Times of its pieces' ends within [begin, end], s."""
+        """Times (M,) [s] of its pieces' ends within [begin, end] [s]."""
         first, last = (int(np.floor((x - self.begin) / self.cycle)) for x in (begin, end))
         times = np.concatenate([self.time + k * self.cycle for k in range(first, last + 1)])
         return times[(times >= begin) & (times <= end)]

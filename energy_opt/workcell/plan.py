@@ -118,7 +118,11 @@ class Planning(Stage):
         return best[2], with_lever(best[3], "paths", best[2].schedule)
 
     def slower(self, r: int, name: str, duration: float) -> Planned | None:
-        """The plan in which a robot's step takes at least `duration` [s]; None if there is none."""
+        """The plan in which a robot's step takes longer; None if there is none.
+
+        Args:
+            r: index of the robot. name: of the step. duration: [s] that it takes at least.
+        """
         before = self.arms, dict(self.exclusions), dict(self.least)
         step = next(step for step in self.problem(True).rings[r].steps if step.name == name)
         if duration <= step.most:

@@ -40,7 +40,11 @@ class RobotFile:
 def formats_of(
     cell: WorkCell, names: Sequence[str], path: Path, load: Callable[[str], Robot], allow_outside: bool
 ) -> dict[str, list[Format]]:
-    """The formats of these names that fit each arm of a cell, by the robot's name.
+    """The formats that fit each arm of a cell, by the robot's name.
+
+    Args:
+        cell: its robots. names: of the formats. path: the job file. load: loads a robot from its name or URDF.
+        allow_outside: URDFs may lie outside of the file's folder.
 
     Raises:
         BadInput: one is unknown, or fits no arm of the cell.

@@ -134,7 +134,11 @@ class Stage:
     ) -> Problem:
         """The scheduling problem in the present state.
 
-        `anywhere`: without the constraints that keep arms apart and those of the supply.
+        Args:
+            optimized: curves of optimized moves, else of evenly slowed ones.
+            hold: of each robot, fixed durations [s] of moves, by the index of their step.
+            arms: in place of the stage's own. lossless: all braking energy is used again.
+            anywhere: without the constraints that keep arms apart and those of the supply.
         """
         rings: dict[str, Ring] = {}
         for k, (robot, arm) in enumerate(zip(self.cell.robot, self.arms if arms is None else arms, strict=True)):

@@ -39,7 +39,11 @@ def read_scene(
 
 
 def check_scene(path: Path, *, allow_outside: bool = False, allow_large: bool = False) -> list[str]:
-    """Every fault of a scene file, one line each; empty where it is usable."""
+    """Every fault of a scene file, one line each; empty if it is usable.
+
+    Args:
+        path: the file. allow_outside, allow_large: as those of `read_scene`.
+    """
     try:
         return _read(Path(path), allow_outside, allow_large)[0].faults
     except BadInput as error:

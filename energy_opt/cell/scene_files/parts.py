@@ -71,7 +71,14 @@ class Reading:
         self.objects[thing.name] = thing
 
     def shape(self, kind: Kind, size: Sequence[float], pose: np.ndarray) -> Shape:
-        """A primitive with its size checked."""
+        """A primitive with its size checked.
+
+        Args:
+            kind: of the primitive. size: [m] as many numbers as `SIZES` names. pose: (4, 4).
+
+        Raises:
+            BadInput: another number of sizes, one that is not above 0 or beyond FARTHEST, or too many bodies.
+        """
         names = SIZES[kind]
         if len(size) != len(names):
             raise BadInput(f"{kind} with {len(size)} sizes; expected {', '.join(names) or 'none'}")
@@ -82,7 +89,14 @@ class Reading:
         return Shape(kind, tuple(size), pose)
 
     def mesh(self, vertices: np.ndarray, triangles: np.ndarray, pose: np.ndarray) -> Shape:
-        """A mesh with its numbers checked: finite vertices (V, 3) [m], triangles (T, 3) of vertices there are."""
+        """A mesh with its numbers checked.
+
+        Args:
+            vertices: (V, 3) [m], finite. triangles: (T, 3) indices of vertices. pose: (4, 4).
+
+        Raises:
+            BadInput: no triangle, an index without a vertex, no extent, or vertices not finite or too far away.
+        """
         if not len(triangles):
             raise BadInput("a mesh without triangles")
         self._count(len(triangles))
@@ -111,14 +125,22 @@ class Reading:
 
 
 def mapping(value: Any, what: str) -> Mapping[str, Any]:
-    """A table of keys."""
+    """A table of keys; `what` names it in messages.
+
+    Raises:
+        BadInput: it is no table.
+    """
     if not isinstance(value, Mapping):
         raise BadInput(f"{what} is {brief(value)}; expected a table of keys")
     return value
 
 
 def sequence(value: Any, what: str) -> Sequence[Any]:
-    """A list; None counts as an empty one."""
+    """A list; None counts as an empty one. `what` names it in messages.
+
+    Raises:
+        BadInput: it is no list.
+    """
     if value is None:
         return ()
     if not isinstance(value, (list, tuple)):
@@ -127,7 +149,11 @@ def sequence(value: Any, what: str) -> Sequence[Any]:
 
 
 def number(value: Any, what: str) -> float:
-    """A finite number; words such as 1e-3, which YAML leaves as text, are taken too."""
+    """A finite number; words such as 1e-3, which YAML leaves as text, are accepted. `what` names it in messages.
+
+    Raises:
+        BadInput: it is no finite number.
+    """
     if isinstance(value, str):
         with suppress(ValueError):
             value = float(value)
@@ -139,7 +165,14 @@ def number(value: Any, what: str) -> float:
 
 
 def vector(value: Any, names: str, what: str) -> list[float]:
-    """As many numbers as `names` has letters, from a list in that order or a table with those keys."""
+    """Numbers from a list in the order of `names`, or from a table with these keys.
+
+    Args:
+        value: as read. names: one letter for each number. what: names it in messages.
+
+    Raises:
+        BadInput: another count, a missing key, or something that is no finite number.
+    """
     if isinstance(value, Mapping):
         missing = [name for name in names if name not in value]
         if missing:
@@ -152,7 +185,11 @@ def vector(value: Any, names: str, what: str) -> list[float]:
 
 
 def pose(reading: Reading, position: Sequence[float], quaternion: Sequence[float]) -> np.ndarray:
-    """(4, 4) from a position [m] and a quaternion x, y, z, w, which need not be quite of unit length."""
+    """A pose (4, 4) from a position [m] and a quaternion x, y, z, w; a warning is noted if its length is far from 1.
+
+    Raises:
+        BadInput: the position is beyond FARTHEST, or the quaternion is zero.
+    """
     if max(map(abs, position)) > FARTHEST:
         raise BadInput(f"position {', '.join(f'{x:g}' for x in position)} is beyond {FARTHEST:g} m")
     length = math.sqrt(sum(x * x for x in quaternion))
@@ -172,7 +209,11 @@ def pose(reading: Reading, position: Sequence[float], quaternion: Sequence[float
 
 
 def plane_pose(reading: Reading, coefficients: Sequence[float]) -> np.ndarray:
-    """Pose of the plane a x + b y + c z + d = 0: its normal is +z of the pose."""
+    """Pose (4, 4) of the plane a x + b y + c z + d = 0 [m]: its normal is +z of the pose.
+
+    Raises:
+        BadInput: the normal is zero, or the plane is too far away.
+    """
     a, b, c, d = coefficients
     length = math.sqrt(a * a + b * b + c * c)
     if length < ZERO_QUATERNION:
@@ -186,7 +227,11 @@ def plane_pose(reading: Reading, coefficients: Sequence[float]) -> np.ndarray:
 
 
 def name_of(value: Any, key: str) -> str:
-    """The name of an object or link."""
+    """The name of an object or link; a number is taken as text. `key` names the entry in messages.
+
+    Raises:
+        BadInput: it is no text, or empty.
+    """
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         value = str(value)
     if not isinstance(value, str) or not value.strip():

@@ -42,7 +42,11 @@ KEYS = (
 
 
 def read_short(reading: Reading, document: Mapping[str, Any]) -> AllowedPairs:
-    """Take the objects of the document; returns the pairs that may touch."""
+    """Take the objects of a document in the short form; faults are collected in `reading`.
+
+    Returns:
+        The pairs of bodies that may touch.
+    """
     for key in document:
         if key not in TOP:
             reading.faults.append(f"{reading.path}: {unknown_key(key, TOP)}")
@@ -114,7 +118,7 @@ TEXT_SIZES = {"box": 3, "sphere": 1, "cylinder": 2, "cone": 2}
 
 
 def read_text_scene(reading: Reading, text: str) -> None:
-    """Read the objects of the text, up to the first fault."""
+    """Take the objects of a scene in MoveIt's text form, up to the first fault, which is collected in `reading`."""
     lines = _Lines(text)
     where = "row 1"
     try:

@@ -88,7 +88,7 @@ class Looks:
         return self._free.clear(q)
 
     def line(self, a: np.ndarray, b: np.ndarray) -> bool:
-        """True if the straight line between two free poses is free at the poses checked along it."""
+        """True if the straight line between two free poses (n,) is free at the poses checked along it."""
         return all(self.clear(q) for q in between(a, b, self._step))
 
     def proven_line(self, a: np.ndarray, b: np.ndarray) -> bool:

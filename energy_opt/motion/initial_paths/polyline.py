@@ -80,7 +80,11 @@ def _cut(points: np.ndarray, places: np.ndarray, joint: int | None) -> tuple[np.
 
 
 def without_needless(points: np.ndarray, line: Callable[[np.ndarray, np.ndarray], bool]) -> np.ndarray:
-    """The bent line without corners that can be left out."""
+    """The bent line (K, n) without corners that can be left out.
+
+    Args:
+        points: (K, n) [rad, m]. line: True for two positions (n,) whose straight line is free.
+    """
     k = 1
     while k < len(points) - 1:
         if line(points[k - 1], points[k + 1]):

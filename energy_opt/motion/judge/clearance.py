@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from energy_opt.cell.cell import Cell, Clearance
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.trajectory import Trajectory
@@ -15,10 +13,10 @@ def clearance_of(cell: Cell, trajectory: Trajectory) -> Clearance:
     return cell.prove(t.time, t.position, t.velocity, t.acceleration)
 
 
-def clearance_along(cell: Cell, path: JointPath, wanted: np.ndarray | None = None) -> Clearance:
+def clearance_along(cell: Cell, path: JointPath) -> Clearance:
     """The proof for a path; its `time` is the path's parameter. Cubic pieces are quintic ones between their knots."""
     s = path.knots
-    return cell.prove(s, path(s), path(s, 1), path(s, 2), wanted)
+    return cell.prove(s, path(s), path(s, 1), path(s, 2))
 
 
 def cell_beside(cell: Cell, path: JointPath) -> Cell:

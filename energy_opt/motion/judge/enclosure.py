@@ -28,7 +28,7 @@ class Range:
 
     @property
     def rate(self) -> np.ndarray:
-        """The largest magnitude of the rate."""
+        """The largest magnitude of the rate, by entry."""
         return np.maximum(-self.falling, self.rising)
 
 

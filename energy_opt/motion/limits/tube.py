@@ -108,7 +108,7 @@ class Tube(Limit):
         return worst_of(self, x, value, np.full(value.shape[1], self.most), value / self.most - 1)
 
     def excess_at(self, q: np.ndarray) -> float:
-        """The largest distance over the bound, less 1."""
+        """The largest distance of positions q (M, n) over the bound, less 1."""
         return float(self._away(q).max()) / self.most - 1
 
     def scaled(self, share: float) -> Self:

@@ -144,22 +144,72 @@ void banded_add_nodes(double *ab, I size, const double *blocks, I count, I m, co
     }
 }
 
+/* What a place with window `first` adds to a band: (B B') kron M, M (n, n) symmetric, B `basis` (LOCAL,). A column of the
+   band holds all rows behind its diagonal one after the other, so loops run over them. */
+static inline void add_place(double *ab, I points, const double *m, const double *basis, I first, I n) {
+    I width = LOCAL * n, begin = first < 0 ? -first : 0, end = LOCAL < points - first ? LOCAL : points - first;
+    double by_row[LOCAL * n];
+    for (I j = 0; j < n; j++) {
+        for (I a = begin; a < end; a++)
+            for (I i = 0; i < n; i++) by_row[a * n + i] = basis[a] * m[j * n + i];
+        for (I d = begin; d < end; d++) {
+            double x = basis[d];
+            const double *restrict from = by_row + d * n + j;
+            double *restrict to = ab + ((first + d) * n + j) * width;
+            for (I k = 0; k < (end - d) * n - j; k++) to[k] += x * from[k];
+        }
+    }
+}
+
 /* Add the sum over places of (B B') kron M to a band; `blocks` M (count, n, n) symmetric, `basis` B (count, LOCAL). */
 void banded_add_places(double *ab, I size, const double *blocks, I count, const double *basis, const I *first, I n) {
-    I points = size / n, width = LOCAL * n;
-    for (I k = 0; k < count; k++)
-        for (I a = 0; a < LOCAL; a++) {
-            I row = first[k] + a;
-            if (row < 0 || row >= points) continue;
-            for (I d = 0; d <= a; d++) {
-                I column = first[k] + d;
-                double w = basis[k * LOCAL + a] * basis[k * LOCAL + d];
-                if (column < 0 || w == 0) continue;
-                for (I j = 0; j < n; j++)
-                    for (I i = row == column ? j : 0; i < n; i++)
-                        ab[(column * n + j) * width + (row - column) * n + i - j] += w * blocks[(k * n + i) * n + j];
-            }
+    for (I k = 0; k < count; k++) add_place(ab, size / n, blocks + k * n * n, basis + k * LOCAL, first[k], n);
+}
+
+/* The rows at places of A d, by way of the steps at places. */
+static inline void at_places(const double *d, I points, const Matrix *a, double *restrict out, I n) {
+    double *restrict at = a->scratch;
+    memset(at, 0, a->places * n * sizeof(double));
+    for (I k = 0; k < a->places; k++)
+        for (I i = 0; i < LOCAL; i++) {
+            I c = a->place_first[k] + i;
+            if (c >= 0 && c < points)
+                for (I j = 0; j < n; j++) at[k * n + j] += a->basis[k * LOCAL + i] * d[c * n + j];
         }
+    for (I r = 0; r < a->placed; r++) {
+        double s = 0;
+        for (I j = 0; j < n; j++) s += a->gradient[r * n + j] * at[a->place[r] * n + j];
+        out[r] = s;
+    }
+}
+
+/* Add A' y of the rows at places to `out`; `y` (placed,). */
+static inline void back_from_places(const double *y, I points, const Matrix *a, double *restrict out, I n) {
+    double *restrict at = a->scratch;
+    memset(at, 0, a->places * n * sizeof(double));
+    for (I r = 0; r < a->placed; r++)
+        for (I j = 0; j < n; j++) at[a->place[r] * n + j] += a->gradient[r * n + j] * y[r];
+    for (I k = 0; k < a->places; k++)
+        for (I i = 0; i < LOCAL; i++) {
+            I c = a->place_first[k] + i;
+            if (c >= 0 && c < points)
+                for (I j = 0; j < n; j++) out[c * n + j] += a->basis[k * LOCAL + i] * at[k * n + j];
+        }
+}
+
+/* Add A' diag(weight) A of the rows at places to a band; `weight` (placed,). */
+static inline void square_of_places(const double *weight, const Matrix *a, double *ab, I points, I n) {
+    memset(a->scratch, 0, a->places * n * n * sizeof(double));
+    for (I r = 0; r < a->placed; r++) {
+        double *restrict to = a->scratch + a->place[r] * n * n;
+        const double *restrict v = a->gradient + r * n;
+        for (I i = 0; i < n; i++) {
+            double x = weight[r] * v[i];
+            for (I j = 0; j < n; j++) to[i * n + j] += x * v[j];
+        }
+    }
+    for (I k = 0; k < a->places; k++)
+        add_place(ab, points, a->scratch + k * n * n, a->basis + k * LOCAL, a->place_first[k], n);
 }
 
 /* A d (R,), d (size + border,). */
@@ -179,19 +229,9 @@ void banded_times(const double *d, I size, const Matrix *a, double *out) {
         for (I i = begin < 0 ? -begin : 0; i < end; i++) s += a->wide_value[r * wide + i] * d[begin + i];
         out[a->one + r] = s;
     }
-    double *at = a->scratch; /* steps at places, from those of control points */
-    memset(at, 0, a->places * n * sizeof(double));
-    for (I k = 0; k < a->places; k++)
-        for (I i = 0; i < LOCAL; i++) {
-            I c = a->place_first[k] + i;
-            if (c >= 0 && c < points)
-                for (I j = 0; j < n; j++) at[k * n + j] += a->basis[k * LOCAL + i] * d[c * n + j];
-        }
-    for (I r = 0; r < a->placed; r++) {
-        double s = 0;
-        for (I j = 0; j < n; j++) s += a->gradient[r * n + j] * at[a->place[r] * n + j];
-        out[two + r] = s;
-    }
+    if (n == 6) at_places(d, points, a, out + two, 6);
+    else if (n == 7) at_places(d, points, a, out + two, 7);
+    else at_places(d, points, a, out + two, n);
     for (I r = 0; r < two + a->placed; r++)
         for (I k = 0; k < a->border; k++) out[r] += a->edge[r * a->border + k] * d[size + k];
 }
@@ -208,16 +248,9 @@ static void back(const double *y, I size, const Matrix *a, double *out) {
         I begin = a->wide_first[r] * n, end = wide < size - begin ? wide : size - begin;
         for (I i = begin < 0 ? -begin : 0; i < end; i++) out[begin + i] += a->wide_value[r * wide + i] * y[a->one + r];
     }
-    double *at = a->scratch;
-    memset(at, 0, a->places * n * sizeof(double));
-    for (I r = 0; r < a->placed; r++)
-        for (I j = 0; j < n; j++) at[a->place[r] * n + j] += a->gradient[r * n + j] * y[two + r];
-    for (I k = 0; k < a->places; k++)
-        for (I i = 0; i < LOCAL; i++) {
-            I c = a->place_first[k] + i;
-            if (c >= 0 && c < points)
-                for (I j = 0; j < n; j++) out[c * n + j] += a->basis[k * LOCAL + i] * at[k * n + j];
-        }
+    if (n == 6) back_from_places(y + two, points, a, out, 6);
+    else if (n == 7) back_from_places(y + two, points, a, out, 7);
+    else back_from_places(y + two, points, a, out, n);
     for (I r = 0; r < two + a->placed; r++)
         for (I k = 0; k < a->border; k++) out[size + k] += a->edge[r * a->border + k] * y[r];
 }
@@ -246,14 +279,9 @@ static void add_square(const double *weight, const Matrix *a, double *ab, I size
                 for (I i = j; i < end; i++) ab[(begin + j) * wide + i - j] += x * v[i];
         }
     }
-    memset(a->scratch, 0, a->places * n * n * sizeof(double));
-    for (I r = 0; r < a->placed; r++) {
-        double *restrict to = a->scratch + a->place[r] * n * n;
-        const double *restrict v = a->gradient + r * n;
-        for (I i = 0; i < n; i++)
-            for (I j = 0; j < n; j++) to[i * n + j] += weight[two + r] * v[i] * v[j];
-    }
-    banded_add_places(ab, size, a->scratch, a->places, a->basis, a->place_first, n);
+    if (n == 6) square_of_places(weight + two, a, ab, points, 6);
+    else if (n == 7) square_of_places(weight + two, a, ab, points, 7);
+    else square_of_places(weight + two, a, ab, points, n);
     for (I k = 0; k < count; k++) {
         for (I r = 0; r < rows; r++) y[r] = weight[r] * a->edge[r * count + k];
         memset(whole, 0, (size + count) * sizeof(double));

@@ -176,9 +176,10 @@ class Model(Evaluation):
                 edge[:, self.toward] = at_end[:, self.of] * (gradient @ point.along.T)
             if not self.fixed and not self._still:
                 edge[:, 0] = np.sum(gradient * (self._matrix(placed.u) @ self._pinned_slope)[place], axis=1)
+            used, row = np.unique(place, return_inverse=True)
             window, local = self._placing(placed.u)
             at_places = Constraints.of(
-                n, self.border, place=place, gradient=gradient, place_first=window, basis=local, border=edge,
+                n, self.border, place=row, gradient=gradient, place_first=window[used], basis=local[used], border=edge,
                 floor=(placed.lower - value)[near], ceiling=(placed.upper - value)[near],
                 keys=(placed.keys[near].astype(np.int64) * 64 + number) * 4 + AT_PLACES,
             )  # fmt: skip

@@ -141,6 +141,31 @@ def test_c_and_numpy_find_the_same(seed: int, border: int, convex: bool, monkeyp
         assert one == pytest.approx(two, rel=1e-6, abs=1e-7)
 
 
+@pytest.mark.parametrize("joints", [6, 7, 8])
+def test_rows_at_places_are_the_same_in_c_and_numpy_for_usual_arms(
+    joints: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Compiled loops of six and seven joints are functions of their own."""
+    rng, size = np.random.default_rng(joints), joints * POINTS
+    g, d, place = rng.normal(size=size) * 5, rng.normal(size=size), rng.integers(0, 5, 20)
+    held = Constraints.of(
+        joints, 0, place=place, gradient=rng.normal(size=(20, joints)), basis=rng.uniform(0, 1, (5, WINDOW)),
+        place_first=np.array([-3, 0, 4, 4, POINTS - 4]), border=np.zeros((20, 0)), floor=np.full(20, -0.2),
+        ceiling=np.full(20, 0.1), keys=np.arange(20),
+    )  # fmt: skip
+    both = []
+    for there in (True, False):
+        if not there:
+            monkeypatch.setattr(native, "library", lambda: None)
+        h, mass = (Banded(np.zeros((size, joints * WINDOW)), np.zeros((size, 0)), np.zeros((0, 0))) for _ in range(2))
+        h.band[:, 0] = mass.band[:, 0] = 1.0
+        found = minimise(h, g, (np.full(size, -1.0), np.full(size, 0.7)), held, PRICE, mass)
+        both.append((found.d, found.multipliers, held.times(d)))
+    for one, two in zip(*both, strict=True):
+        assert one == pytest.approx(two, rel=1e-6, abs=1e-7)
+    assert np.abs(both[0][1]).max() > 0.1
+
+
 @pytest.mark.parametrize("cc", ["", "false"])
 def test_machine_code_is_kept_in_the_cache_folder_and_nowhere_else(cc: str, tmp_path: Path) -> None:
     """Nothing is written beside the installed files, and a compiler that fails is done without."""

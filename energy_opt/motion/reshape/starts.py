@@ -4,9 +4,9 @@ The first is the line that is given, the others are randomly bent lines. The k-t
 alone, so that more starts go on where fewer ended.
 
 The search ends after `FEWEST` starts if `OFTEN` of them led to the best optimum, or when the budget of starts is spent.
-A better optimum that a share s of all starts leads to is missed by N starts with (1 - s)^N. A start that is far above
-the best one after a few iterations is given up. On 60 moves of two robots this takes 121 iterations a move and misses
-the best of 32 starts by 0.3 % at most; 12 starts at least, none given up, take 144 (`benchmarks/starts.py`).
+A better optimum that a share s of all starts leads to is missed by N starts with (1 - s)^N. A start that would stay
+above the best one is given up. On 60 moves of two robots this takes 100 iterations a move and misses the best of 32
+starts by 0.3 % at most; 12 starts at least, none given up, take 144 (`benchmarks/starts.py`).
 """
 
 from __future__ import annotations

@@ -31,9 +31,9 @@ from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput
 from energy_opt.robot import Robot, load_robot
+from energy_opt.robot.catalog import CATALOG, urdf_of
 from energy_opt.robot.description import MOVING, read_description
 from energy_opt.robot.limits import postures
-from energy_opt.robot.robot import CATALOG, urdf_of
 
 BELIEVABLE = 50.0  # [rad/s^2]
 POSTURES = 300  # that are looked at

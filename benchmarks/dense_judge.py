@@ -26,7 +26,7 @@ import yaml
 from scipy.interpolate import BPoly
 
 from energy_opt.robot import Robot, load_robot
-from energy_opt.robot.robot import srdf_beside
+from energy_opt.robot.catalog import srdf_beside
 
 POSES = 3000
 OFTEN = 60  # random poses, in all of which links that touch are one by construction, where no SRDF tells

@@ -19,7 +19,7 @@ from typing import Any
 
 from arm_trial import Arm, Row, one
 
-from energy_opt.robot.robot import CATALOG, urdf_of
+from energy_opt.robot.catalog import CATALOG, urdf_of
 
 ROOT = urdf_of(CATALOG["panda"]).parents[2]
 

@@ -29,8 +29,8 @@ if TYPE_CHECKING:  # for editors and type checkers; at run time `_PLACES` has th
     from energy_opt.front.given import source_model as source_model
     from energy_opt.front.identify import identify as identify
     from energy_opt.front.job import job as job
-    from energy_opt.front.job import place as place
     from energy_opt.front.optimize import optimize as optimize
+    from energy_opt.front.place import place as place
     from energy_opt.front.robots import passport as passport
     from energy_opt.front.robots import robots as robots
     from energy_opt.front.simulate import import_logs as import_logs
@@ -67,7 +67,7 @@ _PLACES = {
     "import_logs": "energy_opt.front.simulate",
     "load_scene": "energy_opt.cell.scene_files",
     "passport": "energy_opt.front.robots",
-    "place": "energy_opt.front.job",
+    "place": "energy_opt.front.place",
     "repeat": "energy_opt.front.verbs",
     "source_model": "energy_opt.front.given",
 }

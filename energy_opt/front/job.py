@@ -1,11 +1,11 @@
-"""The verb `job`: a cycle of moves and waits, of one robot or of several; and `place`: the base pose that suits it."""
+"""The verb `job`: a cycle of moves and waits, of one robot or of several."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.folders import written_whole
@@ -25,11 +25,8 @@ from energy_opt.jobs.work import Answers
 from energy_opt.power import PowerModel
 from energy_opt.power.assumptions import said as assumed
 from energy_opt.power.worth import per_year_words
-from energy_opt.requests.moves import JobRequest, PlaceRequest
+from energy_opt.requests.moves import JobRequest
 from energy_opt.results import exit_of
-
-if TYPE_CHECKING:
-    from energy_opt.placement import Placement
 
 ANSWER = "job.json"
 
@@ -177,81 +174,3 @@ def table(found: Mapping[str, Any], cycles: float | None, out: Path) -> str:
         lines.append(f"no timing of these paths takes less than {bound:.3f} J{of} (gap {gap:.2g} %)")
     lines.append(f"files in {out}")
     return "\n".join(lines)
-
-
-ANSWER_OF_PLACE = "place.json"
-
-
-@dataclass(frozen=True, repr=False, kw_only=True)
-class PlaceAnswer(Answered):
-    """A placement with its request.
-
-    Attributes:
-        placement: the base pose, and the job solved there.
-        interrupted: stopped early.
-        saved: place.json as it was written.
-    """
-
-    placement: Placement
-    request: PlaceRequest
-    interrupted: bool = False
-    saved: Mapping[str, Any] | None = None
-
-    @property
-    def exit_code(self) -> int:
-        """Exit code of the command line."""
-        return exit_of(self.interrupted, self.placement.solved)
-
-    def document(self) -> dict[str, Any]:
-        """Content of place.json without its files."""
-        return {**self.placement.document(), "request": self.asked}
-
-    def text(self, out: Path) -> str:
-        """A line for a terminal, of a placement that was saved into `out`."""
-        from energy_opt.placement.output import headline
-
-        return f"{headline(self.saved or self.document())}\nfiles in {out}"
-
-    def kept(self, out: Path) -> PlaceAnswer:
-        """Write place.json, map.png, report.html and the job solved at the answer into the folder `out`."""
-        from energy_opt.placement.output import write
-
-        with written_whole(out, ANSWER_OF_PLACE) as aside:
-            saved = write(self.placement, self.asked, aside)
-        return replace(self, saved=saved)
-
-    def __repr__(self) -> str:
-        return f"PlaceAnswer({self.placement!r})"
-
-
-def run_place(request: PlaceRequest, desk: Desk) -> PlaceAnswer:
-    """The pose of the base, or of a fixture, in a box that makes a job cheapest.
-
-    Raises:
-        BadInput: a fault of the job or of the box. Infeasible: the job cannot be done from anywhere in the box.
-    """
-    from energy_opt.placement import PlaceRequest as Box
-    from energy_opt.placement import place as placed
-
-    given = request.base_box
-    words = given if isinstance(given, str) else ",".join(repr(float(x)) for x in given)
-    counts = {name: getattr(request, name) for name in ("looked_at", "seeds", "steps", "fixture")}
-    box, around = Box.of(words, **counts), cell_of(request)
-    job = job_from(request)
-    rivals, kind = rivals_of(request, job.robot, desk)
-    asked = resolved_job(request, job.robot, rivals, kind)
-    document = desk.take(ANSWER_OF_PLACE, asked)
-    with desk.working() as (stopped, show):
-        try:
-            found = placed(
-                job, mean_of(rivals), box, settings=job_settings(request), cell=around, stopped=stopped, progress=show
-            )
-        except Infeasible as error:
-            desk.failed(ANSWER_OF_PLACE, error, robot=job.robot.name, request=document)
-            raise
-        answer = desk.keep(PlaceAnswer(placement=found, request=asked, stamp=desk.stamped({}), interrupted=stopped()))
-    desk.report(warnings=() if answer.saved is None else answer.saved["warnings"])
-    return answer
-
-
-place = verb(PlaceRequest, run_place)

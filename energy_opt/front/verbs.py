@@ -66,7 +66,7 @@ VERBS = {
     ),
     "place": Verb(
         "find the base pose at which a job takes the least energy",
-        moves.PlaceRequest, "job:run_place", "energy_opt_place", True, "place.json",
+        moves.PlaceRequest, "place", "energy_opt_place", True, "place.json",
     ),
     "evaluate": Verb(
         "energy, limits and clearance of given motions; write them in other formats",

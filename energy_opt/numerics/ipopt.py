@@ -48,13 +48,12 @@ class Answer:
     """The point where IPOPT stopped.
 
     Attributes:
-        x: (N,) the point, within its bounds. row_multipliers: (R,) of g. bound_multipliers: (N,) of the bounds on x.
-            success: whether IPOPT converged. status: IPOPT's status. iterations: their number.
+        x: (N,) the point, within its bounds. row_multipliers: (R,) of g.
+        success: whether IPOPT converged. status: IPOPT's status. iterations: their number.
     """
 
     x: np.ndarray
     row_multipliers: np.ndarray
-    bound_multipliers: np.ndarray
     success: bool
     status: str
     iterations: int
@@ -173,7 +172,6 @@ def solve(
     return Answer(
         np.clip(_array(r["x"]), *bounds),
         _array(r["lam_g"]),
-        _array(r["lam_x"]),
         bool(stats["success"]),
         str(stats["return_status"]),
         int(stats["iter_count"]),

@@ -1,13 +1,11 @@
 """A robot: its joints, limits and rigid body, and which of their values are assumed.
 
-Some robots are known by name. The rating of an arm's drives measures its size; friction and electrical values that are
+The rating of an arm's drives measures its size; friction and electrical values that are
 not published are scaled by it.
 """
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -17,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from energy_opt.errors import BadInput, near
-from energy_opt.files import inside, write_text
+from energy_opt.files import write_text
+from energy_opt.robot.catalog import CATALOG, DATA, urdf_of
 from energy_opt.robot.checks import believed_efforts, check_masses, doubtful_masses
 from energy_opt.robot.description import BOUNDS, Description, plain_urdf, read_description
 from energy_opt.robot.kinematics import Link
@@ -33,70 +32,6 @@ from energy_opt.robot.limits_file import overlay
 from energy_opt.robot.meshes import mesh_files
 from energy_opt.robot.mimic import followers, leaders_limits
 from energy_opt.robot.rigid_body import RigidBody
-
-DATA = Path(__file__).parent / "data"
-
-
-@dataclass(frozen=True)
-class Entry:
-    """A robot by name; its files are relative to example-robot-data's folder, or to this package's own where `own`."""
-
-    file: str
-    own: bool = False
-    lock: dict[str, float] = field(default_factory=dict)
-    srdf: str | None = None
-
-
-CATALOG: dict[str, Entry] = {
-    "panda": Entry(
-        "panda_description/urdf/panda.urdf",
-        lock={"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0},
-        srdf="panda_description/srdf/panda.srdf",
-    ),
-    "ur3": Entry("ur_description/urdf/ur3_robot.urdf"),
-    "ur5": Entry("ur_description/urdf/ur5_robot.urdf", srdf="ur_description/srdf/ur5.srdf"),
-    "ur10": Entry("ur_description/urdf/ur10_robot.urdf"),
-    "kinova": Entry("kinova_description/robots/kinova.urdf", srdf="kinova_description/srdf/kinova.srdf"),
-    "xarm7": Entry("xarm_description/urdf/xarm7.urdf", srdf="xarm_description/srdf/xarm7.srdf"),
-    "z1": Entry("z1_description/urdf/z1.urdf", lock={"jointGripper": 0.0}, srdf="z1_description/srdf/z1.srdf"),
-    "ur3e": Entry("urdf/ur3e.urdf", own=True),
-    "ur5e": Entry("urdf/ur5e.urdf", own=True),
-    "ur10e": Entry("urdf/ur10e.urdf", own=True),
-}
-
-
-def known_robots() -> tuple[str, ...]:
-    """The names that `load_robot` takes beside paths of URDF files."""
-    return tuple(CATALOG)
-
-
-def urdf_of(entry: Entry) -> Path:
-    """Where the URDF of a catalogue entry lies on this machine; BadInput if it is not installed."""
-    if entry.own:
-        return DATA / entry.file
-    found = _installed(entry.file)
-    if found is None:
-        raise BadInput(f"{entry.file} is not installed; expected from the package example-robot-data")
-    return found
-
-
-def srdf_beside(name: str, urdf: Path) -> Path | None:
-    """The SRDF that comes with a robot by name; None where there is none, or where `urdf` is another robot's file."""
-    entry = CATALOG.get(name)
-    if entry is None or entry.srdf is None or urdf != urdf_of(entry):
-        return None
-    return _installed(entry.srdf)
-
-
-def _installed(file: str) -> Path | None:
-    """A file of example-robot-data on this machine."""
-    beside = importlib.util.find_spec("cmeel")
-    roots = [Path(sys.prefix) / "share/example-robot-data/robots"]
-    if beside is not None and beside.submodule_search_locations:
-        site = Path(next(iter(beside.submodule_search_locations))).parent
-        roots.insert(0, site / "cmeel.prefix/share/example-robot-data/robots")
-    return next((root / file for root in roots if (root / file).is_file()), None)
-
 
 POSES = 64  # postures for estimating the efforts of an arm without limits
 ROOM = 1.5  # estimated effort over the largest torque to hold and accelerate; strongest joints have 0.9 to 3.3
@@ -246,18 +181,6 @@ class Robot:
     def n(self) -> int:
         """Number of joints that move by themselves."""
         return self.body.n
-
-
-def robot_named(name: str, folder: Path, allow_outside: bool = False) -> str:
-    """The robot that a document in `folder` names: a name in the catalogue, or the path of a URDF.
-
-    Raises:
-        BadInput: a URDF outside of the folder, which has to be allowed.
-    """
-    if not name or name in CATALOG:
-        return name
-    path = inside(folder, name, allow_outside)
-    return name if allow_outside and not path.is_file() else str(path)
 
 
 def load_robot(

@@ -14,9 +14,10 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.files import finite_number
+from energy_opt.robot.catalog import srdf_beside
 from energy_opt.robot.kinematics import pose_of
 from energy_opt.robot.rigid_body import RigidBody
-from energy_opt.robot.robot import Robot, srdf_beside
+from energy_opt.robot.robot import Robot
 from energy_opt.robot.xml import read_robot_xml
 
 

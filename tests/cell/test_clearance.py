@@ -23,10 +23,10 @@ from energy_opt.files import read_table, write_table
 from energy_opt.motion.path import JointPath, straight, through
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.robot import Robot, load_robot
+from energy_opt.robot.catalog import srdf_beside
 from energy_opt.robot.description import plain_urdf
 from energy_opt.robot.kinematics import Kinematics
 from energy_opt.robot.meshes import mesh_files
-from energy_opt.robot.robot import srdf_beside
 
 PROBLEMS = Path(__file__).parents[3] / "shared/data/mbm"
 

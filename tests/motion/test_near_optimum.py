@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import energy_opt as eo
-from energy_opt.robot.robot import CATALOG, urdf_of
+from energy_opt.robot.catalog import CATALOG, urdf_of
 
 QUICK = {"starts": 2, "compile": "never"}
 PENDULUM = urdf_of(CATALOG["panda"]).parents[2] / "double_pendulum_description/urdf/double_pendulum_simple.urdf"

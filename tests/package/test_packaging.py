@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 import energy_opt
-from energy_opt.robot.robot import CATALOG, DATA, urdf_of
+from energy_opt.robot.catalog import CATALOG, DATA, urdf_of
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -83,6 +83,7 @@ def parse(model: type[Read], document: Mapping[str, Any], where: str) -> Read:
 
 
 def _line(model: type[Table], document: Mapping[str, Any], fault: Any) -> str:
+    """A fault as one line: place, value, and what would be right."""
     place = _place(document, fault["loc"])
     key = str(fault["loc"][-1]) if fault["loc"] else ""
     if fault["type"] == "extra_forbidden":

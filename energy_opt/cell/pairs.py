@@ -114,6 +114,7 @@ def _always_touching(
 
 
 def _touch(bodies: Bodies, scene: Scenery, k: int, pair: int) -> bool:
+    """Whether a pair touches at configuration k; the cheap measures of distance first, the exact one last."""
     ruler = bodies.ruler(pair)
     a, b = bodies.pairs[pair].tolist()
     at, bt = scene.placed(k, a), scene.placed(k, b)

@@ -183,6 +183,7 @@ def _energy(of: Callable[[Load | None], Scorer], trajectory: Trajectory, interva
 
 
 def _sum(energies: Sequence[Energy]) -> Energy:
+    """The sum of energies, part by part and effect by effect."""
     names = dict.fromkeys(name for energy in energies for name in energy.by_effect)
     by_effect = {name: sum(energy.by_effect.get(name, 0.0) for energy in energies) for name in names}
     sums = {part: sum(getattr(e, part) for e in energies) for part in ("total", "standby", "stored", "loss")}

@@ -129,6 +129,7 @@ def put(result: Result, robot: Robot, document: Mapping[str, Any], out: Path, ce
 def _picture_and_report(
     result: Result, robot: Robot, document: Mapping[str, Any], out: Path, cell: Cell | None
 ) -> None:
+    """Write plot.png and report.html; both show the evenly slowed move beside the result."""
     t, scaled = result.trajectory, result.baseline("scaled")
     assert t.effort is not None and t.power is not None
     curve, names = None, {"result": result.energy.by_effect}

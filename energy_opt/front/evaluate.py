@@ -175,6 +175,7 @@ def _motion(given: AnyMotion, robot: Robot, prefix: str) -> Recorded:
 
 
 def _row(evaluation: Evaluation) -> dict[str, Any]:
+    """The record of a motion in evaluate.json."""
     motion, certificate = evaluation.motion, evaluation.certificate
     return {
         "file": motion.name,
@@ -225,6 +226,7 @@ def table(found: Sequence[Evaluation]) -> str:
 
 
 def _judged(evaluation: Evaluation) -> str:
+    """One sentence on the limits of a motion: the tightest, or the one that is broken."""
     certificate = evaluation.certificate
     worst = certificate.worst
     what = f"{worst['joint']} {worst['limit']} is {worst['value']:.6g} at {worst['time']:.4g} s"

@@ -144,6 +144,14 @@ class _Tracer:
         self.front, self.expected = Front(), COUNT + 2
 
     def run(self, durations: Sequence[float] | None, longest: float | None) -> None:
+        """The fastest move, the least energy, all points between, and the best duration in the cycle, in this order.
+
+        Args:
+            durations: [s] of the points; None: chosen here. longest: [s] the largest of them.
+
+        Raises:
+            Infeasible: the fastest move does not fit into the cycle, or takes longer than `longest`.
+        """
         front = self.front
         front.fastest = self._fastest()
         shortest = front.fastest.duration
@@ -181,6 +189,11 @@ class _Tracer:
         return self._point(found.duration, optimum)
 
     def _grid(self, fastest: float, best: float, longest: float | None) -> np.ndarray:
+        """Durations (COUNT,) [s] from the fastest move to the end of the cycle, or to beyond the best duration.
+
+        Raises:
+            Infeasible: the fastest move takes longer than `longest`.
+        """
         last = self.cycle.length if self.cycle else max(REACH * fastest, 1.5 * best)
         if longest is not None:
             if longest < fastest * (1 - SAME):
@@ -193,6 +206,7 @@ class _Tracer:
         return np.linspace(fastest, max(last, fastest), COUNT if last > fastest else 1)
 
     def _count(self) -> None:
+        """Count a solve, show the progress, and end the front if that was asked for."""
         self.front.solves += 1
         self.progress(self.front, max(self.expected, self.front.solves))
         if self.stopped():
@@ -218,6 +232,7 @@ class _Tracer:
         return point
 
     def _point(self, duration: float, optimum: Optimum | None) -> Point:
+        """The point of an optimum, with the wait after it if there is a cycle; None: nothing was found."""
         if optimum is None:
             return Point(duration, "not_converged", reason="no trajectory within limits was found from its neighbours")
         status, waiting = "solved" if optimum.converged else "not_converged", None

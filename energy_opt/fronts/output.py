@@ -66,6 +66,7 @@ def document(front: Front, *, robot: str, joints: tuple[str, ...], mode: str, cy
 
 
 def _optimum(point: Point | None) -> dict[str, Any] | None:
+    """An optimum's duration, energies and status; None without a trajectory."""
     if point is None or point.energy is None:
         return None
     return {"duration": point.duration, **_energies(point), "status": point.status}
@@ -90,6 +91,7 @@ def _over_cycle(point: Point) -> dict[str, float] | None:
 
 
 def _point(point: Point) -> dict[str, Any]:
+    """A point's record: duration, energies, status, and the energies over the cycle if it has them."""
     out: dict[str, Any] = {"duration": point.duration, **_energies(point), "status": point.status}
     if point.reason:
         out["reason"] = point.reason

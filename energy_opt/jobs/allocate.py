@@ -172,6 +172,7 @@ def modelled(
 
 
 def _durations(k: np.ndarray, holding: np.ndarray, low: np.ndarray, high: np.ndarray, price: float) -> np.ndarray:
+    """Durations (L,) [s] at which h - k / T^4 is the price [W] of a second, within the legs' bounds."""
     return np.clip((k / (holding - price)) ** 0.25, low, high)
 
 

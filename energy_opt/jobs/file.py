@@ -258,6 +258,7 @@ class _Reading:
         return self._pose(value, where, row.free, row.pose_tolerance)
 
     def _pose(self, value: Any, where: str, *freedom: Any) -> Pose | None:
+        """A pose of the tool; its error becomes a fault."""
         try:
             return Given(self.path.parent, self._poses, self.allow_outside).pose(value, where, *freedom)
         except BadInput as error:

@@ -194,6 +194,7 @@ def split(piece: Piece, result: JobResult) -> list[Piece]:
 
 
 def _samples(t: Trajectory, first: int, last: int) -> Trajectory:
+    """The samples from `first` to `last`, both included; their time begins at 0."""
     records = slice(first, last + 1)
     return Trajectory(
         t.joints, t.time[records] - t.time[first], t.position[records], t.velocity[records], t.acceleration[records]

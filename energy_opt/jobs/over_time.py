@@ -138,6 +138,7 @@ def document(job: Job, points: Sequence[JobPoint], shortest: float, interrupted:
 
 
 def _row(point: JobPoint) -> dict[str, Any]:
+    """The record of a cycle time: energies [J] of the whole cycle and of its baselines, or why there is none."""
     row: dict[str, Any] = {"duration": point.cycle_time, **dict.fromkeys(("energy_total", "energy_standby"))}
     row |= {"energy_loss": None, "status": point.status}
     result = point.result

@@ -83,6 +83,7 @@ class Posed:
             self.sets[k] = known[key]
 
     def _in_base(self, step: Step, cell: CellRequest) -> Pose:
+        """The pose of a step in the frame of the robot's base."""
         assert step.pose is not None
         scene = None
         if step.pose.frame:
@@ -130,6 +131,7 @@ class Posed:
     def _cheapest(
         self, ring: Ring, free: Callable[[int, np.ndarray, np.ndarray], bool] | None = None
     ) -> tuple[list[int], float]:
+        """The cheapest ring in the cycle's time without its waits; see `Ring.cheapest`."""
         waiting = min(float(layer.standing.min()) for layer in ring.layers)
         return ring.cheapest(self.job.cycle_time - self.job.waiting, waiting, free)
 
@@ -330,6 +332,7 @@ def run_posed(
 
 
 def _rank(result: JobResult) -> tuple[bool, float]:
+    """Solved jobs first, then by energy."""
     return not result.solved, result.energy
 
 

@@ -183,6 +183,11 @@ class Worker:
         return Answer(found.trajectory, found.energy, source, "solved" if found.converged else "not_converged")
 
     def _slowed_or(self, error: Infeasible, leg: Leg, timing: Timing, duration: float) -> Answer:
+        """The first path slowed evenly, in place of a solve that failed.
+
+        Raises:
+            Infeasible: it breaks a limit, too; the message is that of the solve.
+        """
         slowed = self.slowed(leg, timing, duration)
         if slowed.status == "solved":
             return slowed
@@ -190,6 +195,7 @@ class Worker:
 
 
 def _touching(cell: Cell | None, motion: Trajectory) -> bool:
+    """Whether a motion touches something at LOOKS of its instants."""
     looks = motion.sample(np.linspace(motion.time[0], motion.time[-1], LOOKS))[0]
     return cell is not None and cell.checks and any(cell.touching(q) is not None for q in looks)
 
@@ -233,5 +239,6 @@ class Answers:
             self._folder.rmdir()
 
     def _path(self, leg: Leg, duration: float) -> Path:
+        """The file of an answer; its name changes with everything that the answer depends on."""
         what = to_json([leg.points, leg.mode, leg.step.payload, str(leg.step.scene), repr(duration)])
         return self._folder / f"{hashlib.sha256((self._about + what).encode()).hexdigest()[:24]}.csv"

@@ -90,6 +90,7 @@ def guess_robot(table: Table) -> tuple[Robot, str]:
 
 
 def _flat(word: str) -> str:
+    """A word in lower case without signs."""
     return "".join(c for c in word.lower() if c.isalnum())
 
 

@@ -133,6 +133,7 @@ def _sorted(tables: Sequence[Table], robot: Robot, hand: ByHand) -> tuple[dict[T
 
 
 def _layout_words(table: Table) -> str:
+    """One line on a table's layout."""
     at = table.layout
     name = {",": "comma", ";": "semicolon", "\t": "tab", " ": "space", "|": "bar"}.get(at.delimiter, at.delimiter)
     units = ", a row of units" if at.units else ""

@@ -306,6 +306,7 @@ def _header(path: Path, cells: Sequence[Sequence[str]]) -> int:
 
 
 def _is_unit_row(row: Sequence[str]) -> bool:
+    """Whether most cells of a row are units and none is a number."""
     words = [cell for cell in row if cell.strip()]
     if not words or any(map(_is_value, words)):
         return False

@@ -319,6 +319,12 @@ def _overlap(stamps: np.ndarray, time: np.ndarray) -> float:
 
 
 def _cut(log: LogFile, run: Run, gaps: tuple[int, ...], out: Recording) -> None:
+    """Cut a run at gaps and, if the log says so, at standstill; the parts go to `out`.
+
+    Args:
+        log: what to cut. run: the whole. gaps: indices of the samples that a gap follows.
+        out: receives runs and remarks.
+    """
     parts = [run]
     if gaps and run.meter != "total":
         edges = [-1, *gaps, len(run.time) - 1]

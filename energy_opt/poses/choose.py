@@ -132,6 +132,7 @@ class Chooser:
         )  # fmt: skip
 
     def _candidates(self, move: Move, goals: Sequence[Target]) -> list[Candidate]:
+        """All positions that reach the goals, with estimates of their energies; those in contact are marked."""
         out: list[Candidate] = []
         for goal in goals:
             pose = goal if isinstance(goal, Pose) else None
@@ -164,6 +165,11 @@ class Chooser:
         return found.shortest <= longest, found.cheapest(longest=longest)[0]
 
     def _reached(self, pose: Pose, move: Move) -> np.ndarray:
+        """Positions (K, n) that reach a pose.
+
+        Raises:
+            Infeasible: none was found.
+        """
         found = reach(self.tool, pose, seed=self.seed, near=_last(move))
         if not len(found.positions):
             raise unreached(pose, found)
@@ -228,10 +234,12 @@ class Chooser:
         return [(replace(goal, energy=self._energy(found), status="screened"), found)]
 
     def _energy(self, trajectory: Trajectory) -> float:
+        """The energy [J] by which goals are compared: the mean or the worst of the models."""
         totals = [scorer.energy(trajectory).total for scorer in self.scorers]
         return float(max(totals) if self._worst else np.mean(totals))
 
     def _attempt(self, move: Move, goal: Candidate, warm: Sequence[Trajectory] = ()) -> Solved | Infeasible:
+        """A goal solved in full, or why it cannot be."""
         self.solves += 1
         try:
             result = self._solver(goal.moved(move), warm, confirm=False)
@@ -301,6 +309,7 @@ class Chooser:
         return float(fastest(self.tool.robot, _last(move), goal)) + 1e-3 * float(way.sum())
 
     def _none(self, move: Move, goals: Sequence[Target], found: Sequence[Candidate]) -> Infeasible:
+        """The error if no goal is left: all touch something, or all take too long."""
         name = next((goal.name for goal in goals if isinstance(goal, Pose)), "--goal")
         touching = [c for c in found if c.status == "colliding"]
         if touching and self.cell is not None:
@@ -322,6 +331,7 @@ def _last(move: Move) -> np.ndarray:
 
 
 def _rank(item: Solved) -> tuple[bool, float]:
+    """Solved goals first, then by energy."""
     goal, result = item
     return result.status != "solved", np.inf if goal.energy is None else goal.energy
 

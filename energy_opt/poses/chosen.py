@@ -159,4 +159,5 @@ class Settling:
         return Open(surface(self._start, move.start), surface(goal, move.goal), via)
 
     def _work(self, q: np.ndarray) -> np.ndarray:
+        """Potential energy (K,) [J] at positions (K, n), the mean over the models."""
         return np.asarray(np.mean([scorer.potential(q) for scorer in self._scorers], axis=0))

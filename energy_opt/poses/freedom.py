@@ -239,5 +239,10 @@ class Bent:
         return np.asarray(np.maximum(speed, np.sqrt((np.abs(a) / limits.acceleration).max(axis=(1, 2)))))
 
     def _energy(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, longer: np.ndarray) -> np.ndarray:
+        """Energies (K,) [J] of motions, stretched in time.
+
+        Args:
+            q, v, a: (K, N, n). longer: (K,) factor of each duration.
+        """
         by = longer[:, None, None]
         return energies(self._scorers, q, v / by, a / by**2, self._time * longer[:, None])

@@ -85,6 +85,11 @@ class Given:
         return replace(pose_from(numbers.strip(), free, tolerance, name), frame=frame)
 
     def _stamped(self, file: str, name: str, free: Sequence[str], tolerance: str | tuple[float, float] | None) -> Pose:
+        """A pose from a file of geometry_msgs/PoseStamped.
+
+        Raises:
+            BadInput: the file is no such message.
+        """
         path = Path(file) if self._folder is None else inside(self._folder, file, self._outside)
         documents = read_yaml_documents(path)
         if len(documents) > 1:

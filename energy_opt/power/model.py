@@ -268,6 +268,7 @@ def model_from_document(document: dict[str, Any], where: str) -> PowerModel:
 
 
 def _model_of(robot: str, records: Sequence[EffectTable], where: str) -> PowerModel:
+    """A model from its effect tables; a fault names the table's number."""
     effects = []
     for number, row in enumerate(records, start=1):
         try:

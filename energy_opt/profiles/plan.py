@@ -229,6 +229,7 @@ class MovesPlanner:
         return chain, certificate
 
     def _keep(self, move: Move) -> Keep:
+        """What keeps a move clear of the cell's bodies; distances are measured by one object for all moves."""
         cell = self.p.cell
         assert cell is not None
         if self._near is None or self._near[0] is not cell:
@@ -262,6 +263,7 @@ class MovesPlanner:
         return float(standby.values["power"][0]) * durations[0]
 
     def _nodes(self, objective: str) -> NodeFunctions:
+        """Functions of the nodes for an objective, built once."""
         if objective not in self._functions:
             settings = self.p.settings
             built = node_functions(self.p.model, self.robot.body, self.p.limits(), objective, settings.dynamics)

@@ -112,6 +112,7 @@ def _beside_peak(document: Mapping[str, Any]) -> str:
 
 
 def _closest(document: Mapping[str, Any]) -> Closest | None:
+    """The closest pair of bodies for the player; None if it is not known."""
     found = document["certificate"].get("clearance")
     if not found or found.get("time") is None or found.get("min_distance") is None or not found["pair"]:
         return None

@@ -327,6 +327,7 @@ def _link_text(link: LinkPart, meshes: Mapping[str, Path]) -> Iterator[str]:
 
 
 def _shape_text(body: Collision, meshes: Mapping[str, Path]) -> str:
+    """A collision body as an element of a URDF."""
     if body.kind == "mesh":
         return f'<mesh filename={quoteattr(str(meshes.get(body.file, body.file)))} scale="{_words(body.size)}"/>'
     if body.kind == "box":

@@ -26,6 +26,7 @@ WRAPPERS = ("/**", "ros__parameters", "robot_description_planning", "move_group"
 
 
 def _bound(value: object) -> object:
+    """A number, which may be infinite."""
     if not is_number(value) and value not in (np.inf, -np.inf):
         raise BadInput("expected a number")
     return value
@@ -71,6 +72,7 @@ class JointTable(Table):
     @model_validator(mode="before")
     @classmethod
     def _only_what_counts(cls, row: dict[str, Any]) -> dict[str, Any]:
+        """Leave out numbers whose `has_...` is false."""
         off = [kind for kind in ("position", *KINDS, "deceleration") if row.get(f"has_{kind}_limits") is False]
         return {
             key: value for key, value in row.items() if key not in [f"{m}_{kind}" for kind in off for m in EXTREMES]
@@ -78,6 +80,7 @@ class JointTable(Table):
 
     @model_validator(mode="after")
     def _with_numbers(self) -> Self:
+        """A limit that is said to exist has a number."""
         for kind in (*KINDS, "deceleration"):
             if getattr(self, f"has_{kind}_limits") and not self.sizes(kind):
                 raise ValueError(f"has_{kind}_limits is true, but max_{kind} is missing")
@@ -151,6 +154,11 @@ def names_in(path: Path) -> list[str]:
 
 
 def _document(path: Path) -> LimitsTable:
+    """The limits of a file, taken out of the parameters around them.
+
+    Raises:
+        BadInput: no such table, an unknown key, or a value that is none.
+    """
     document = read_yaml(path)
     for _ in range(len(WRAPPERS)):
         if isinstance(document, dict) and "joint_limits" not in document:

@@ -90,6 +90,7 @@ def vector_in(
 
 
 def _number(word: str) -> float | None:
+    """A word of an attribute as a number: None if it is no finite one, 0 below SMALLEST."""
     if not _NUMBER.fullmatch(word):
         return None
     value = float(word)

@@ -250,6 +250,7 @@ def keeps(problem: Problem, starts: Sequence[np.ndarray], durations: Sequence[np
 
 
 def _interval(run: Run, starts: Sequence[np.ndarray], durations: Sequence[np.ndarray]) -> tuple[float, float]:
+    """Begin and end [s] of the steps, or of the part of a step, of a run."""
     begin, lengths = float(starts[run.ring][run.first]), durations[run.ring]
     if run.part is not None:
         return begin + run.part[0] * float(lengths[run.first]), begin + run.part[1] * float(lengths[run.first])

@@ -112,6 +112,7 @@ class Program:
         self.constraints.append((terms, value - slope * duration, np.inf))
 
     def _variable(self, lower: float, upper: float, cost: float = 0.0, integer: bool = False) -> int:
+        """Add a variable with bounds and cost; returns its index."""
         self.cost.append(cost)
         self.lower.append(lower)
         self.upper.append(upper)
@@ -119,6 +120,7 @@ class Program:
         return len(self.cost) - 1
 
     def _steps(self) -> None:
+        """Add the start, duration, energy and mode of every step."""
         cycle = self.problem.cycle_time
         far = self._far
         for r, ring in enumerate(self.problem.rings):
@@ -203,10 +205,12 @@ class Program:
         return cycle * (len(self.problem.rings) + 1) + sum(abs(length - cycle * height) for length, height in fixed)
 
     def _cycles(self) -> int:
+        """Add a whole number of cycles; returns its index."""
         most = 2 * np.ceil(self._far / self.problem.cycle_time) + 2
         return self._variable(-most, most, integer=True)
 
     def _lags(self) -> None:
+        """Add the constraints of all time lags; a lag without a height gets a number of cycles."""
         cycle = self.problem.cycle_time
         for lag in self.problem.lags:
             terms: Terms = _sum({self.start[lag.end]: 1.0}, {self.start[lag.begin]: -1.0})
@@ -222,6 +226,7 @@ class Program:
             self.constraints.append((terms, lag.length - cycle * height, most))
 
     def _exclusions(self) -> None:
+        """Add the constraints that two runs never overlap: one ends before the other begins, in some cycle."""
         cycle = self.problem.cycle_time
         for pair in self.problem.exclusions:
             cycles = self._cycles()
@@ -246,6 +251,7 @@ class Program:
 
 
 def _sum(*parts: Terms) -> Terms:
+    """Linear terms added: coefficients by variable."""
     out: Terms = {}
     for part in parts:
         for j, c in part.items():

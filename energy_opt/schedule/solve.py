@@ -127,6 +127,7 @@ def _refine(program: Program, x: np.ndarray) -> bool:
 
 
 def _schedule(program: Program, x: np.ndarray) -> Schedule:
+    """The schedule of a solution x of the program; durations are clipped to their bounds."""
     problem = program.problem
     starts, durations, modes, energies, orders = [], [], [], [], list[list[int]]()
     for r, ring in enumerate(problem.rings):
@@ -199,6 +200,11 @@ def held(schedule: Schedule) -> Problem:
 
 
 def _why(impossible: bool, problem: Problem, seconds: float, explain: bool) -> Infeasible:
+    """The error of a problem without a schedule.
+
+    Args:
+        impossible: the solver proved it. problem: as given. seconds: [s] that the solver had. explain: seek what binds.
+    """
     for ring in problem.rings:
         shortest = [
             max(s.least, min(m.shortest for m in s.modes)) if isinstance(s, Wait) else s.least for s in ring.steps

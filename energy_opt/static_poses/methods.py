@@ -130,6 +130,11 @@ def poses_of(measured: MeasuredSet, payload: PointMass | None = None) -> list[Po
 def _pose(
     body: RigidBody, file: str, position: np.ndarray, power: np.ndarray, held: float, payload: PointMass | None
 ) -> Pose:
+    """A static pose: the means of positions (N, n) and power (N,) [W].
+
+    Args:
+        held: [s] how long it is held. payload: in the last joint's frame.
+    """
     q = position.mean(axis=0)
     rest = np.zeros((1, body.n))
     torque = body.torque(q[None], rest, rest, payload)[0]

@@ -188,6 +188,7 @@ class Arm:
                 raise Infeasible(f"{self.name}: {move.leg.name} keeps its limits at no duration", limit="duration")
 
     def _slowed(self, move: ArmMove, duration: float) -> None:
+        """Keep the evenly slowed move of a duration [s] if it holds all limits."""
         timing = move.timing.slowed(max(duration - self._blend, move.timing.duration))
         answer = self._blended(move, timing.trajectory(self.job.robot.joints), "scaled")
         if answer.status == "solved":

@@ -135,6 +135,7 @@ def _estimated(make: Callable[[], Arm]) -> Arranged | None:
 
 
 def _alone(arm: Arm) -> Arranged:
+    """An arm with evenly slowed moves, and the energy [J] of its own cheapest schedule."""
     arm.slow()
     return Arranged(arm, solve(Problem(arm.job.cycle_time, (arm.ring(False),)), seconds=SECONDS).bound)
 

@@ -96,6 +96,7 @@ def check_workcell(path: Path, load: Callable[[str], Robot], allow_outside: bool
 
 
 def _step(k: int, step: StepTable) -> dict[str, Any]:
+    """A step as an entry of a job file of format 1; a wait has its shortest duration."""
     out: dict[str, Any] = {"name": step_name(k, step)}
     if step.payload is not None:
         out["payload"] = _plain(step.payload)

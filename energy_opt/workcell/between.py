@@ -143,6 +143,7 @@ class _Loose(MotionCurve):
         return self
 
     def middles(self, spans: Spans) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """As of any curve; how far each point moves grows by the time that an arm may be early or late."""
         time, q, far = super().middles(spans)
         if self._slack > 0:
             h = self.time[spans.first + 1] - self.time[spans.first]

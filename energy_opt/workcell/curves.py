@@ -69,6 +69,7 @@ def problem_of(cell: WorkCell, rings: Mapping[str, Ring], exclusions: Sequence[E
 
 
 def _lags(cell: WorkCell, rings: Mapping[str, Ring]) -> list[Lag]:
+    """The file's lags, and those of `after`, between steps of the rings."""
     places = [step_places(robot, rings[robot.name]) for robot in cell.robot]
 
     def at(name: str) -> tuple[int, int]:

@@ -135,6 +135,7 @@ class Planning(Stage):
         return None
 
     def _planned(self, schedule: Schedule) -> Planned:
+        """The plan of a schedule; where arms touch, their times are kept apart and scheduling is repeated."""
         for _ in range(SHIFTED):
             found = self.proved(schedule)
             touching = [between for between in found.clearance if between.verdict != "proven"]
@@ -211,6 +212,7 @@ class Planning(Stage):
         return replace(schedule, energies=tuple(energies))
 
     def _scheduled(self, hold: Sequence[dict[int, float] | None] | None = None) -> Schedule:
+        """The schedule in the present state, to a gap of 1e-5; `hold` fixes durations [s] by step."""
         return solve(self.problem(True, hold), seconds=SECONDS, gap=1e-5)
 
     def _refined(self) -> Schedule:
@@ -331,6 +333,7 @@ class Planning(Stage):
 
 
 def _wider(one: Run, two: Run) -> Run:
+    """A run that covers both; a whole step if one of them is."""
     if one.part is None or two.part is None:
         return Run(one.ring, one.first, one.last)
     part = min(one.part[0], two.part[0]), max(one.part[1], two.part[1])

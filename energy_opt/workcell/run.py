@@ -163,6 +163,7 @@ def supplied(planning: Planning, planned: Planned) -> tuple[Planned, Supplied]:
 
 
 def _fault(schedule: Schedule, moves: list[tuple[int, int]], drawn: Supplied) -> Infeasible:
+    """The error of a supply whose limits no schedule holds; names the moves at the worst instant."""
     rings = schedule.problem.rings
     names = ", ".join(f"{rings[r].name}.{rings[r].steps[k].name}" for r, k in moves) or "all robots wait then"
     if drawn.overflow > 0:

@@ -213,6 +213,7 @@ def pull(problem: Problem) -> Levers:
 
 
 def _today(step: Move | Wait) -> Move | Wait:
+    """The step at its present duration, or at its shortest."""
     if isinstance(step, Wait):
         return step
     taken = step.least if step.as_is is None else min(max(step.as_is, step.least), step.most)
@@ -220,13 +221,16 @@ def _today(step: Move | Wait) -> Move | Wait:
 
 
 def _ready(step: Move | Wait) -> Move | Wait:
+    """The step with only its first mode, if it is a wait."""
     return replace(step, modes=step.modes[:1]) if isinstance(step, Wait) else step
 
 
 def _longer(step: Move | Wait) -> Move | Wait:
+    """The step without a longest duration if it is a wait."""
     return replace(step, most=np.inf) if isinstance(step, Wait) else step
 
 
 def _each(problem: Problem, change: Callable[[Move | Wait], Move | Wait]) -> Problem:
+    """The problem with every step changed."""
     rings = tuple(Ring(ring.name, tuple(change(step) for step in ring.steps)) for ring in problem.rings)
     return replace(problem, rings=rings)

@@ -106,6 +106,7 @@ class Supply:
         return Supplied(self.time, power, energy, lost, self.table.max_power, self.table.resistor)
 
     def _add(self, schedule: Schedule, r: int, k: int, bus: np.ndarray, rest: np.ndarray) -> None:
+        """Add a step's power to the grid: at the link (`bus`) if an arm moves or is held, else to `rest`."""
         start, length = float(schedule.starts[r][k]), float(schedule.durations[r][k])
         cycle, energy = self.cell.cycle_time, float(schedule.energies[r][k])
         ring, arm = schedule.problem.rings[r], self.arms[r]

@@ -49,11 +49,17 @@ def read_message(reading: Reading, document: Mapping[str, Any]) -> AllowedPairs:
 
 
 def _where(entry: Any, number: int) -> str:
+    """Name of an entry in messages: its id, else its number."""
     name = entry.get("id") if isinstance(entry, Mapping) else None
     return f"object {name}" if isinstance(name, str) and name else f"object {number}"
 
 
 def _no_octomap(world: Mapping[str, Any]) -> None:
+    """Refuse a world with an octomap.
+
+    Raises:
+        BadInput: its data are not empty.
+    """
     octomap = world.get("octomap")
     inner = octomap.get("octomap") if isinstance(octomap, Mapping) else None
     if isinstance(inner, Mapping) and inner.get("data"):
@@ -89,6 +95,7 @@ class _Frames:
 
 
 def _frame(entry: Mapping[str, Any]) -> str:
+    """The frame that an entry's header names, without the leading slash; empty if it names none."""
     header = entry.get("header") or {}
     frame = header.get("frame_id") if isinstance(header, Mapping) else None
     return str(frame or "").lstrip("/")
@@ -159,6 +166,7 @@ def _poses(reading: Reading, entry: Mapping[str, Any], key: str, count: int) -> 
 
 
 def _shapes(reading: Reading, entry: Mapping[str, Any]) -> tuple[Shape, ...]:
+    """The primitives, meshes and planes of a collision object, each at its pose."""
     out = []
     solids = sequence(entry.get("primitives"), "primitives")
     for solid, at in zip(solids, _poses(reading, entry, "primitive_poses", len(solids)), strict=True):
@@ -174,6 +182,11 @@ def _shapes(reading: Reading, entry: Mapping[str, Any]) -> tuple[Shape, ...]:
 
 
 def _primitive(reading: Reading, solid: Mapping[str, Any], at: np.ndarray) -> Shape:
+    """A primitive of shape_msgs/SolidPrimitive, its type by number or by name.
+
+    Raises:
+        BadInput: another type, or another number of dimensions.
+    """
     word = solid.get("type")
     if isinstance(word, str):
         word = int(word) if word.isdigit() else word.lower()
@@ -195,6 +208,11 @@ def _mesh(reading: Reading, mesh: Mapping[str, Any], at: np.ndarray) -> Shape:
 
 
 def _triangle(row: Any) -> Sequence[int]:
+    """Three indices of vertices, from shape_msgs/MeshTriangle or a list.
+
+    Raises:
+        BadInput: they are not three whole numbers.
+    """
     indices = sequence(row.get("vertex_indices") if isinstance(row, Mapping) else row, "vertex_indices")
     if len(indices) != 3 or not all(isinstance(k, int) and not isinstance(k, bool) and k < 2**31 for k in indices):
         raise BadInput(f"a triangle is {brief(indices)}; expected three indices of vertices")

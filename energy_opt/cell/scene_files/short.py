@@ -216,6 +216,7 @@ def _text_object(reading: Reading, name: str, lines: _Lines) -> SceneObject:
 
 
 def _text_pose(reading: Reading, lines: _Lines, what: str) -> np.ndarray:
+    """Pose (4, 4) from a line of a position [m] and a line of a quaternion x, y, z, w."""
     position = lines.numbers(3, what)
     return pose(reading, position, lines.numbers(4, what))
 

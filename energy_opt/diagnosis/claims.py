@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -94,11 +95,38 @@ def is_a_line(f: Fit, claim: Claim) -> bool:
     return any(x > float(np.ptp(samples.t)) for x, unit in zip(longest, units, strict=True) if unit == "s")
 
 
-def without_effects(found: Search, f: Fit) -> Fit:
-    """Refit a hypothesis without all its effects, except those in `World.given`."""
-    while any(c.term.name not in found.world.given for c in f.charts):
-        k = next(k for k, c in enumerate(f.charts) if c.term.name not in found.world.given)
-        f = without(found, f, k)
+def is_beyond_bounds(f: Fit, claim: Claim) -> bool:
+    """True if the data ask for a number of the claimed effect beyond its bound, as for a negative resistance.
+
+    Another law rules then: to leave the bound, the number's log likelihood would gain more than `RIVAL`.
+    """
+    k = next(k for k, name in enumerate(f.names) if name not in claim.without.names)
+    if not _at_bounds(f.charts[k], f.numbers[k]).any():
+        return False
+    f = widened(f)
+    pull = f.jacobian.T @ f.world.whiten(f.residual) - f.precision @ (f.theta - f.mean)
+    fixed = np.zeros(len(f.theta), dtype=bool)
+    fixed[: f.count] = np.concatenate([_at_bounds(c, z) for c, z in zip(f.charts, f.numbers, strict=True)])
+    own, first = f.charts[k], sum(map(len, f.numbers[:k]))
+    for i in np.flatnonzero(fixed[first : first + len(own.lower)]):
+        loose = np.append(np.flatnonzero(~fixed), first + i)
+        variance = float(np.linalg.inv(f.hessian[np.ix_(loose, loose)])[-1, -1])
+        outwards = (pull[first + i] < 0) == (f.numbers[k][i] <= own.lower[i])
+        if outwards and 0.5 * pull[first + i] ** 2 * variance > RIVAL:
+            return True
+    return False
+
+
+def _at_bounds(c: Chart, z: np.ndarray) -> np.ndarray:
+    """Which numbers (Z,) of an effect are at a bound."""
+    return (z <= c.lower) | (z >= c.upper)
+
+
+def only(found: Search, f: Fit, names: Collection[str] = ()) -> Fit:
+    """Refit a hypothesis with these of its effects alone, and those in `World.given`."""
+    kept = {*names, *found.world.given}
+    while not kept.issuperset(f.names):
+        f = without(found, f, next(k for k, name in enumerate(f.names) if name not in kept))
     return f
 
 
@@ -139,13 +167,12 @@ def shaped_otherwise(found: Search, f: Fit) -> int | None:
     """Index of an effect of a fit that has another law than the library's, or None.
 
     Either its shape parameter ends at a bound: it then represents another law. Or a free function that is likely
-    besides
-    the effect can represent it, so that it follows the same signal: it adds what the law's shape lacks.
+    besides the effect can represent it, so that it follows the same signal: it adds what the law's shape lacks.
     """
     causes = [k for k, c in enumerate(f.charts) if c.term.name not in found.world.given]
     for k in causes:
         c, z = f.charts[k], f.numbers[k]
-        if (c.shapes & ((z <= c.lower) | (z >= c.upper))).any():
+        if (c.shapes & _at_bounds(c, z)).any():
             return k
     if not causes:
         return None

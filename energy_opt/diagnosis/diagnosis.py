@@ -108,12 +108,14 @@ def diagnose(
     before = {"train": errors(declared, samples, train), "holdout": errors(declared, samples, holdout)}
     after = {"train": errors(model, samples, train), "holdout": errors(model, samples, holdout)}
     effects, left = findings_of(found), _attributions(found, joints)
-    # if more than noise is left, levels and noise may contain misfit
-    noise = found.noise if found.after.ratio < NOISE else None
+    # if more than noise is left and nothing accounts for it, levels and noise may contain misfit
+    noise = found.noise if found.after.ratio < NOISE or found.claims else None
     best, drift = found.best, drift_of(found.best, samples, centred=True)
     offset = float(np.hypot(best.nuisance.offset, best.nuisance.drift))
     others = [written(f) for f in (*found.rivals[1:], best)]
     ahead = foreseen(model, samples, noise, drift, offset, found.accepted, others, best.free)
+    if found.astray and found.verdict != "nothing_missing":
+        ahead = replace(ahead, reason=ahead.reason or "a law acts that no effect has")
     floor = found.after.noise
     records = side_records(side, joints, limits, found.accepted if enough else None)
     modes = modes_of(model, samples)

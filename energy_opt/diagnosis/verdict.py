@@ -22,7 +22,9 @@ from energy_opt.diagnosis.claims import (
     instead_of_links,
     is_a_line,
     is_a_step,
+    is_beyond_bounds,
     links_show,
+    only,
     other_drives,
     plain_fit,
     shaped_otherwise,
@@ -30,7 +32,6 @@ from energy_opt.diagnosis.claims import (
     trifling,
     widened,
     without,
-    without_effects,
     written,
 )
 from energy_opt.diagnosis.clusters import FEWEST, clusters
@@ -50,6 +51,7 @@ from energy_opt.robot import Limits
 
 log = logging.getLogger(__name__)
 
+NO_CLAIM = (is_a_step, is_a_line, is_beyond_bounds)
 ALIKE = 1.1  # factor on the held-out error within which a set predicts equally well
 BESIDE = 0.3  # share of the explained log odds that a claimed effect must have if more than noise is left
 NOISE = 1.2  # factor on the noise below which a model's held-out error counts as noise
@@ -71,7 +73,8 @@ class Inference:
         links: True where the URDF's links are the cause that is claimed.
         idle: joints (indices) that never move. follows: False where power does not go with the motion.
         verdict: as in diagnosis.json; "" where the search was stopped before it had one.
-        blind: True if no cause was sought. unknown: True if a law that the library lacks rules beside the claims.
+        blind: True if no cause was sought. unknown: True if a law that the library lacks may rule beside the claims.
+        astray: True if one does, as effects imitated it or more is left than any noise.
     """
 
     search: Search
@@ -91,6 +94,7 @@ class Inference:
     follows: bool = True
     blind: bool = False
     unknown: bool = False
+    astray: bool = False
 
 
 def excited(samples: Samples, limits: Limits) -> np.ndarray:
@@ -165,31 +169,37 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
     judge.drifts = best
     declared = judge.of_model(world.declared, nothing)
     log.info("evidence for each effect", extra={"share": 0.65})
-    accepted, claims = _borne_out(found, judge, *claimed(found, best))
+    sure, claims = claimed(found, best)
+    accepted, claims = _borne_out(found, judge, sure, claims)
+    # effects are sure of motions that were fitted and not borne out by others, or more is left than any noise
+    astray = found.score(sure) - found.score(accepted) > CLAIM or noise.size > ALIKE * judge.most.size
     log.info("alternatives", extra={"share": 0.8})
     rivals: tuple[Fit, ...] = (accepted,)
     unknown = bool(accepted.free) or judge.of(accepted).ratio >= NOISE or bool(claims and structures(found, accepted))
-    if claims and not accepted.free:
-        rivals = alternatives(found, accepted, 2 * RIVAL)  # motions held out may make a less likely set likelier
-        best = max((best, *rivals), key=found.score)
-    start = root(found.world, best.nuisance)
     if accepted.free:
         accepted = plain_fit(found, accepted)
         claims = tuple(Claim(c.odds, plain_fit(found, c.without)) for c in claims)
     if claims:
-        rivals = _as_good(found, judge, accepted) if unknown else left_open(found, judge, rivals)
+        rivals = alternatives(found, accepted, 2 * RIVAL)  # motions held out may make a less likely set likelier
+        best = max((best, *rivals), key=found.score)
+    start = root(found.world, best.nuisance)
+    if claims:
+        rivals = _as_good(found, judge, accepted) if astray else left_open(found, judge, rivals)
         borne = {
             id(f): _borne_out(found, judge, *claimed(found, f), shaped=not unknown) for f in rivals if f is not accepted
         }
         borne[id(accepted)] = accepted, claims
-        rivals = tuple(f for f in rivals if borne[id(f)][1] and borne[id(f)][0].names == f.names)
+        rivals = tuple(f for f in rivals if borne[id(f)][1] and borne[id(f)][0].names == f.names) or (accepted,)
         accepted, claims = borne[id(rivals[0])]
+        if astray and len(rivals) > 1:
+            accepted, claims = _in_all(found, judge, rivals)
+            rivals = (accepted,)
     rivals = tuple(scattered(widened(f)) if unknown else widened(f) for f in rivals)
     best, accepted = rivals[0] if best is accepted else best, rivals[0]
     after = judge.of(accepted)
     model = written(accepted)
     if claims and judge.held is not None and after.rmse >= declared.rmse:
-        accepted, claims = without_effects(found, accepted), ()
+        accepted, claims = only(found, accepted), ()
         rivals, model, after = (accepted,), written(accepted), judge.of(accepted)
     if not claims:
         start = accepted
@@ -207,14 +217,15 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
     if len(rivals) > 1:
         verdict = "ambiguous"
     elif claims or linked:
-        verdict = "explained" if fits and not (claims and structures(found, accepted)) else "partly"
+        other = claims and (astray or structures(found, accepted))
+        verdict = "explained" if fits and not other else "partly"
     else:
         verdict = "nothing_missing" if fits else "unexplained"
     if idle and verdict != "ambiguous":
         verdict = "insufficient"
     return Inference(
         found, start, best, accepted, verdict, claims, rivals, noise, judge.noise, declared, after, model, linked, idle,
-        unknown=unknown,
+        unknown=unknown, astray=astray,
     )  # fmt: skip
 
 
@@ -263,6 +274,15 @@ def _as_good(found: Search, judge: Judge, accepted: Fit) -> tuple[Fit, ...]:
     return tuple(sorted(rivals, key=found.odds, reverse=True))
 
 
+def _in_all(found: Search, judge: Judge, rivals: tuple[Fit, ...]) -> tuple[Fit, tuple[Claim, ...]]:
+    """The claims that all of several sets share which predict as well beside an unknown law, where they hold alone.
+
+    In the place in which the sets differ the unknown law may stand for any of them, and for none.
+    """
+    shared = set.intersection(*(set(f.names) for f in rivals))
+    return _borne_out(found, judge, *claimed(found, only(found, rivals[0], shared)), shaped=False)
+
+
 def left_open(found: Search, judge: Judge, rivals: tuple[Fit, ...]) -> tuple[Fit, ...]:
     """Alternatives that held-out motions do not exclude, the likeliest first.
 
@@ -290,7 +310,7 @@ def _borne_out(
     blind = judge.held is None and moving < FEWEST  # too few motions to leave one out
     loud = judge.under_most_noise()
     while claims and not blind:
-        other = next((c for c in claims if is_a_step(accepted, c) or is_a_line(accepted, c)), None)
+        other = next((c for c in claims if any(no(accepted, c) for no in NO_CLAIM)), None)
         if other is None and shaped and (k := shaped_otherwise(found, accepted)) is not None:
             other = next((c for c in claims if accepted.names[k] not in c.without.names), None)
         if other is not None:
@@ -299,7 +319,7 @@ def _borne_out(
         plain, start = plain_fit(found, accepted), root(found.world, accepted.nuisance)
         noisy = judge.of(plain).ratio >= NOISE
         if noisy and not mostly_explained(loud.of(start), loud.of(plain), bool(accepted.free)):
-            return without_effects(found, accepted), ()
+            return only(found, accepted), ()
         whole = BESIDE * float(np.sum(judge.gains(plain, start))) if noisy else 0.0
         fewer = [plain_fit(found, c.without) for c in claims]
         gains = [judge.gains(plain, less) for less in fewer]

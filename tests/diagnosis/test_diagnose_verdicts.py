@@ -246,12 +246,24 @@ def test_what_is_mostly_explained_is_so_without_its_best_motion():
         ("xarm7", 9500011, "fan"),  # its mean power is no drift of the meter, its switching no noise with memory
         pytest.param("z1", 9500010, "current_offset", marks=pytest.mark.slow),  # levels resemble those of a spring
         pytest.param("panda", 6100039, "brakes", marks=pytest.mark.slow),
+        # copper loss follows it, with a joint whose resistance would have to be negative
+        pytest.param("z1", 11300010, "current_offset", marks=pytest.mark.slow),
     ],
 )
 def test_a_law_that_is_not_in_the_library_is_neither_named_nor_taken_for_noise(arm, seed, law, tmp_path):
     truth = write_world(World(arm, seed, (0.0, 0.05), "ar1", unlisted=law), tmp_path / "set")
     d = diagnose(read_set(truth.folder, truth.robot), truth.declared).document
     assert d["verdict"] == "unexplained" and not d["effects"] and not d["usable"]
+
+
+@pytest.mark.slow
+def test_beside_an_unknown_law_only_what_all_sets_share_is_claimed(tmp_path):
+    """Two motors that turn two joints together rub: as viscous, asymmetric or warming friction, and as iron loss."""
+    world = World("xarm7", 11310022, (0.0, 0.05), "ar1", "armature", unlisted="coupled_friction")
+    truth = write_world(world, tmp_path / "set")
+    found = diagnose(read_set(truth.folder, truth.robot), truth.declared)
+    assert [x.name for x in found.effects] == ["armature"] and found.verdict == "partly"
+    assert found.model.get("viscous_friction") is None and not found.document["usable"]
 
 
 @pytest.mark.parametrize(

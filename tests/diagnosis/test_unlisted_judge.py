@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -100,8 +101,29 @@ def test_a_model_that_is_not_the_claimed_one_is_found(truth, tmp_path):
 def test_the_true_model_is_as_good_as_the_noise_and_foresees_differences(truth):
     reached, best = held_out(truth, model_of(truth), sorted(truth.measured))
     assert reached == pytest.approx(best, rel=0.02)  # the world turns friction's sign smoothly within 2 mrad/s
-    assert difference_error(truth, model_of(truth), 31) < 0.03
+    assert difference_error(truth, model_of(truth), 31) < 0.05  # as far as that goes, of differences of half a joule
     assert difference_error(truth, truth.declared, 31) > 0.1
+
+
+def test_what_a_pump_takes_is_no_difference_between_two_plans(tmp_path):
+    """The declared model is right but for the pump, which runs at its own times."""
+    truth = write_world(World("z1", 31, (0.0, 0.0), unlisted="pump", motions=3, poses=2), tmp_path / "set")
+    assert difference_error(truth, truth.declared, 31) < 0.01
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_motions_that_are_compared_keep_the_arms_limits(seed, truth):
+    seen = []
+
+    def plant(motions):
+        seen.extend(motions)
+        return truth.plant(motions)
+
+    difference_error(replace(truth, plant=plant), truth.declared, seed)
+    limits = truth.robot.limits
+    assert len(seen) == 16
+    for _, v, a in seen:
+        assert (np.abs(v) <= 1.02 * limits.velocity).all() and (np.abs(a) <= 1.05 * limits.acceleration).all()
 
 
 @pytest.mark.parametrize("kind", list(KINDS))

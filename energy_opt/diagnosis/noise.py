@@ -45,11 +45,6 @@ class Noise:
     memory: float = 1.0
     misfit: float = 0.0
 
-    @property
-    def size(self) -> float:
-        """Standard deviation [W] of a reading, the misfit aside."""
-        return float(np.hypot(self.white, self.wave))
-
 
 @dataclass(frozen=True)
 class Shared:
@@ -155,7 +150,7 @@ def standing_noise(*sets: Samples) -> tuple[Noise, Noise]:
     found = [(v + np.log(len(found)) * (n.wave == 0), n) for v, n in found]
     value, best = max(found, key=lambda row: row[0])
     odds = np.exp([v - value for v, _ in found])
-    size = np.log([n.size for _, n in found])
+    size = np.log([np.hypot(n.white, n.wave) for _, n in found])
     middle = np.average(size, weights=odds)
     most = np.exp(middle + np.average((size - middle) ** 2, weights=odds) ** 0.5)
     return best, replace(best, wave=float(np.sqrt(max(most**2 - best.white**2, best.wave**2))))

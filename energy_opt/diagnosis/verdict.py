@@ -74,7 +74,7 @@ class Inference:
         idle: joints (indices) that never move. follows: False where power does not go with the motion.
         verdict: as in diagnosis.json; "" where the search was stopped before it had one.
         blind: True if no cause was sought. unknown: True if a law that the library lacks may rule beside the claims.
-        astray: True if one does, as effects imitated it or more is left than any noise.
+        astray: True if one does, as effects imitated it or more is left in motion than any noise.
     """
 
     search: Search
@@ -171,11 +171,14 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
     log.info("evidence for each effect", extra={"share": 0.65})
     sure, claims = claimed(found, best)
     accepted, claims = _borne_out(found, judge, sure, claims)
-    # effects are sure of motions that were fitted and not borne out by others, or more is left than any noise
-    astray = found.score(sure) - found.score(accepted) > CLAIM or noise.size > ALIKE * judge.most.size
     log.info("alternatives", extra={"share": 0.8})
     rivals: tuple[Fit, ...] = (accepted,)
-    unknown = bool(accepted.free) or judge.of(accepted).ratio >= NOISE or bool(claims and structures(found, accepted))
+    odd = bool(claims and structures(found, accepted)) or any(g.signal != "time" for g in accepted.free)
+    unknown = odd or bool(accepted.free) or judge.of(accepted).ratio >= NOISE
+    imitated = found.score(sure) - found.score(accepted) > CLAIM  # sure by motions fitted, not borne out by others
+    loud = judge.under_most_noise().of(accepted)  # noise that is louder than it was known is so at rest, too
+    misfit = loud.motion / loud.noise_motion >= NOISE * max(1.0, loud.rest / loud.noise_rest)
+    astray = odd or imitated or misfit
     if accepted.free:
         accepted = plain_fit(found, accepted)
         claims = tuple(Claim(c.odds, plain_fit(found, c.without)) for c in claims)

@@ -270,8 +270,8 @@ def test_the_size_of_a_store_that_never_fills_is_open_upwards(tmp_path):
 @pytest.mark.parametrize(
     "world",
     [
-        World("z1", 11210010, (0.0, 0.05), "ar1", "coulomb_friction", unlisted="current_offset"),
-        World("xarm7", 11210026, (0.0, 0.05), "ar1", "viscous_friction", unlisted="dahl"),
+        World("xarm7", 11310022, (0.0, 0.05), "ar1", "armature", unlisted="coupled_friction"),
+        World("ur5", 11320028, (0.03, 0.05), "ar1", "coulomb_friction"),
     ],
 )
 def test_stated_intervals_hold_beside_a_law_that_nobody_knows(world, tmp_path):

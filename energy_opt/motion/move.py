@@ -12,6 +12,7 @@ from energy_opt.motion.conditions import kept, tube_of
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.trajectory import Trajectory, whole
 from energy_opt.numerics.compile import POLICIES
+from energy_opt.robot import Robot
 
 Mode = Literal["retime", "reshape"]
 SHORTEST, LONGEST = 1e-6, 1e5  # [s] bounds of a given duration: a sample of any controller is longer, a day is shorter
@@ -180,3 +181,19 @@ class Settings:
             raise BadInput(f"--compile {self.compile!r}; expected one of {', '.join(POLICIES)}")
         if self.end_acceleration not in ("zero", "free"):
             raise BadInput(f"--end-acceleration {self.end_acceleration!r}; expected zero or free")
+
+
+def long_turns(robot: Robot, move: Move) -> list[str]:
+    """Warnings for joints without limits that reach the same pose by a shorter turn the other way."""
+    if move.path is not None or move.via:
+        return []
+    out = []
+    for k, link in enumerate(robot.body.own_links()):
+        turn = float(move.goal[k] - move.start[k])
+        short = float(np.remainder(turn + np.pi, 2 * np.pi) - np.pi)
+        if link.continuous and abs(turn) > np.pi + 1e-9:
+            out.append(
+                f"{link.name} turns {turn:.4g} rad; it has no end: a goal of {move.start[k] + short:.6g} rad is "
+                f"the same pose {abs(short):.4g} rad away"
+            )
+    return out

@@ -21,7 +21,7 @@ from energy_opt.motion.judge.energy import Energy, Scorer
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.limits.check import check_pose
 from energy_opt.motion.limits.registry import limits_of
-from energy_opt.motion.move import Move, Settings
+from energy_opt.motion.move import Move, Settings, long_turns
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.plan.anytime import Progress
 from energy_opt.motion.plan.candidates import unseen
@@ -32,6 +32,7 @@ from energy_opt.motion.plan.single import Single
 from energy_opt.motion.plan.sketch import Settled, settled, sketched
 from energy_opt.motion.reshape.open import FIXED, Open
 from energy_opt.motion.result import FirstPath, Result
+from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
 from energy_opt.power.law import rigid_inputs
@@ -77,6 +78,8 @@ class Planner:
         self._shares: Mapping[str, float] = {}
         # first paths with the cell and the move they belong to
         self._starts: list[tuple[Cell | None, Move, Start]] = []
+        # their fastest timings, with the model, the shares of limits and the settings that they hold for
+        self._timings: list[tuple[Move, PowerModel, Mapping[str, float], Settings, Timing]] = []
         self._workshop, self._stopped = Workshop(batch), stopped
         self._take_cell(cell)
         self._take_model(model)
@@ -160,18 +163,30 @@ class Planner:
 
     def minimum_time(self, move: Move) -> float:
         """The shortest duration of the move's first path within all limits, by TOPP-RA, s."""
-        move, _, _ = self.first_path(move)
-        return self.context(move).fastest(path_of(move)).duration
+        return self.timing(self.first_path(move)[0]).duration
 
     def slowed(self, move: Move, duration: float) -> Trajectory | None:
         """The fastest timing of the move's first path, slowed evenly to `duration` s; None if that is not valid."""
         move, _, _ = self.first_path(move)
-        context = self.context(move)
         try:
-            trajectory = context.fastest(path_of(move)).slowed(duration).trajectory(self.robot.joints)
+            trajectory = self.timing(move).slowed(duration).trajectory(self.robot.joints)
         except Infeasible:
             return None
-        return trajectory if context.judge(trajectory).certificate.valid else None
+        return trajectory if self.certify(trajectory, move).valid else None
+
+    def timing(self, move: Move) -> Timing:
+        """The fastest timing of a move along its path, computed once for all durations.
+
+        Raises:
+            Infeasible: the path breaks limits at any timing.
+        """
+        timeless, given = replace(move, duration=None, max_duration=None), (self.model, self._shares, self.settings)
+        for asked, *under, timing in self._timings:
+            if all(a is b for a, b in zip(under, given, strict=True)) and asked == timeless:
+                return timing
+        found = self.context(timeless).fastest(path_of(timeless))
+        self._timings[:] = [*self._timings[1 - REMEMBERED :], (timeless, *given, found)]
+        return found
 
     def first_path(self, move: Move) -> Start:
         """The move with the path that it starts from, the source of that path, and further free paths.
@@ -212,7 +227,7 @@ class Planner:
             result = self.single(move).at(move.duration, move.max_duration, warm, progress).result
         except Infeasible as error:
             raise (self._confirmed(error, move, progress) if confirm else error) from None
-        return replace(result, warnings=(*result.warnings, *self._cell_warnings, *self._long_turns(move)))
+        return replace(result, warnings=(*result.warnings, *self._cell_warnings, *long_turns(self.robot, move)))
 
     def sketch(self, move: Move, warm: Sequence[Trajectory] = ()) -> Trajectory:
         """A quick estimate of the answer, in a fraction of the time of `solve`: without bodies, limits nearly held."""
@@ -226,21 +241,6 @@ class Planner:
             return motion, move.via
         planner = (self if clear else self.around(None)).as_ending(motion)
         return settled(planner.context(move), move, motion, open_)
-
-    def _long_turns(self, move: Move) -> list[str]:
-        """Warnings for joints without limits that reach the same pose by a shorter turn the other way."""
-        if move.path is not None or move.via:
-            return []
-        out = []
-        for k, link in enumerate(self.robot.body.own_links()):
-            turn = float(move.goal[k] - move.start[k])
-            short = float(np.remainder(turn + np.pi, 2 * np.pi) - np.pi)
-            if link.continuous and abs(turn) > np.pi + 1e-9:
-                out.append(
-                    f"{link.name} turns {turn:.4g} rad; it has no end: a goal of {move.start[k] + short:.6g} rad is "
-                    f"the same pose {abs(short):.4g} rad away"
-                )
-        return out
 
     def _confirmed(self, error: Infeasible, move: Move, progress: Progress) -> Infeasible:
         """The error with a shortest duration that was solved, as were durations slightly above it.
@@ -284,7 +284,7 @@ class Planner:
             further=further,
             looked_for=first.source in ("own", "ompl"),
         )
-        return Single(context, started, first)
+        return Single(context, started, first, self.timing)
 
     def _further(self, asked: Move, source: str) -> tuple[JointPath, ...]:
         """Another initial path, if the first went around a body; called if the result saves too little."""

@@ -24,7 +24,7 @@ from energy_opt.motion.plan.candidates import (
 )
 from energy_opt.motion.plan.choice import Work, baselines_of, choose
 from energy_opt.motion.plan.clear import kept_clear, nearly_clear
-from energy_opt.motion.plan.context import Context, path_of
+from energy_opt.motion.plan.context import Context
 from energy_opt.motion.reshape.curve import Outcome
 from energy_opt.motion.reshape.search import Kept
 from energy_opt.motion.result import FirstPath, Result
@@ -132,11 +132,11 @@ def _costs_more(context: Context, curve: Candidate, retimed: Callable[[], Retime
     )
 
 
-def first_timing(context: Context, move: Move) -> Timing | None:
-    """The fastest timing of the first path; None if a reshaped move's path has none."""
+def first_timing(move: Move, timing: Callable[[], Timing]) -> Timing | None:
+    """The fastest timing of the first path, by `timing`; None if a reshaped move's path has none."""
     log.info("timing of the first path", extra={"share": 0.05})
     try:
-        return context.fastest(path_of(move))
+        return timing()
     except Infeasible:
         if move.mode == "retime":
             raise
@@ -154,15 +154,15 @@ class Solved:
 class Single:
     """Solves one move at any duration; what durations share is computed once."""
 
-    def __init__(self, context: Context, move: Move, first: FirstPath) -> None:
-        self.context, self.first = context, first
+    def __init__(self, context: Context, move: Move, first: FirstPath, timing: Callable[[Move], Timing]) -> None:
+        self.context, self.first, self._timing = context, first, timing
         self.move = replace(move, duration=None, max_duration=None)
         self.kept: Kept = {}  # coarse results of the starts, by duration
 
     @cached_property
     def timing(self) -> Timing | None:
         """The fastest timing of the first path; None if a reshaped move's path has none."""
-        return first_timing(self.context, self.move)
+        return first_timing(self.move, partial(self._timing, self.move))
 
     def at(
         self, duration: float | None, max_duration: float | None = None, warm: Sequence[Trajectory] = (),

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from energy_opt.errors import Infeasible
 from energy_opt.motion.move import Move
 from energy_opt.motion.plan.candidates import first_line, least_energy_timing, reference_time, task_of
-from energy_opt.motion.plan.context import Context
+from energy_opt.motion.plan.context import Context, path_of
 from energy_opt.motion.plan.single import first_timing, freed, may_free
 from energy_opt.motion.reshape.clear import ClearSearch
 from energy_opt.motion.reshape.curve import Curve
@@ -35,7 +36,7 @@ def sketched(context: Context, move: Move, warm: Sequence[Trajectory] = ()) -> T
         Infeasible: the search ends beyond a limit by more.
     """
     objective = context.settings.objective
-    timing = first_timing(context, move)
+    timing = first_timing(move, partial(context.fastest, path_of(move)))
     reference = reference_time(context, move, timing)
     task = task_of(context, move, reference, None if objective == "time" else move.duration)
     free = timing is not None and move.duration is None
@@ -65,8 +66,10 @@ def settled(context: Context, move: Move, motion: Trajectory, open_: Open) -> Se
         return found
     other = _optimum(freed(context), move, motion, open_)
     there = replace(move, start=other[0].position[0], via=other[1], goal=other[0].position[-1])
-    better = cost(other[0]) < cost(found[0]) and may_free(context, there, first_timing(context, there))
-    return other if better else found
+    if cost(other[0]) >= cost(found[0]):
+        return found
+    timing = first_timing(there, partial(context.fastest, path_of(there)))
+    return other if may_free(context, there, timing) else found
 
 
 def _optimum(context: Context, move: Move, motion: Trajectory, open_: Open) -> Settled:

@@ -11,6 +11,7 @@ from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.limits.base import Violation
+from energy_opt.motion.plan import context as contexts
 from energy_opt.motion.reshape.curve import Outcome
 from energy_opt.motion.reshape.nodes import node_functions
 from energy_opt.motion.reshape.search import COARSE_PACKING
@@ -273,3 +274,18 @@ def test_a_search_that_stops_names_the_limit_that_it_uses_most() -> None:
     worst = Violation("jerk", -0.01, "panda_joint2", 0.5, 99.0, 100.0)
     certificate = Certificate(9, (replace(worst, limit="velocity", excess=-0.5), worst), 1.0)
     assert certificate.tightest == "the tightest limit is the jerk of panda_joint2 at 0.5 s"
+
+
+def test_a_path_is_timed_once_for_all_durations_of_a_move(planner, monkeypatch):
+    """Only under another model, or within other shares of limits, is it timed again."""
+    paths, timed = [], contexts.minimum_time
+    monkeypatch.setattr(contexts, "minimum_time", lambda *given: paths.append(given) or timed(*given))
+    move = Move(START, START + 0.3, mode="retime")
+    shortest = planner.minimum_time(move)
+    for longer in (1.5, 2.0):
+        assert planner.slowed(move, longer * shortest) is not None
+    planner.solve(replace(move, duration=1.5 * shortest))
+    assert len(paths) == 1
+    assert planner.within({"velocity": 0.5, "acceleration": 0.5}).minimum_time(move) > shortest
+    planner.under(planner.model.replaced(Payload(mass=1.0, com=[0, 0, 0.08]))).minimum_time(move)
+    assert len(paths) == 3

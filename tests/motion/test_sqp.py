@@ -102,7 +102,7 @@ def test_a_row_linearised_in_time_stays_inside_of_the_limit(built) -> None:
     rng = np.random.default_rng(0)
     for _ in range(20):
         d = np.append(0.05 * rng.normal(size=work.shape.size), rng.uniform(-0.2, 0.4))
-        share, allowed = work.linear_after(point, d), rows.times(d)
+        share, allowed = work.at(*work.moved(point, d)).linear, rows.times(d)
         kept = np.where(point.linear > 0, allowed <= rows.ceiling, allowed >= rows.floor)
         of_its_side = np.sign(share) == np.sign(point.linear)
         assert np.all(np.abs(share)[kept & of_its_side] <= 1 + 1e-9)

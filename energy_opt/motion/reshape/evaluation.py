@@ -271,8 +271,3 @@ class Evaluation:
     def hot_share(self, point: Point) -> np.ndarray:
         """Shares of bounds at nodes, (nodes, columns), without sign for two-sided limits."""
         return np.where(self._hot_one, point.hot, np.abs(point.hot))
-
-    def linear_after(self, point: Point, d: np.ndarray) -> np.ndarray:
-        """Signed shares of bounds of derivatives after a step."""
-        points, duration, _ = self.moved(point, d)
-        return self._shares(points, duration)

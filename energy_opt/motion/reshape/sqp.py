@@ -2,8 +2,8 @@
 
 Each linearisation is one banded quadratic program (see `numerics.quadratic`). A step is taken if the merit, cost plus
 price times the sum of excesses, falls; excesses up to a small share of a bound are free, so that steps along curved
-limits are not cut short (the Maratos effect). After a failed step, constraints linearised at its end join the program:
-a second-order correction.
+limits are not cut short (the Maratos effect). After a failed step, constraints linearised at its end join the program
+until the next one: a second-order correction.
 """
 
 from __future__ import annotations
@@ -15,10 +15,9 @@ import numpy as np
 
 from energy_opt.motion.reshape.evaluation import Point
 from energy_opt.motion.reshape.model import Model
-from energy_opt.numerics.quadratic import LEAST_DAMPING, Banded, Constraints, Minimum, minimise
+from energy_opt.numerics.quadratic import LEAST_DAMPING, minimise
 
 PRICE = 30.0  # price of a constraint's excess in a quadratic program, whose cost is of order one
-USED = 0.1  # share of a bound from which a linear constraint is held
 BOLD, FAIR = 0.7, 0.3  # ratios of actual to expected decrease: above BOLD the trust region grows, below FAIR it shrinks
 LEAST_TRUST = 2e-4  # [rad] smallest trust region
 ACCEPTED = 1e-3  # least such ratio at which a step is taken
@@ -71,20 +70,19 @@ def descend(
     price = 3.0
     broken = model.broken(point, give, slack)
     now.converged, costs = False, [np.inf]
-    for turn in range(iterations):
+    everywhere = np.ones(len(point.linear), dtype=bool)
+    for _ in range(iterations):
         if stopped():
             break
         known = model.multipliers(point, now.keys, now.multipliers)
         hessian, gradient = model.hessian(point, known, now.convex), model.gradient(point)
-        held = np.abs(point.linear) > (-1.0 if turn < 2 else USED)
-        others, failed = model.other_constraints(point, trust), 0
+        near = model.linear_constraints(point, everywhere).joined(model.other_constraints(point, trust))
+        constraints, failed = near, 0
         damping = now.damping / 3 if now.damping > 2 * LEAST_DAMPING else 0.0
         while True:
             bounds = box(model, point, trust)
             try:
-                found, constraints, held = _program(
-                    model, point, hessian, gradient, others, held, bounds, damping, give, loose
-                )
+                found = minimise(hessian, gradient, bounds, constraints, PRICE, model.mass, damping, loose)
             except np.linalg.LinAlgError:  # no damping makes the program convex, because numbers overflowed
                 return now
             now.steps += found.steps
@@ -119,7 +117,7 @@ def descend(
             damping = found.damping
             again = model.other_constraints(trial, step, equalities=False) if model.deepest(trial) < SHALLOW else None
             if again is not None and again.count:
-                others = others.joined(again.moved(found.d))
+                constraints = near.joined(again.moved(found.d))
             full = failed == 1 and again is not None and again.count and trial_broken > broken
             trust = min(step, trust) * (1.0 if full else 0.5)
             if (
@@ -158,21 +156,3 @@ def box(model: Model, point: Point, trust: float) -> tuple[np.ndarray, np.ndarra
         edge_high.append(min(1 - u, 0.3 * min(trust, 0.5)))
     low, high = np.concatenate([low, edge_low]), np.concatenate([high, edge_high])
     return np.minimum(low, 0.0), np.maximum(high, 0.0)
-
-
-def _program(
-    model: Model, point: Point, hessian: Banded, gradient: np.ndarray, others: Constraints, held: np.ndarray,
-    box: tuple[np.ndarray, np.ndarray], damping: float, give: float, loose: float,
-) -> tuple[Minimum, Constraints, np.ndarray]:  # fmt: skip
-    """The quadratic program of a linearisation; constraints that its step breaks are added and it is solved again."""
-    while True:
-        constraints = model.linear_constraints(point, held).joined(others)
-        found = minimise(hessian, gradient, box, constraints, PRICE, model.mass, damping, loose)
-        if held.all():
-            break
-        share = np.abs(model.linear_after(point, found.d))
-        if not ((share > 1 + give) & ~held).any():
-            break
-        held = held | (share > 0.9)
-        damping = found.damping
-    return found, constraints, held

@@ -21,7 +21,6 @@ from energy_opt.motion.judge.energy import Scorer, loss_by_joint
 from energy_opt.motion.timing.toppra import INTERVALS
 from energy_opt.power.model import model_from_document
 from energy_opt.power.worth import per_year_words, until
-from energy_opt.reports import plots
 from energy_opt.reports.motion import drawn
 from energy_opt.reports.optimize import page
 from energy_opt.reports.words import clearance_words, energy_records, goals_words, input_words, limits_words
@@ -130,6 +129,8 @@ def _picture_and_report(
     result: Result, robot: Robot, document: Mapping[str, Any], out: Path, cell: Cell | None
 ) -> None:
     """Write plot.png and report.html; both show the evenly slowed move beside the result."""
+    from energy_opt.reports import plots  # slow to import
+
     t, scaled = result.trajectory, result.baseline("scaled")
     assert t.effort is not None and t.power is not None
     curve, names = None, {"result": result.energy.by_effect}

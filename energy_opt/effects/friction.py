@@ -277,9 +277,6 @@ class FrictionCurve(TorqueEffect):
         speed = self.values["speed"]
         if len(speed) < 2 or speed[0] != 0 or not (np.diff(speed) > 0).all():
             raise BadInput(f"effect {self.name}: speed = {speed.tolist()}; expected two or more that ascend from 0")
-        if self.values["torque"].shape[-1] != len(speed):
-            given = self.values["torque"].shape[-1]
-            raise BadInput(f"effect {self.name}: torque has {given} points; speed has {len(speed)}")
 
     @classmethod
     def neutral(cls, joints: int, **words: str | int) -> Effect:

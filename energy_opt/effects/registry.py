@@ -249,6 +249,8 @@ def _check(kind: Any) -> None:
     if not isinstance(parameters, tuple) or not all(isinstance(p, Parameter) for p in parameters):
         raise BadInput(f"{where}: parameters is not a tuple of Parameter")
     laws = LAWS[bases[0]]
+    if unbound := [law for law in (*laws, "stored") if not hasattr(getattr(kind, law), "__func__")]:
+        raise BadInput(f"{where}: {unbound[0]} is not a class method: write @classmethod above it")
     if all(getattr(kind, law).__func__ is getattr(bases[0], law).__func__ for law in laws):
         raise BadInput(f"{where}: defines no law: {' or '.join(laws)}, as {bases[0].__name__} describes")
     if kind.stores and kind.stored.__func__ is Effect.stored.__func__:  # type: ignore[attr-defined]

@@ -14,6 +14,7 @@ import pytest
 from energy_opt.cli.main import main
 from energy_opt.effects import (
     CoulombFriction,
+    FrictionCurve,
     Parameter,
     PowerEffect,
     known_effects,
@@ -138,6 +139,21 @@ def test_an_installed_package_offers_effects_by_entry_point(tmp_path, monkeypatc
         ),
         ("from energy_opt.effects import Standby\nclass A(Standby):\n    name = 'standby'\n", "the name is taken"),
         ("from energy_opt.effects import Effect\nclass A(Effect):\n    name = 'a'\n", "derive it from one of"),
+        ("from energy_opt.effects import PowerEffect\nclass A(PowerEffect):\n    name = 'My A'\n", "lower-case words"),
+        (
+            "from energy_opt.effects import PowerEffect\nclass A(PowerEffect):\n    name = 'a'\n    parameters = []\n",
+            "parameters is not a tuple",
+        ),
+        (
+            "from energy_opt.effects import TorqueEffect\nclass A(TorqueEffect):\n    name, stores = 'a', True\n"
+            "    parameters = ()\n    @classmethod\n    def torque(cls, x, p, k):\n        return 0\n",
+            "stores energy, but does not define stored",
+        ),
+        (
+            "from energy_opt.effects import TorqueEffect\nclass A(TorqueEffect):\n    name = 'a'\n"
+            "    parameters = ()\n    def torque(cls, x, p, k):\n        return 0\n",
+            "torque is not a class method: write @classmethod above it",
+        ),
     ],
 )
 def test_faulty_files_of_effects(tmp_path, capsys, text, says):
@@ -152,6 +168,10 @@ def test_signatures_say_units_and_reprs_are_short():
     assert str(inspect.signature(CoulombFriction)) == "(*, tau_c: 'N m, a number or one per joint')"
     assert repr(CoulombFriction(tau_c=0.3)) == "CoulombFriction(tau_c=0.3)"
     assert CoulombFriction(tau_c=0.3) == CoulombFriction(tau_c=[0.3]) != CoulombFriction(tau_c=0.4)
+    curve = FrictionCurve(speed=[0, 1], torque=[[1, 2], [3, 4]])
+    assert repr(curve) == "FrictionCurve(speed=[0, 1], torque=<2 x 2 numbers>)"
+    with pytest.raises(BadInput, match="torque has 2 values along 'points'; expected 3"):
+        FrictionCurve(speed=[0, 1, 2], torque=[[1, 2], [3, 4]])
     with pytest.raises(BadInput, match=r"tau_c = -1 is outside \[0, 100000\] N m"):
         CoulombFriction(tau_c=-1)
 

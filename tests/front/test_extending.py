@@ -72,6 +72,11 @@ def test_conditions_are_options(panda, tmp_path):
             OptimizeRequest("panda", **ends, conditions=wrong)
     with pytest.raises(eo.BadInput, match="given twice"):
         OptimizeRequest("panda", **ends, max_power=300.0, conditions=conditions)
+    assert OptimizeRequest("panda", **ends, conditions=[eo.conditions.Tube(metres=0.02)]).tube == "0.02m"
+    for text, says in (("x = 1\n", "defines no condition"), ("1 / 0\n", "ZeroDivisionError: division by zero")):
+        (tmp_path / "wrong.py").write_text(text)
+        with pytest.raises(eo.BadInput, match=says):
+            OptimizeRequest("panda", **ends, conditions=[tmp_path / "wrong.py"])
     file = tmp_path / "mine.py"
     file.write_text((EXAMPLES / "my_limit.py").read_text().replace("bound = 25.0", "bound = 2.0"))
     out = ["--out", str(tmp_path / "out"), "--quiet"]

@@ -17,7 +17,7 @@ import pytest
 import energy_opt as eo
 from energy_opt.effects import ALL_EFFECTS
 from energy_opt.errors import BadInput
-from energy_opt.front.given import positions
+from energy_opt.front.given import payload_from, positions, robot_from, source_model
 from energy_opt.motion.path import straight
 from energy_opt.motion.reshape.nodes import node_functions
 from energy_opt.robot import load_robot
@@ -184,8 +184,27 @@ def test_positions_are_separated_by_commas_or_spaces(word: str) -> None:
         ("0.1 0.2 0.3 0.4 0.5 3_0", "'3_0' is not a number"),
         ("0.1 0.2", "2 positions; the robot has 6"),
         ("no such pose", "no pose is named"),
+        ("joint1=0, joint1=1", "joint joint1 is given twice"),
+        ("joint1=0, joint2=1", "no value for joint3, joint4, joint5, joint6"),
+        (object(), r"is not 6 numbers \[rad\]"),
     ],
 )
 def test_positions_that_are_none_are_refused(word: str, says: str) -> None:
     with pytest.raises(BadInput, match=says):
         positions(word, load_robot("z1"), "goal")
+
+
+def test_what_is_loaded_already_takes_no_further_files() -> None:
+    robot = load_robot("z1")
+    for more in ({"limits": "limits.yaml"}, {"lock": {"joint1": 0.0}}):
+        with pytest.raises(BadInput, match="belongs to a robot that is loaded"):
+            robot_from(robot, **more)
+    with pytest.raises(BadInput, match="method 3; expected 1 or 2"):
+        source_model(robot, 3)
+
+
+def test_payloads_are_numbers_or_payloads() -> None:
+    payload = payload_from((1.5, 0.0, 0.0, 0.1))
+    assert payload_from(payload) is payload and payload_from("1.5,0,0,0.1") == payload
+    with pytest.raises(BadInput, match="expected a mass, or mass and centre of mass"):
+        payload_from(["heavy"])

@@ -189,6 +189,10 @@ def test_source_paper_models(tmp_path: Path) -> None:
 
 
 HEAD = 'format = "energy-opt/model/1"\nrobot = "panda"\n'
+COVARIANCE = (
+    '[[effect]]\nname = "standby"\npower = 1\n[[effect]]\nname = "copper_loss"\nr_over_kt2 = 0.004\n'
+    "[covariance]\nnames = {names}\nmatrix = {matrix}\n"
+)
 
 
 @pytest.mark.parametrize(
@@ -210,6 +214,19 @@ HEAD = 'format = "energy-opt/model/1"\nrobot = "panda"\n'
         (HEAD + '[[effect]]\nname = "regeneration"\nefficiency = 0.5\nlevel = "cell"\n', "expected one of bus, joint"),
         (HEAD + '[[effect]]\nname = "standby"\npower = 1\n' * 1 + '[[effect]]\nname = "standby"\npower = 2\n', "twice"),
         (HEAD + '[[effect]]\nname = "winding_temperature"\nrate = 1\ntime_constant = 9\n', "copper_loss"),
+        (HEAD + "[[effect]]\npower = 1\n", "effect 1: name is missing"),
+        (HEAD + "[effect]\npower = 1\n", "effect: expected a list"),
+        (HEAD.replace('"panda"', "3"), "robot = 3; expected text"),
+        (HEAD + COVARIANCE.format(names='["standby.power.0"]', matrix="[[1.0, 2.0]]"), "matrix is not 1 x 1 numbers"),
+        (HEAD + COVARIANCE.format(names='["standby.power.1"]', matrix="[[1.0]]"), "is not effect.parameter.index"),
+        (HEAD + COVARIANCE.format(names='["standby.power.0"]', matrix="[[nan]]"), "covariance: matrix 1 1 = nan"),
+        (HEAD + COVARIANCE.format(names="3", matrix="[]"), "covariance: names = 3; expected a list"),
+        (
+            HEAD
+            + COVARIANCE.format(names='["standby.power.0", "copper_loss.r_over_kt2.0"]', matrix="[[1, 2], [3, 4]]"),
+            "matrix is not symmetric",
+        ),
+        (HEAD + '[[rival]]\n[[rival.effect]]\nname = "warp"\n', r"\[\[rival\]\] 1: \[\[effect\]\] 1: .*'warp'"),
         (HEAD + "[[effect]\n", "not valid TOML"),
     ],
 )

@@ -1,0 +1,141 @@
+"""Logs whose columns, units, clocks and files are not plain: what `import` and `check` make of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from logs import SIX, Z1, arm, lines, log, put
+
+from energy_opt.errors import BadInput
+from energy_opt.measured import inspect_set, read_set
+from energy_opt.measured.columns import ByHand
+from energy_opt.measured.importing import import_files
+from energy_opt.measured.joints import clean
+
+JOINTS = ",".join(f"q{k}" for k in SIX)
+POSITIONS = ",".join(f"{joint}.position" for joint in Z1.joints)
+
+
+def test_a_counter_without_a_unit_has_the_one_that_an_arm_draws(tmp_path: Path) -> None:
+    t, q, _, p = arm(Z1)
+    energy = np.concatenate([[0], np.cumsum((p[1:] + p[:-1]) / 2 * np.diff(t))])
+    path = put(tmp_path / "a.csv", lines(f"t,{JOINTS},Energy", [t, q, energy / 3600], "%.9f"))
+    made = import_files([path], tmp_path / "set", Z1)
+    assert made.log["columns"]["energy"] == {"column": "Energy", "unit": "Wh"}
+    assert "energy: Energy [Wh], a counter" in made.words
+    measured = sum(float(run.power @ run.window) for run in made.runs)
+    assert measured == pytest.approx(energy[-1], rel=0.02)
+
+
+def test_a_coarse_counter_is_read_where_it_steps_and_not_where_it_begins_anew(tmp_path: Path) -> None:
+    t, q, _, p = arm(Z1)
+    energy = np.concatenate([[0], np.cumsum((p[1:] + p[:-1]) / 2 * np.diff(t))])
+    coarse = 50 * np.floor(energy / 50)
+    coarse[t > 4] -= coarse[t > 4][0]
+    put(tmp_path / "a.csv", lines(f"time,{POSITIONS},energy", [t, q, coarse]))
+    counter = '[columns]\nenergy = { column = "energy", unit = "J" }\n'
+    measured = read_set(log(tmp_path, "z1", f'{counter}[[run]]\nfile = "a.csv"\n'))
+    (run,) = measured.runs
+    said = "\n".join(measured.remarks)
+    assert "read where it steps" in said and "begins anew 1 times" in said
+    assert (run.power > 0).all() and 0.8 * energy[-1] < run.power @ run.window < energy[-1]
+
+
+def test_rows_that_arrive_in_bunches_are_spread_evenly() -> None:
+    bunches, rows = 30, 10
+    true = np.arange(bunches * rows) * 0.01
+    stamped = np.repeat(np.arange(1, bunches + 1) * 0.1, rows) + np.tile(np.arange(rows) * 1e-4, bunches)
+    found = clean(stamped, np.sin(true)[:, None])
+    assert "stamps come in bunches: rows spread evenly, 10 ms apart" in found.remarks[0]
+    np.testing.assert_allclose(np.diff(found.time), 0.01, atol=1e-3)
+
+
+def test_equal_rows_under_coarse_stamps_are_kept() -> None:
+    stamps = np.repeat(np.arange(20) * 0.1, 5)
+    values = np.sin(np.arange(100) / 20)[:, None]
+    values[2] = values[1]  # at rest, not a copy
+    found = clean(stamps, values)
+    assert len(found.time) == 100 and (np.diff(found.time) > 0).all()
+
+
+def test_power_by_hand_may_be_a_voltage_times_a_current(tmp_path: Path) -> None:
+    t, q, _, p = arm(Z1)
+    path = put(tmp_path / "a.csv", lines(f"t,{JOINTS},x1,x2", [t, q, np.full_like(t, 48.0), p / 48.0 * 1000]))
+    made = import_files([path], tmp_path / "set", Z1, hand=ByHand(power="x1*x2:mA"))
+    assert made.log["columns"]["power"] == {"product": ["x1", "x2"], "unit": "mW"}
+    np.testing.assert_allclose(made.runs[0].power, p[: len(made.runs[0].power)], rtol=1e-4)
+
+
+def test_velocities_in_another_unit_are_converted_or_left_out(tmp_path: Path) -> None:
+    t, q, v, p = arm(Z1)
+    header = f"t,{JOINTS},{','.join(f'dq{k}' for k in SIX)},power"
+    path = put(tmp_path / "a.csv", lines(header, [t, q, np.degrees(v), p]))
+    made = import_files([path], tmp_path / "set", Z1)
+    assert any("velocities are deg/s" in word for word in made.words)
+    np.testing.assert_allclose(made.runs[0].velocity, v[: len(made.runs[0].time)], atol=1e-4)
+    path = put(tmp_path / "a.csv", lines(header, [t, q, 0.3 * v[::-1], p]))
+    made = import_files([path], tmp_path / "set", Z1, True)
+    assert any("velocities are left out" in word for word in made.words) and made.runs[0].velocity is None
+
+
+def test_positions_that_would_be_too_fast_are_degrees(tmp_path: Path) -> None:
+    t, q, _, p = arm(Z1)
+    degrees = q[:1] + 0.6 * np.sin(2 * np.pi * 5 * t)[:, None]  # within the limits, were they radians
+    path = put(tmp_path / "a.csv", lines(f"t,{JOINTS},power", [t, degrees, p]))
+    made = import_files([path], tmp_path / "set", Z1)
+    assert any("would be too fast" in word for word in made.words)
+    np.testing.assert_allclose(made.runs[0].position, np.radians(degrees)[: len(made.runs[0].time)], atol=1e-6)
+
+
+def test_meters_whose_clocks_begin_at_0_are_paired_by_name(tmp_path: Path) -> None:
+    t, q, _, p = arm(Z1)
+    for k in (1, 2):
+        put(tmp_path / f"motion_{k}.csv", lines(f"t,{JOINTS}", [t, q]))
+        put(tmp_path / f"meter_{k}.csv", lines("t,power", [t[::4], p[::4] + k]))
+    made = import_files(sorted(tmp_path.glob("*.csv")), tmp_path / "set", Z1)
+    assert [(row["file"], row["power_file"]) for row in made.log["run"]] == [
+        ("motion_1.csv", "meter_1.csv"), ("motion_2.csv", "meter_2.csv"),
+    ]  # fmt: skip
+    (tmp_path / "meter_2.csv").unlink()
+    with pytest.raises(BadInput, match="which of the motions' files does this meter's file belong to"):
+        import_files(sorted(tmp_path.glob("*.csv")), tmp_path / "other", Z1)
+    assert not (tmp_path / "other").exists()
+
+
+def test_files_that_make_no_set_are_refused(tmp_path: Path) -> None:
+    t, q, _, p = arm(Z1)
+    whole = lines(f"t,{JOINTS},power", [t, q, p])
+    same = [put(tmp_path / folder / "a.csv", whole) for folder in ("one", "two")]
+    for files, robot, expected in (
+        (same, Z1, "two files of this name"),
+        ([put(tmp_path / "log.toml", whole)], Z1, "is written by the import"),
+        (
+            [put(tmp_path / "b.csv", lines(f"t,{JOINTS}", [t, q]))],
+            Z1,
+            "no column of power, energy, currents or torques",
+        ),
+        ([put(tmp_path / "c.csv", lines("t,x,power", [t, t, p]))], None, "no joints' positions in any file"),
+    ):
+        with pytest.raises(BadInput, match=expected):
+            import_files(files, tmp_path / "set", robot)
+        assert not (tmp_path / "set").exists()
+    with pytest.raises(BadInput, match="joint needs robot"):
+        import_files(same[:1], tmp_path / "set", hand=ByHand(joints={"joint1": "q0"}))
+
+
+def test_check_finds_what_no_arm_and_no_meter_shows(tmp_path: Path) -> None:
+    t, q, _, p = arm(Z1)
+    beyond = q.copy()
+    beyond[500:, 1] = Z1.limits.upper[1] + 0.1
+    put(tmp_path / "a.csv", lines(f"time,{POSITIONS},power", [t, beyond, p]))
+    put(tmp_path / "b.csv", lines(f"time,{POSITIONS},power", [t, q, np.full_like(t, 88.0)]))
+    log(tmp_path, "z1", "".join(f'[[run]]\nfile = "{name}.csv"\n' for name in "ab"))
+    faults = "\n".join(inspect_set(tmp_path)[0])
+    assert "row 502, column joint2.position" in faults and "is the unit right?" in faults
+    assert "column power: is 88 W throughout; is the meter connected?" in faults
+    currents = ",".join(f"{joint}.current" for joint in Z1.joints)
+    put(tmp_path / "a.csv", lines(f"time,{POSITIONS},{currents}", [t, q, q]))
+    found, remarks = inspect_set(log(tmp_path, "z1", '[[run]]\nfile = "a.csv"\n'))
+    assert not found and any("nothing but currents and torques" in remark for remark in remarks)

@@ -10,6 +10,7 @@ from virtual_sets import make_set
 
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
+from energy_opt.files import write_table
 from energy_opt.measured import read_set
 from energy_opt.power import load_model
 from energy_opt.robot import load_robot
@@ -96,3 +97,26 @@ def test_suggested_poses_beat_random_ones(tmp_path):
     assert main(["identify", "--suggest", "6", "--robot", "z1", "--out", str(tmp_path), "--quiet"]) == 0
     assert (tmp_path / "suggested_poses.csv").read_text().count("\n") == 7
     assert main(["identify", "--suggest", "2", "--robot", "z1", "--out", str(tmp_path), "--quiet"]) == 2
+
+
+def test_a_recording_gives_its_standstills_as_poses(tmp_path):
+    """Without a run that is called static: rests of 4 s between moves, at a power that follows the load."""
+    robot = load_robot("z1")
+    rng = np.random.default_rng(3)
+    q = rng.uniform(-1, 1, (6, 6)) * 0.5 + robot.limits.near_zero + [0, 1, -1, 0, 0, 0]
+    time = np.arange(0, 30, 0.01)
+    share = np.clip((time % 5 - 4) / 1.0, 0, 1)
+    at = np.minimum(time // 5, 5).astype(int)
+    position = q[at] + (q[np.minimum(at + 1, 5)] - q[at]) * (share**2 * (3 - 2 * share))[:, None]
+    none = np.zeros_like(q)
+    load = (robot.body.torque(q, none, none) ** 2).sum(axis=1)
+    still = np.concatenate([[True], np.abs(np.diff(position, axis=0)).max(axis=1) < 1e-12])
+    power = np.where(still, 50 + 0.01 * load[at], 500.0) + rng.normal(0, 0.05, len(time))
+    header = ["time", *(f"{joint}.position" for joint in robot.joints), "power"]
+    write_table(tmp_path / "a.csv", header, [time, *position.T, power])
+    (tmp_path / "log.toml").write_text('format = "energy-opt/log/1"\nrobot = "z1"\n[[run]]\nfile = "a.csv"\n')
+    found = poses_of(read_set(tmp_path))
+    assert len(found) == 6
+    np.testing.assert_allclose([pose.load for pose in found], load, rtol=1e-6)
+    line = identify("z1", found).line
+    assert line["standby"] == pytest.approx(50, rel=1e-3) and line["r_over_kt2"] == pytest.approx(0.01, rel=1e-2)

@@ -93,20 +93,20 @@ def through(waypoints: np.ndarray) -> JointPath:
     return _spline(length / length[-1], points, "natural", "natural")
 
 
-def of_trajectory(trajectory: Trajectory, pieces: int = TRAJECTORY_PIECES) -> JointPath:
+def of_trajectory(trajectory: Trajectory) -> JointPath:
     """The path of a trajectory, s in proportion to arc length, with its path speed at both ends.
 
-    The path meets the trajectory's curve exactly at `pieces` + 1 points that are evenly spaced along it, and is a cubic
-    spline between them; standstills inside the trajectory are dropped. If the trajectory begins (ends) in motion, the
-    path has the same tangent there.
+    The path meets the trajectory's curve exactly at TRAJECTORY_PIECES + 1 points that are evenly spaced along it, and
+    is a cubic spline between them; standstills inside the trajectory are dropped. If the trajectory begins (ends) in
+    motion, the path has the same tangent there.
     """
-    time = trajectory.denser(max(4, -(-4 * pieces // (len(trajectory.time) - 1))))
+    time = trajectory.denser(max(4, -(-4 * TRAJECTORY_PIECES // (len(trajectory.time) - 1))))
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(trajectory.sample(time)[0], axis=0), axis=1))])
     total = float(length[-1])
     if total <= NO_LENGTH:
         return replace(straight(trajectory.position[0], trajectory.position[0]), source=trajectory)
     advance = np.concatenate([[True], np.diff(length) > NO_LENGTH * total])
-    s = np.linspace(0.0, 1.0, pieces + 1)
+    s = np.linspace(0.0, 1.0, TRAJECTORY_PIECES + 1)
     at = np.interp(s * total, length[advance], time[advance])
     points = trajectory.sample(np.concatenate([time[:1], at[1:-1], time[-1:]]))[0]
     speed = np.linalg.norm(trajectory.velocity[[0, -1]], axis=1)

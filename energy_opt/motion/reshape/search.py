@@ -43,7 +43,7 @@ RUNG = 1.5  # ratio of the durations at which starts are solved
 KEPT, WORTH_KEEPING = 5, 2.0
 REFINED, WORTH_REFINING = 2, 1.03  # most of these solved in full, and their largest cost relative to the best
 EXACT = 1e-6  # share of a bound: accepted excess while searching the answer
-REPAIRABLE = 0.05  # share of a bound: an excess that more control points may still repair
+REPAIRABLE = 0.05  # share of a bound: an excess that more control points, or IPOPT, may still repair
 
 Kept = dict[float, Optima]  # results of the starts, by the duration at which they were solved
 
@@ -205,7 +205,7 @@ class Reshaper:
             found = replace(min(found, more, key=task.rank), converged=settled)
         found = replace(found, iterations=spent + found.iterations)
         done = found.broken <= FEASIBLE and (found.converged or self._nodes.kinked or not self._polished)
-        if stopped() or done or task.open.any or near:
+        if stopped() or done or found.broken > REPAIRABLE or task.open.any or near:
             return found
         polished = task.polished(level, found)
         best, spent = min(polished, found, key=task.rank), found.iterations + polished.iterations

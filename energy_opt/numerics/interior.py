@@ -12,7 +12,7 @@ from scipy.sparse import csr_matrix, diags_array, eye_array, vstack
 BARRIER = 1e-3  # first barrier parameter, for a cost of order one
 BEGIN_BOX, BEGIN_ROW = 1e-3, 1e-2  # least initial distances from bounds of the box and of constraints
 CLOSE = 0.995  # share of the distance to the nearest bound that a step may use
-STEPS = 24  # most steps: programs that take more are jammed beside constraints that cannot all be met
+STEPS = 40
 PRIMAL, DUAL = 1e-5, 1e-4  # residuals at which the loop ends
 LEAST_DAMPING = 0.0005
 MOST_DAMPING = 1e9

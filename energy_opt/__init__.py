@@ -28,12 +28,12 @@ if TYPE_CHECKING:  # for editors and type checkers; at run time `_PLACES` has th
     from energy_opt.front.evaluate import evaluate as evaluate
     from energy_opt.front.given import source_model as source_model
     from energy_opt.front.identify import identify as identify
+    from energy_opt.front.importing import import_logs as import_logs
     from energy_opt.front.job import job as job
     from energy_opt.front.optimize import optimize as optimize
+    from energy_opt.front.passport import passport as passport
     from energy_opt.front.place import place as place
-    from energy_opt.front.robots import passport as passport
     from energy_opt.front.robots import robots as robots
-    from energy_opt.front.simulate import import_logs as import_logs
     from energy_opt.front.simulate import simulate as simulate
     from energy_opt.front.tradeoff import tradeoff as tradeoff
     from energy_opt.front.verbs import repeat as repeat
@@ -55,7 +55,8 @@ __all__ = [
 ]  # fmt: skip
 
 _VERBS = (
-    "bench", "check", "diagnose", "evaluate", "identify", "job", "optimize", "robots", "simulate", "tradeoff",
+    "bench", "check", "diagnose", "evaluate", "identify", "job", "optimize", "passport", "place", "robots", "simulate",
+    "tradeoff",
 )  # fmt: skip
 _PLACES = {
     **{name: f"energy_opt.front.{name}" for name in _VERBS},
@@ -64,10 +65,8 @@ _PLACES = {
     **dict.fromkeys(("AnyOf", "pose_from"), "energy_opt.poses"),
     **dict.fromkeys(("PowerModel", "load_model"), "energy_opt.power"),
     **dict.fromkeys(("Planner", "Result", "Trajectory"), "energy_opt.motion"),
-    "import_logs": "energy_opt.front.simulate",
+    "import_logs": "energy_opt.front.importing",
     "load_scene": "energy_opt.cell.scene_files",
-    "passport": "energy_opt.front.robots",
-    "place": "energy_opt.front.place",
     "repeat": "energy_opt.front.verbs",
     "source_model": "energy_opt.front.given",
 }
@@ -76,7 +75,7 @@ _OWN_NAMES = {"load_scene": "read_scene"}
 _EARLIER = {
     **dict.fromkeys(("Move", "Settings"), "energy_opt.motion"),
     "Answer": "energy_opt.front.answer",
-    "PerYear": "energy_opt.power.worth",
+    "PerYear": "energy_opt.power.per_year",
     "Pose": "energy_opt.poses",
     "Tradeoff": "energy_opt.front.tradeoff",
     "check_effect": "energy_opt.effects.check",

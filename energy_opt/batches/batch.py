@@ -17,7 +17,7 @@ from energy_opt.batches.suite import Suite
 from energy_opt.batches.summary import summarize, table
 from energy_opt.batches.work import solve_task
 from energy_opt.files import write_json
-from energy_opt.power.worth import PerYear
+from energy_opt.power.per_year import PerYear
 from energy_opt.requests.option import Request
 from energy_opt.results import Found
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from energy_opt.batches.records import IDENTITY, Row
 from energy_opt.batches.summary import grouped
-from energy_opt.power.worth import per_year_words
+from energy_opt.power.per_year import per_year_words
 from energy_opt.reports.page import Chart, Report
 
 NAMED = IDENTITY[1:]  # the suite is in the title

@@ -16,7 +16,7 @@ import numpy as np
 
 from energy_opt.batches.records import IDENTITY, Row
 from energy_opt.motion.result import ROUNDING
-from energy_opt.power.worth import PerYear, per_year_words
+from energy_opt.power.per_year import PerYear, per_year_words
 
 PACKAGES = ("energy-opt", "casadi", "pin", "toppra", "numpy", "scipy")
 WORST = 5  # most records in a list of the worst

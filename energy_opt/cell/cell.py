@@ -19,7 +19,8 @@ from energy_opt.cell.solids import GJK_ERROR, Solid, mesh, primitive
 from energy_opt.errors import BadInput
 from energy_opt.robot import Robot
 from energy_opt.robot.kinematics import Kinematics, pose_of
-from energy_opt.robot.tool import semantics, tool_of
+from energy_opt.robot.srdf import semantics
+from energy_opt.robot.tool import tool_of
 
 PAYLOAD = "payload"
 # instants at which a given motion's distances are measured; up to this multiple of the asked clearance

@@ -17,7 +17,7 @@ from energy_opt.cell.scene import AllowedPairs
 from energy_opt.robot.description import Description
 from energy_opt.robot.kinematics import Kinematics
 from energy_opt.robot.limits import Limits, postures
-from energy_opt.robot.tool import Srdf
+from energy_opt.robot.srdf import Srdf
 
 
 def neighbours(description: Description, still: Collection[str] = ()) -> list[tuple[str, str]]:

@@ -28,6 +28,7 @@ from energy_opt.effects.friction import (
     ViscousFriction,
 )
 from energy_opt.effects.mechanics import Armature, BaseTilt, GravitySpring, LinkInertia, Payload, PayloadChange
+from energy_opt.effects.meter import MeterDelay, MeterEffect, MeterFilter, MeterGain, MeterWindow
 from energy_opt.effects.parameter import EXACT, Kinks, Parameter, Smooth
 from energy_opt.effects.recorded import DcLink, IdleHold, RunOffset, SignalPower, WindingSelfHeating
 from energy_opt.effects.registry import (
@@ -46,11 +47,6 @@ from energy_opt.effects.registry import (
 from energy_opt.effects.stages import (
     DriveEffect,
     HeatEffect,
-    MeterDelay,
-    MeterEffect,
-    MeterFilter,
-    MeterGain,
-    MeterWindow,
     PowerEffect,
     RigidEffect,
     SoakingEffect,

@@ -9,11 +9,11 @@ import casadi as ca
 import numpy as np
 
 from energy_opt.effects.base import Effect, Signals
+from energy_opt.effects.meter import MeterEffect
 from energy_opt.effects.parameter import EXACT, Kinks, Smooth
 from energy_opt.effects.stages import (
     DriveEffect,
     HeatEffect,
-    MeterEffect,
     PowerEffect,
     RigidEffect,
     SoakingEffect,

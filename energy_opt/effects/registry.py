@@ -17,7 +17,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 
-from energy_opt.effects import electrics, friction, mechanics, recorded, stages
+from energy_opt.effects import electrics, friction, mechanics, meter, recorded, stages
 from energy_opt.effects.base import Effect, described
 from energy_opt.effects.parameter import Parameter
 from energy_opt.errors import BadInput, near
@@ -72,7 +72,7 @@ ALL_EFFECTS: tuple[type[Effect], ...] = (
     friction.StribeckFriction, friction.LoadFriction, mechanics.Armature, mechanics.Payload, mechanics.BaseTilt,
     mechanics.GravitySpring, electrics.Regeneration, friction.GearEfficiency, electrics.InverterLoss,
     electrics.SupplyEfficiency, electrics.MotionPower, electrics.WindingTemperature, electrics.StandbyDrift,
-    stages.MeterDelay, stages.MeterFilter, stages.MeterGain, stages.MeterWindow, friction.FrictionCurve,
+    meter.MeterDelay, meter.MeterFilter, meter.MeterGain, meter.MeterWindow, friction.FrictionCurve,
     friction.AsymmetricFriction, friction.PowerLawFriction, friction.SigmoidFriction, friction.ThermalViscous,
     electrics.PsuLoss, electrics.IronLoss, recorded.DcLink, recorded.IdleHold, recorded.RunOffset,
     mechanics.LinkInertia, recorded.WindingSelfHeating, friction.TemperatureFriction, friction.DailyFriction,
@@ -89,7 +89,7 @@ LAWS: dict[type[Effect], tuple[str, ...]] = {
     stages.DriveEffect: ("drawn",),
     stages.PowerEffect: ("power",),
     stages.SupplyEffect: ("at_meter",),
-    stages.MeterEffect: ("reading", "sensitivity"),
+    meter.MeterEffect: ("reading", "sensitivity"),
 }
 
 _added: dict[str, type[Effect]] = {}

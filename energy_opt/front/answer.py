@@ -19,8 +19,9 @@ from energy_opt.front.desk import Answered
 from energy_opt.motion import Move, Result
 from energy_opt.motion.judge.energy import Scorer, loss_by_joint
 from energy_opt.motion.timing.toppra import INTERVALS
+from energy_opt.power.break_even import until
 from energy_opt.power.model import model_from_document
-from energy_opt.power.worth import per_year_words, until
+from energy_opt.power.per_year import per_year_words
 from energy_opt.reports.motion import drawn
 from energy_opt.reports.optimize import page
 from energy_opt.reports.words import clearance_words, energy_records, goals_words, input_words, limits_words

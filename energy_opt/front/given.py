@@ -201,7 +201,7 @@ def positions(given: Any, robot: Robot, name: str, srdf: Path | None = None) -> 
         word = given.strip()
         if not word or any(c in word for c in ",=") or _NUMBER.match(word):
             return _in_words(given, robot.joints, f"--{name}")
-        from energy_opt.robot.tool import semantics
+        from energy_opt.robot.srdf import semantics
 
         try:
             return semantics(robot, srdf).pose(word, robot.joints)

@@ -22,7 +22,7 @@ from energy_opt.motion import Settings
 from energy_opt.motion.plan.robust import Kind, Rival
 from energy_opt.poses.given import poses_of_request
 from energy_opt.power.assumptions import assumptions, said
-from energy_opt.power.worth import per_year_words
+from energy_opt.power.per_year import per_year_words
 from energy_opt.requests.moves import JobRequest, PlaceRequest, TradeoffRequest
 from energy_opt.results import Found
 from energy_opt.robot import Robot

@@ -18,9 +18,9 @@ from energy_opt.motion.trajectory import Trajectory
 from energy_opt.motion.travel import detours
 from energy_opt.power import PowerModel
 from energy_opt.power.assumptions import assumptions
+from energy_opt.power.break_even import break_even, until
 from energy_opt.power.known import has_friction, is_named
 from energy_opt.power.variants import draws_of
-from energy_opt.power.worth import break_even, until
 from energy_opt.robot import Robot
 
 if TYPE_CHECKING:

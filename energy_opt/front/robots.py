@@ -1,9 +1,8 @@
-"""The verbs `robots`, `effects` and `passport`: what is known of arms and effects."""
+"""The verbs `robots` and `effects`: what is known by name."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +11,8 @@ import numpy as np
 from energy_opt.effects import effect_class, known_effects
 from energy_opt.effects.registry import described_effect
 from energy_opt.front.desk import Desk, verb
-from energy_opt.front.given import several
-from energy_opt.passports.sheet import Passport
-from energy_opt.passports.sheet import passport as passport_of
 from energy_opt.power.assumptions import grouped, rests_on
-from energy_opt.power.model import model_from_document
-from energy_opt.requests.option import plain
-from energy_opt.requests.verbs import EffectsRequest, PassportRequest, RobotsRequest
+from energy_opt.requests.verbs import EffectsRequest, RobotsRequest
 from energy_opt.results import Found
 from energy_opt.robot import Robot, known_robots, load_robot
 
@@ -119,26 +113,3 @@ def _paragraph(row: dict[str, Any]) -> str:
         lines.append(f"  {p['name']:<16} {p['words']}; {p['lower']:g} to {p['upper']:g}")
     lines += [f"  {key:<16} {' or '.join(words)}" for key, words in row["options"].items()]
     return "\n".join([*lines, f"  {', '.join(row['traits'])}"])
-
-
-ANSWER_OF_PASSPORT = "passport.json"
-
-
-def run_passport(request: PassportRequest, desk: Desk) -> Passport:
-    """The electrical passport of one model of an arm, or of several side by side.
-
-    Raises:
-        BadInput: a file is at fault, a name or a robot is not known, or lists do not fit the robot.
-    """
-    given = several(request.models)
-    models = [model_from_document(dict(one), "model") if isinstance(one, Mapping) else one for one in given]
-    found = passport_of(models, request.robot, request.limits)
-    states = [arm.model.to_document() for arm in found.arms]
-    robot = request.robot if request.robot is None else str(getattr(request.robot, "name", request.robot))
-    document = desk.take(ANSWER_OF_PASSPORT, replace(request, robot=robot), contents=plain(states))
-    result = desk.keep(replace(found, request=document))
-    desk.say(str(result) + ("" if desk.out is None else f"\nwritten: {desk.out}"))
-    return result
-
-
-passport = verb(PassportRequest, run_passport)

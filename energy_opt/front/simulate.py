@@ -1,10 +1,8 @@
-"""The verbs `simulate` and `import`: measured sets of a virtual arm, or of a lab's logs."""
+"""The verb `simulate`: measured sets of a virtual arm."""
 
 from __future__ import annotations
 
-import tempfile
 from dataclasses import dataclass, replace
-from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -12,18 +10,14 @@ import numpy as np
 
 from energy_opt.cell.load import load_cell
 from energy_opt.errors import BadInput, Infeasible
-from energy_opt.files import plain, read_toml, to_json
+from energy_opt.files import read_toml, to_json
 from energy_opt.folders import take_folder, written_whole
 from energy_opt.formats import read_trajectory
-from energy_opt.formats.bags import is_bag
-from energy_opt.formats.recordings import unpack
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, model_from, payload_document, payload_from, robot_of
-from energy_opt.measured.columns import ByHand
-from energy_opt.measured.importing import Imported, import_files
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power.variants import of_joints
-from energy_opt.requests.verbs import ImportRequest, SimulateRequest
+from energy_opt.requests.verbs import SimulateRequest
 from energy_opt.results import Found
 from energy_opt.robot import Robot, robot_named
 from energy_opt.virtual_arm.plant import Plant, load_plant
@@ -189,74 +183,4 @@ def _remarks(runs: list[Run], robot: Robot) -> list[str]:
         if worst > robot.limits.effort[j]:
             unit = robot.unit("effort", joint)
             out.append(f"warning: {joint}: needed {worst:.3g} {unit}, its limit is {robot.limits.effort[j]:.3g} {unit}")
-    return out
-
-
-@dataclass(frozen=True, repr=False)
-class Set(Found):
-    """A measured set that was written: what it was made from and its folder.
-
-    Attributes:
-        out: the folder. imported: its robot, runs, guesses and remarks. request: what was asked.
-    """
-
-    out: Path
-    imported: Imported
-    request: ImportRequest
-
-    def document(self) -> dict[str, Any]:
-        """Set, robot, log, guesses, remarks and runs."""
-        found = self.imported
-        return {
-            "set": str(self.out), "robot": found.robot.name, "log": plain(found.log), "guesses": list(found.words),
-            "remarks": list(found.remarks),
-            "runs": [
-                {"file": r.file, "kind": r.kind, "rows": len(r.time), "readings": len(r.power), "meter": r.meter}
-                for r in found.runs
-            ],
-        }  # fmt: skip
-
-    def __repr__(self) -> str:
-        return f"Set({str(self.out)!r}, {self.imported.robot.name!r}, {len(self.imported.runs)} runs)"
-
-
-def run_import(request: ImportRequest, desk: Desk) -> Set:
-    """Convert a lab's logs to a measured set; columns and units are guessed and reported.
-
-    Raises:
-        BadInput: no robot has these columns, or a file is at fault.
-    """
-    if request.lock and request.robot is None:
-        raise BadInput("--lock needs --robot: the robot that is found by its columns has no other joints")
-    robot, out = None if request.robot is None else robot_of(request), Path(request.out)
-    pairs = {word: word.partition("=") for word in request.joint}
-    for word, parts in pairs.items():
-        if not all(parts):
-            raise BadInput(f"--joint {word}: JOINT=COLUMN")
-    hand = ByHand(request.time, request.power, {joint: column for joint, _, column in pairs.values()})
-    with tempfile.TemporaryDirectory(prefix="energy-opt-") as folder:
-        files = _unpacked(request, Path(folder), desk)
-        with desk.showing() as show:
-            show("columns, clocks and robot of each file")
-            found = import_files(files, out, robot, desk.force or request.force, hand)
-    motions = sum(run.kind == "motion" for run in found.runs)
-    readings = sum(len(run.power) for run in found.runs)
-    what = f"{len(found.runs)} run(s), {motions} of them motions, {readings} readings of power"
-    desk.say("\n".join([*found.words, *(f"note: {remark}" for remark in found.remarks), f"written: {out}: {what}"]))
-    return Set(out, found, request)
-
-
-import_logs = verb(ImportRequest, run_import)
-
-
-def _unpacked(request: ImportRequest, folder: str | PathLike[str], desk: Desk) -> list[Path]:
-    """The files, each bag among them as its table of joints and its table of power."""
-    out: list[Path] = []
-    for file in map(Path, request.files):
-        if is_bag(file):
-            tables, notes = unpack(file, Path(folder))
-            out += tables
-            desk.say("\n".join(notes))
-        else:
-            out.append(file)
     return out

@@ -82,11 +82,11 @@ VERBS = {
     ),
     "import": Verb(
         "make a measured set from a lab's logs; columns and units are guessed",
-        verbs.ImportRequest, "simulate:run_import",
+        verbs.ImportRequest, "importing",
     ),
     "passport": Verb(
         "the electrical passport of an arm: values, intervals, sources; compare several",
-        verbs.PassportRequest, "robots:run_passport", "passport", True,
+        verbs.PassportRequest, "passport", "passport", True,
     ),
     "simulate": Verb(
         "play trajectories on a virtual arm and write a measured set", verbs.SimulateRequest, "simulate"

@@ -17,7 +17,7 @@ from energy_opt.front.jobs import content_of, job_settings
 from energy_opt.front.rivals import rivals_from
 from energy_opt.jobs.models import mean_of
 from energy_opt.power import PowerModel
-from energy_opt.power.worth import per_year_words
+from energy_opt.power.per_year import per_year_words
 from energy_opt.reports.workcell import BRIEF
 from energy_opt.requests.moves import JobRequest
 from energy_opt.results import exit_of

@@ -24,7 +24,7 @@ from energy_opt.motion import Move
 from energy_opt.motion.plan.context import path_of
 from energy_opt.motion.plan.neighbour import Optimum
 from energy_opt.motion.plan.robust import RobustPlanner
-from energy_opt.power.worth import per_year_words
+from energy_opt.power.per_year import per_year_words
 from energy_opt.reports.motion import drawn
 from energy_opt.reports.tradeoff import page
 from energy_opt.robot import Robot

@@ -14,8 +14,8 @@ from energy_opt.motion.plan.robust import SAME, Rival, exceeds
 from energy_opt.motion.travel import detours
 from energy_opt.power import Mixture, PowerModel
 from energy_opt.power.assumptions import assumptions
+from energy_opt.power.break_even import break_even
 from energy_opt.power.known import friction_range
-from energy_opt.power.worth import break_even
 
 BESIDE = "evenly_slowed"  # the baseline of stated savings
 

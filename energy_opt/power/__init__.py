@@ -2,8 +2,8 @@
 
 from energy_opt.power.known import source_method_1, source_method_2
 from energy_opt.power.law import DriveTerms, drive_function, drive_terms
+from energy_opt.power.mixture import Mixture
 from energy_opt.power.model import PowerModel, load_model
-from energy_opt.power.variants import Mixture
 
 __all__ = [
     "DriveTerms", "Mixture", "PowerModel", "drive_function", "drive_terms", "load_model", "source_method_1",

@@ -1,17 +1,12 @@
-"""Models derived from other models: draws from a model's covariance, models of an arm with locked joints, and mixtures.
+"""Models derived from other models: draws from a model's covariance, and models of an arm with locked joints.
 
-A draw has values that fit the data about as well as the model's own. A mixture is the weighted mean of several models'
-powers, for plans that hold under more than one model. Its members differ in values (draws from a covariance) or in
-effects (rivals). Payload and tilt are the first member's, so that the inverse dynamics are evaluated once. Weights are
-parameters, like all values.
+A draw has values that fit the data about as well as the model's own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
-import casadi as ca
 import numpy as np
 
 from energy_opt.effects import Effect
@@ -105,96 +100,3 @@ def _uncertainty(model: PowerModel, kept: list[int], whole: int, robot: Robot) -
     at = [k for k, name in enumerate(uncertainty.names) if name in names]
     rivals = tuple(of_joints(rival, robot) for rival in uncertainty.rivals)
     return Uncertainty(tuple(names[uncertainty.names[k]] for k in at), uncertainty.matrix[np.ix_(at, at)], rivals)
-
-
-@dataclass(frozen=True)
-class Mixture(PowerModel):
-    """The weighted mean of models; only for planning: files and scores use `members`.
-
-    Attributes:
-        effects: those of all members, one after the other.
-        members: the models; limits apply to the first one's motor torque.
-        weights: (K,) at least 0, adding up to 1.
-    """
-
-    members: tuple[PowerModel, ...] = ()
-    weights: np.ndarray = field(default_factory=lambda: np.ones(0))
-
-    @classmethod
-    def of(cls, members: Sequence[PowerModel], weights: Sequence[float] | np.ndarray | None = None) -> Mixture:
-        """The mean of `members` under `weights` (equal ones by default), which are scaled to add up to 1.
-
-        Raises:
-            BadInput: no member, or as many weights as members are not given, or they are negative or all zero.
-        """
-        count = len(members)
-        w = np.ones(count) if weights is None else np.asarray(weights, dtype=float)
-        if count == 0 or w.shape != (count,) or (w < 0).any() or not w.sum() > 0:
-            raise BadInput(f"{count} models with weights {w.tolist()}; expected a weight above 0 for each")
-        first = members[0]
-        rigid = tuple(effect for effect in first.effects if effect.stage == "rigid")
-        same = (first, *(_carrying(member, rigid) for member in members[1:]))
-        effects = tuple(effect for member in same for effect in member.effects)
-        return cls(first.robot, effects, members=same, weights=w / w.sum())
-
-    def __post_init__(self) -> None:
-        """Skip the checks: members were checked when they were built."""
-
-    @property
-    def weighted(self) -> tuple[tuple[float, PowerModel], ...]:
-        """The members with their weights."""
-        return tuple(zip(self.weights.tolist(), self.members, strict=True))
-
-    def replaced(self, effect: Effect) -> Mixture:
-        """The mixture of the members with this effect in place of theirs."""
-        return Mixture.of([member.replaced(effect) for member in self.members], self.weights)
-
-    def without(self, name: str) -> Mixture:
-        """The mixture of the members without the effect of that name."""
-        return Mixture.of([member.without(name) for member in self.members], self.weights)
-
-    def kept(self, wanted: Callable[[Effect], bool]) -> Mixture:
-        """The mixture of the members with the wanted effects only."""
-        return Mixture.of([member.kept(wanted) for member in self.members], self.weights)
-
-    def standing(self, roll: float, pitch: float) -> Mixture:
-        """The mean of the members on a tilted base; see `PowerModel.standing`."""
-        return Mixture.of([member.standing(roll, pitch) for member in self.members], self.weights)
-
-    def get(self, name: str) -> Effect | None:
-        """The first member's effect of that name, or None."""
-        return self.members[0].get(name)
-
-    @property
-    def structure(self) -> tuple[tuple[str, ...], ...]:
-        """The members' structures one after the other, each marked."""
-        return tuple(form for member in self.members for form in (("member",), *member.structure))
-
-    def values(self, joints: int) -> np.ndarray:
-        """The members' values one after the other, then the weights (K,)."""
-        return np.concatenate([*(member.values(joints) for member in self.members), self.weights])
-
-    def symbols(self, joints: int) -> ca.SX:
-        """A symbolic column for `values`."""
-        return ca.SX.sym("p", len(self.values(joints)))
-
-    def shares(self, joints: int, p: ca.SX) -> list[tuple[ca.SX | float, PowerModel, ca.SX]]:
-        """Weight, model and values of each member, taken from the symbols p."""
-        out, at = [], 0
-        for k, member in enumerate(self.members):
-            size = len(member.values(joints))
-            out.append((p[p.numel() - len(self.members) + k], member, p[at : at + size]))
-            at += size
-        return out
-
-    def constant_power(self, joints: int) -> float:
-        """The weighted mean of the members' constant powers [W]."""
-        return float(sum(weight * member.constant_power(joints) for weight, member in self.weighted))
-
-
-def _carrying(model: PowerModel, rigid: Sequence[Effect]) -> PowerModel:
-    """The model with these rigid effects and none of its own."""
-    out = model.kept(lambda effect: effect.stage != "rigid")
-    for effect in rigid:
-        out = out.replaced(effect)
-    return out

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from energy_opt.motion.trajectory import Trajectory
     from energy_opt.poses.pose import AnyOf, Pose
     from energy_opt.power import PowerModel
-    from energy_opt.power.worth import PerYear
+    from energy_opt.power.per_year import PerYear
     from energy_opt.robot import Robot
 
     AnyRobot = Robot | str | PathLike[str]
@@ -338,6 +338,6 @@ class WorthGroup(Request):
     @property
     def worth(self) -> PerYear | None:
         """What is asked for; None where nothing is."""
-        from energy_opt.power.worth import per_year_of
+        from energy_opt.power.per_year import per_year_of
 
         return per_year_of(self.cycles_per_year, self.price, self.co2)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from energy_opt.files import plain, write_json
-from energy_opt.power.worth import PerYear
+from energy_opt.power.per_year import PerYear
 from energy_opt.reports.motion import Solid, cell_player, drawn
 from energy_opt.reports.workcell import page
 from energy_opt.robot import Link

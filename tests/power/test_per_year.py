@@ -6,7 +6,7 @@ import pytest
 
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
-from energy_opt.power.worth import PerYear, per_year_of, per_year_words
+from energy_opt.power.per_year import PerYear, per_year_of, per_year_words
 
 ENDS = ["--start", "0,1,-1,0,0,0", "--goal", "0.8,1.5,-1.3,0.3,0.2,0.1"]
 MOVE = ["--robot", "z1", *ENDS, "--mode", "retime", "--model", "source-method-2", "--compile", "never"]

@@ -12,7 +12,7 @@ from energy_opt.front.given import positions
 from energy_opt.robot import Robot, known_robots, load_robot
 from energy_opt.robot.description import read_description
 from energy_opt.robot.meshes import mesh_files
-from energy_opt.robot.tool import read_srdf, semantics
+from energy_opt.robot.srdf import read_srdf, semantics
 
 SRDF = """<robot name="r">
   <disable_collisions link1="b" link2="a" reason="Adjacent"/>

@@ -1,0 +1,36 @@
+"""The verb `passport`: the electrical passport of an arm, from its models."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from energy_opt.front.desk import Desk, verb
+from energy_opt.front.given import several
+from energy_opt.passports.sheet import Passport
+from energy_opt.passports.sheet import passport as passport_of
+from energy_opt.power.model import model_from_document
+from energy_opt.requests.option import plain
+from energy_opt.requests.verbs import PassportRequest
+
+ANSWER = "passport.json"
+
+
+def run(request: PassportRequest, desk: Desk) -> Passport:
+    """The electrical passport of one model of an arm, or of several side by side.
+
+    Raises:
+        BadInput: a file is at fault, a name or a robot is not known, or lists do not fit the robot.
+    """
+    given = several(request.models)
+    models = [model_from_document(dict(one), "model") if isinstance(one, Mapping) else one for one in given]
+    found = passport_of(models, request.robot, request.limits)
+    states = [arm.model.to_document() for arm in found.arms]
+    robot = request.robot if request.robot is None else str(getattr(request.robot, "name", request.robot))
+    document = desk.take(ANSWER, replace(request, robot=robot), contents=plain(states))
+    result = desk.keep(replace(found, request=document))
+    desk.say(str(result) + ("" if desk.out is None else f"\nwritten: {desk.out}"))
+    return result
+
+
+passport = verb(PassportRequest, run)

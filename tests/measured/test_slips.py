@@ -15,6 +15,7 @@ from energy_opt.errors import BadInput
 from energy_opt.formats import read_path
 from energy_opt.front.given import carried
 from energy_opt.motion import Move, Planner, Settings
+from energy_opt.motion.move import long_turns
 from energy_opt.power import source_method_2
 from energy_opt.robot import Robot, load_robot
 
@@ -64,12 +65,11 @@ def test_rates_in_degrees_are_refused(panda: Robot, tmp_path: Path, kind: str, f
 def test_the_long_way_of_a_joint_without_an_end_is_told() -> None:
     kinova = load_robot("kinova")
     k = next(k for k, link in enumerate(kinova.body.own_links()) if link.continuous)
-    planner = Planner(kinova, source_method_2("kinova"))
     start, goal = np.full(kinova.n, 1.0), np.full(kinova.n, 1.2)
     start[k], goal[k] = 3.1, -3.1
-    (said,) = planner._long_turns(Move(start, goal))
+    (said,) = long_turns(kinova, Move(start, goal))
     assert kinova.joints[k] in said and "3.18319 rad is the same pose 0.08319 rad away" in said
-    assert planner._long_turns(Move(goal, np.where(goal == -3.1, -3.0, goal))) == []
+    assert long_turns(kinova, Move(goal, np.where(goal == -3.1, -3.0, goal))) == []
 
 
 def test_payloads_in_grams_and_millimetres_are_refused(panda: Robot) -> None:

@@ -19,7 +19,8 @@ from energy_opt.errors import EnergyOptError, Infeasible
 from energy_opt.formats import read_path
 from energy_opt.motion import Move, Planner, Result, Settings
 from energy_opt.motion.path import JointPath, through
-from energy_opt.motion.plan.robust import Rival, RobustPlanner
+from energy_opt.motion.plan.rivals import Rival
+from energy_opt.motion.plan.robust import RobustPlanner
 from energy_opt.poses.ends import ends_from_text
 from energy_opt.poses.solve import nearest_move, solve_to
 from energy_opt.robot import Robot

@@ -17,7 +17,7 @@ from energy_opt.motion.judge.certificate import ALLOWED, Certificate
 from energy_opt.motion.judge.energy import Energy, Scorer
 from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.path import of_trajectory
-from energy_opt.motion.plan.robust import Rival
+from energy_opt.motion.plan.rivals import Rival
 from energy_opt.motion.retime.fastest import minimum_time
 from energy_opt.motion.trajectory import Trajectory, whole
 from energy_opt.robot import Robot

@@ -21,7 +21,7 @@ from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, model_from, payload_from, request_of_set, robot_of, robot_of_set
 from energy_opt.front.moves import documents
 from energy_opt.measured import MeasuredSet, read_set
-from energy_opt.motion.plan.robust import Rival
+from energy_opt.motion.plan.rivals import Rival
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.next_motion.rivals import rivals_of
 from energy_opt.next_motion.search import propose

@@ -19,7 +19,8 @@ from energy_opt.jobs.models import mean_of, stated
 from energy_opt.jobs.over_time import document, over_time
 from energy_opt.jobs.work import Answers
 from energy_opt.motion import Settings
-from energy_opt.motion.plan.robust import Kind, Rival
+from energy_opt.motion.plan.rivals import Rival
+from energy_opt.motion.plan.robust import Kind
 from energy_opt.poses.given import poses_of_request
 from energy_opt.power.assumptions import assumptions, said
 from energy_opt.power.per_year import per_year_words

@@ -15,7 +15,8 @@ from energy_opt.errors import BadInput
 from energy_opt.front.given import named_robot, positions, refuse_degrees
 from energy_opt.motion import Move, Settings, Trajectory
 from energy_opt.motion.path import JointPath, of_trajectory, through
-from energy_opt.motion.plan.robust import Kind, Rival
+from energy_opt.motion.plan.rivals import Rival
+from energy_opt.motion.plan.robust import Kind
 from energy_opt.motion.standing import check_moves_on
 from energy_opt.poses.ends import Ends, pose_document
 from energy_opt.poses.given import Given, poses_of_request

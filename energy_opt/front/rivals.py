@@ -13,7 +13,8 @@ from energy_opt.front.desk import Desk
 from energy_opt.front.given import DEFAULT, carried, model_from, several
 from energy_opt.motion import Result
 from energy_opt.motion.judge.energy import COARSER, Scorer
-from energy_opt.motion.plan.robust import SAME, Kind, Rival, row_of
+from energy_opt.motion.plan.rivals import SAME, Rival, record_of
+from energy_opt.motion.plan.robust import Kind
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.motion.travel import detours
 from energy_opt.power import PowerModel
@@ -263,4 +264,4 @@ def records_under(
 ) -> list[dict[str, Any]]:
     """A record of `Result.models` for every judge: its energies of a motion and of the evenly slowed one, if any."""
     scorers = [(judge.name, Scorer(robot, judge.model)) for judge in judges]
-    return [row_of(name, s.energy(ours), None if slowed is None else s.energy(slowed)) for name, s in scorers]
+    return [record_of(name, s.energy(ours), None if slowed is None else s.energy(slowed)) for name, s in scorers]

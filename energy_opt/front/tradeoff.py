@@ -21,7 +21,8 @@ from energy_opt.fronts.cycle import Cycle
 from energy_opt.fronts.front import Front, trace
 from energy_opt.fronts.output import document, stated, text, write
 from energy_opt.motion import Move, Planner
-from energy_opt.motion.plan.robust import Rival, RobustPlanner
+from energy_opt.motion.plan.rivals import Rival
+from energy_opt.motion.plan.robust import RobustPlanner
 from energy_opt.motion.travel import detours
 from energy_opt.poses.solve import solve_to
 from energy_opt.power import PowerModel

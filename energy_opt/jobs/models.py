@@ -10,12 +10,11 @@ from energy_opt.jobs.cycle import Plan, Scorers, assembled, energy_of
 from energy_opt.jobs.run import JobResult, Plain
 from energy_opt.jobs.work import unloaded
 from energy_opt.motion.judge.energy import COARSER
-from energy_opt.motion.plan.robust import SAME, Rival, exceeds
+from energy_opt.motion.plan.rivals import SAME, Rival, exceeds, judges_of
 from energy_opt.motion.travel import detours
 from energy_opt.power import Mixture, PowerModel
 from energy_opt.power.assumptions import assumptions
 from energy_opt.power.break_even import break_even
-from energy_opt.power.known import friction_range
 
 BESIDE = "evenly_slowed"  # the baseline of stated savings
 
@@ -87,18 +86,9 @@ def held(result: JobResult, rivals: Sequence[Rival], again: Callable[[PowerModel
     return found if found.solved and not _costlier(found, rivals) else result
 
 
-def _judges(result: JobResult, rivals: Sequence[Rival]) -> list[tuple[int, Rival]]:
-    """The models, then the corners of their assumed friction, each with the number of its model."""
-    robot = result.job.robot
-    corners = [
-        (k, Rival(f"{r.name}, {name}", m)) for k, r in enumerate(rivals) for name, m in friction_range(r.model, robot)
-    ]
-    return [*enumerate(rivals), *corners]
-
-
 def _costlier(result: JobResult, rivals: Sequence[Rival]) -> list[tuple[int, Rival]]:
     """The judges under which the cycle costs more than the evenly slowed one, the worst first."""
-    judges = _judges(result, rivals)
+    judges = judges_of(rivals, result.job.robot)
     records = compared(result, [judge for _, judge in judges]).models
     found = [
         (row["saving_joules"], k)
@@ -136,4 +126,4 @@ def stated(result: JobResult, rivals: Sequence[Rival]) -> JobResult:
         result, plan=plan.under(job, scorers), scorers=scorers, bound=None, robust=robust, warnings=warnings,
         baselines=tuple(under(b.name, b.plan) for b in result.baselines),
     )  # fmt: skip
-    return compared(stated, [judge for _, judge in _judges(stated, rivals)])
+    return compared(stated, [judge for _, judge in judges_of(rivals, job.robot)])

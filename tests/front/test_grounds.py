@@ -13,7 +13,7 @@ from energy_opt.cli.main import main
 from energy_opt.front.answer import Answer
 from energy_opt.front.rivals import grounded
 from energy_opt.motion.judge.energy import Scorer
-from energy_opt.motion.plan.robust import Rival
+from energy_opt.motion.plan.rivals import Rival
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.motion.travel import detours
 from energy_opt.power.known import careful, source_method_2

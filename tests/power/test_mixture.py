@@ -14,7 +14,8 @@ from energy_opt.front.rivals import compared, rivals_from
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.path import straight
-from energy_opt.motion.plan.robust import Rival, RobustPlanner
+from energy_opt.motion.plan.rivals import Rival
+from energy_opt.motion.plan.robust import RobustPlanner
 from energy_opt.motion.reshape.nodes import node_functions
 from energy_opt.motion.retime.solve import retime
 from energy_opt.power import Mixture, PowerModel, drive_function, source_method_2

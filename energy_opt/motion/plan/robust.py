@@ -29,28 +29,19 @@ from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.plan.anytime import Progress
 from energy_opt.motion.plan.blend import blended, least_weights
 from energy_opt.motion.plan.planner import Planner
+from energy_opt.motion.plan.rivals import SAME, Rival, exceeds, judges_of, record_of
 from energy_opt.motion.plan.sketch import Settled
 from energy_opt.motion.reshape.open import FIXED, Open
 from energy_opt.motion.result import Baseline, Optimality, Result
 from energy_opt.motion.retime.solve import GLOBAL_GAP
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import Mixture, PowerModel
-from energy_opt.power.known import friction_range
 from energy_opt.robot import Robot
 
 Kind = Literal["mean", "worst"]
 ROUNDS = {"mean": 4, "worst": 6}  # most solves; "mean" nearly always ends after the first
-SAME = 1e-9  # relative: energies that differ by less are equal
 GROWTH = 9.0  # factor of the weight of a model under which the move costs more than the evenly slowed one
 STEP = 1.0  # step of the log weights, per standard deviation of the models' energies above their mean
-
-
-@dataclass(frozen=True)
-class Rival:
-    """A model with its name."""
-
-    name: str
-    model: PowerModel
 
 
 @dataclass(frozen=True)
@@ -107,14 +98,10 @@ class RobustPlanner:
         self._mixture = Mixture.of([rival.model for rival in rivals])
         known: dict[str, Any] = {"batch": batch, "cell": cell, "stopped": stopped}
         self._planner = planner.under(self._mixture) if planner else Planner(robot, self._mixture, settings, **known)
-        corners = [
-            (place, Rival(f"{rival.name}, {name}", corner))
-            for place, (rival, member) in enumerate(zip(self.rivals, self._mixture.members, strict=True))
-            for name, corner in friction_range(member, robot)
-        ]
         members = zip(self.rivals, self._mixture.members, strict=True)
-        self._judges = (*(Rival(r.name, model) for r, model in members), *(corner for _, corner in corners))
-        self._places = np.array([*range(len(self.rivals)), *(place for place, _ in corners)])
+        judges = judges_of([Rival(rival.name, member) for rival, member in members], robot)
+        self._judges = [judge for _, judge in judges]
+        self._places = np.array([place for place, _ in judges])
         self._scorers = [Scorer(robot, judge.model) for judge in self._judges]
         self._stopped = stopped
 
@@ -141,7 +128,7 @@ class RobustPlanner:
     def compared(self, trajectory: Trajectory, slowed: Trajectory | None) -> list[dict[str, object]]:
         """Each model's energies of a motion and of the evenly slowed one: records as in `Result.models`."""
         return [
-            row_of(judge.name, scorer.energy(trajectory), None if slowed is None else scorer.energy(slowed))
+            record_of(judge.name, scorer.energy(trajectory), None if slowed is None else scorer.energy(slowed))
             for judge, scorer in zip(self._judges, self._scorers, strict=True)
         ]
 
@@ -286,7 +273,7 @@ class RobustPlanner:
         """The result with the first model's energies, and a record for every model."""
         result, scorer = answer.result, self._scorers[0]
         records = [
-            row_of(rival.name, energy, None if answer.slowed is None else answer.slowed[k])
+            record_of(rival.name, energy, None if answer.slowed is None else answer.slowed[k])
             for k, (rival, energy) in enumerate(zip(self._judges, answer.energies, strict=True))
         ]
         several = len(self.rivals if self.kind == "mean" else self._judges) > 1
@@ -328,23 +315,3 @@ class RobustPlanner:
         kind = "global" if gap is not None and gap <= GLOBAL_GAP else "local"
         robust = {"kind": self.kind, "total": value, "lower_bound": bound}
         return {"robust": robust, "optimality": Optimality(kind, None, gap)}
-
-
-def exceeds(total: float, slowed: float) -> bool:
-    """Is an energy above that of the evenly slowed motion by more than rounding?"""
-    return total > slowed + SAME * abs(slowed)
-
-
-def row_of(name: str, energy: Energy, slowed: Energy | None) -> dict[str, object]:
-    """A record of `Result.models`: a model's energies of a move and of the evenly slowed one."""
-    share, joules = None, None
-    if slowed is not None:
-        joules = slowed.total - energy.total
-        share = 100 * (slowed.loss - energy.loss) / slowed.loss if slowed.loss > SAME * abs(slowed.total) else None
-    return {
-        "name": name,
-        "total": energy.total,
-        "loss": energy.loss,
-        "saving_loss_percent": share,
-        "saving_joules": joules,
-    }

@@ -119,11 +119,17 @@ def test_the_best_of_many_candidates_is_no_evidence_on_noise(tmp_path):
         noise = samples.noise * rng.normal(size=len(level))
         if k % 2:
             noise += samples.noise * remembered(samples, rng)
-        claimed += len(infer(replace(samples, power=level + noise), made.declared, limits, moving).claims)
+        claimed += len(infer(reading(samples, level + noise), made.declared, limits, moving).claims)
     assert claimed == 0
     noisy = level + friction + samples.noise * (rng.normal(size=len(level)) + remembered(samples, rng))
-    found = infer(replace(samples, power=noisy), made.declared, limits, moving)
+    found = infer(reading(samples, noisy), made.declared, limits, moving)
     assert found.claims and min(c.odds for c in found.claims) > 10
+
+
+def reading(samples, power):
+    """The samples with another power (N,) [W], of which each value is a single reading."""
+    runs = tuple((samples.at[part], power[part]) for part in samples.parts)
+    return replace(samples, power=power, single=runs, floor=samples.noise)
 
 
 def remembered(samples, rng, memory=0.7):

@@ -104,6 +104,7 @@ def test_check_names_every_limit_that_is_broken(
     assert "(row " in said
 
 
+@pytest.mark.slow
 def test_a_job_carries_the_payload_that_is_given(tmp_path: Path) -> None:
     file = tmp_path / "job.toml"
     there, back = GOAL.tolist(), START.tolist()

@@ -137,7 +137,7 @@ def test_supply_and_gain_are_one_at_the_meter(tmp_path):
     assert sorted(map(tuple, result.document["alternatives"])) == [("meter_gain",), ("supply_efficiency",)]
 
 
-@pytest.mark.parametrize("weak", ["static_only", "still_joint"])
+@pytest.mark.parametrize("weak", [pytest.param("static_only", marks=pytest.mark.slow), "still_joint"])
 def test_too_little_excitation(weak, tmp_path):
     made = make_set(tmp_path / "set", "panda", ["armature"], seed=7, weak=weak)
     out = tmp_path / "out"

@@ -258,6 +258,7 @@ def test_options_that_do_not_fit(capsys: pytest.CaptureFixture[str], words: list
     assert says in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_plan_of_moveit_py_is_retimed_by_one_command(tmp_path: Path, panda: Robot) -> None:
     """`get_robot_trajectory_msg()` of a planned path as YAML: joints in MoveIt's order, no accelerations given."""
     order = [*reversed(panda.joints)]

@@ -98,6 +98,7 @@ payload = 0.0
         assert baseline.energy is None or result.energy <= baseline.energy
 
 
+@pytest.mark.slow
 def test_the_example_on_the_command_line(panda: Robot, tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert main(["job", str(_written(tmp_path, RETIMED)), "--out", str(out), "--quiet"]) == 0
@@ -199,6 +200,7 @@ def test_a_payload_that_a_limit_cannot_hold_names_the_step(panda: Robot, tmp_pat
         run_job(load_job(_written(tmp_path, text), lambda _: panda), source_method_2())
 
 
+@pytest.mark.slow
 def test_a_killed_job_goes_on_and_ends_the_same(panda: Robot, tmp_path: Path) -> None:
     path, whole, killed = _written(tmp_path, RETIMED), tmp_path / "whole", tmp_path / "killed"
     assert main(["job", str(path), "--out", str(whole), "--quiet"]) == 0

@@ -96,6 +96,7 @@ def test_the_evenly_slowed_move_is_answered_with_its_own_certificate(
     assert result.certificate.max_violation == pytest.approx(other.max_violation, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_the_longest_duration_is_kept_where_several_models_share_the_plan(arm: Robot) -> None:
     free = _optimized(arm)
     most = 1.5 * free.trajectory.duration

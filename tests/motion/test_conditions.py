@@ -122,7 +122,8 @@ def test_the_fastest_under_a_power_limit_is_nearly_time_optimal(panda: Robot, mo
     assert found.duration < 0.7 * factor * plain.duration  # slowing evenly takes far longer
 
 
-@pytest.mark.parametrize("mode", ["retime", pytest.param("reshape", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["retime", "reshape"])
 def test_a_plan_under_several_models_holds_power_under_each(panda: Robot, model: PowerModel, mode: str) -> None:
     """Braking, the model that returns energy draws less, and holding a pose without friction it draws more: the mean
     of the models' powers was held, and one of them was above the limit."""

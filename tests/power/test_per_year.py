@@ -93,6 +93,7 @@ def test_of_a_cycle_of_one_move(tmp_path, capsys):
     held(found, saved)
 
 
+@pytest.mark.slow
 def test_of_a_job_and_of_a_batch(tmp_path, capsys):
     (tmp_path / "job.toml").write_text(JOB)
     found = answered(["job", str(tmp_path / "job.toml"), "--compile", "never"], tmp_path, capsys)

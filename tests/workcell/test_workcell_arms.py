@@ -230,6 +230,7 @@ def test_check_reads_the_positions_of_every_arm(tmp_path: Path, capsys: pytest.C
     assert "robot b: step 1 (pick): panda_joint1 = 9 is outside" in "".join(capsys.readouterr())
 
 
+@pytest.mark.slow
 def test_an_arm_waits_in_the_modes_of_its_step_and_of_its_home(tmp_path: Path) -> None:
     document = one_arm()
     document["robot"][0] |= {"home": [0.6, 0.1, 0.0, -1.9, 0.0, 2.2, 0.7]}

@@ -114,7 +114,7 @@ def diagnose(
     offset = float(np.hypot(best.nuisance.offset, best.nuisance.drift))
     others = [written(f) for f in (*found.rivals[1:], best)]
     ahead = foreseen(model, samples, noise, drift, offset, found.accepted, others, best.free)
-    if found.astray and found.verdict != "nothing_missing":
+    if found.misspecified and found.verdict != "nothing_missing":
         ahead = replace(ahead, reason=ahead.reason or "a law acts that no effect has")
     floor = found.after.noise
     records = side_records(side, joints, limits, found.accepted if enough else None)

@@ -51,7 +51,7 @@ from energy_opt.robot import Limits
 
 log = logging.getLogger(__name__)
 
-NO_CLAIM = (is_a_step, is_a_line, is_beyond_bounds)
+NO_CLAIM = (is_a_step, is_a_line, is_beyond_bounds)  # an effect for which one of these holds is not claimed
 ALIKE = 1.1  # factor on the held-out error within which a set predicts equally well
 BESIDE = 0.3  # share of the explained log odds that a claimed effect must have if more than noise is left
 NOISE = 1.2  # factor on the noise below which a model's held-out error counts as noise
@@ -74,7 +74,7 @@ class Inference:
         idle: joints (indices) that never move. follows: False where power does not go with the motion.
         verdict: as in diagnosis.json; "" where the search was stopped before it had one.
         blind: True if no cause was sought. unknown: True if a law that the library lacks may rule beside the claims.
-        astray: True if one does, as effects imitated it or more is left in motion than any noise.
+        misspecified: True if one surely rules: effects imitated it, or more is left in motion than any noise.
     """
 
     search: Search
@@ -94,7 +94,7 @@ class Inference:
     follows: bool = True
     blind: bool = False
     unknown: bool = False
-    astray: bool = False
+    misspecified: bool = False
 
 
 def excited(samples: Samples, limits: Limits) -> np.ndarray:
@@ -178,7 +178,7 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
     imitated = found.score(sure) - found.score(accepted) > CLAIM  # sure by motions fitted, not borne out by others
     loud = judge.under_most_noise().of(accepted)  # noise that is louder than it was known is so at rest, too
     misfit = loud.motion / loud.noise_motion >= NOISE * max(1.0, loud.rest / loud.noise_rest)
-    astray = odd or imitated or misfit
+    misspecified = odd or imitated or misfit
     if accepted.free:
         accepted = plain_fit(found, accepted)
         claims = tuple(Claim(c.odds, plain_fit(found, c.without)) for c in claims)
@@ -187,14 +187,14 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
         best = max((best, *rivals), key=found.score)
     start = root(found.world, best.nuisance)
     if claims:
-        rivals = _as_good(found, judge, accepted) if astray else left_open(found, judge, rivals)
+        rivals = _as_good(found, judge, accepted) if misspecified else left_open(found, judge, rivals)
         borne = {
             id(f): _borne_out(found, judge, *claimed(found, f), shaped=not unknown) for f in rivals if f is not accepted
         }
         borne[id(accepted)] = accepted, claims
         rivals = tuple(f for f in rivals if borne[id(f)][1] and borne[id(f)][0].names == f.names) or (accepted,)
         accepted, claims = borne[id(rivals[0])]
-        if astray and len(rivals) > 1:
+        if misspecified and len(rivals) > 1:
             accepted, claims = _in_all(found, judge, rivals)
             rivals = (accepted,)
     rivals = tuple(scattered(widened(f)) if unknown else widened(f) for f in rivals)
@@ -220,7 +220,7 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
     if len(rivals) > 1:
         verdict = "ambiguous"
     elif claims or linked:
-        other = claims and (astray or structures(found, accepted))
+        other = claims and (misspecified or structures(found, accepted))
         verdict = "explained" if fits and not other else "partly"
     else:
         verdict = "nothing_missing" if fits else "unexplained"
@@ -228,7 +228,7 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
         verdict = "insufficient"
     return Inference(
         found, start, best, accepted, verdict, claims, rivals, noise, judge.noise, declared, after, model, linked, idle,
-        unknown=unknown, astray=astray,
+        unknown=unknown, misspecified=misspecified,
     )  # fmt: skip
 
 

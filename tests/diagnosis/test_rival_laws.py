@@ -274,7 +274,7 @@ def test_the_size_of_a_store_that_never_fills_is_open_upwards(tmp_path):
         World("ur5", 11320028, (0.03, 0.05), "ar1", "coulomb_friction"),
     ],
 )
-def test_stated_intervals_hold_beside_a_law_that_nobody_knows(world, tmp_path):
+def test_stated_intervals_hold_alone_and_beside_a_law_that_nobody_knows(world, tmp_path):
     truth = write_world(world, tmp_path / "set")
     found = diagnose(read_set(truth.folder, truth.robot), truth.declared)
     row = next(x for x in found.effects if x.name == world.cause)

@@ -3,12 +3,73 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
+from energy_opt.effects import Effect
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.power import PowerModel
+from energy_opt.power.law import rigid_torque
 from energy_opt.robot import RigidBody, Tool
+
+LONG = 50_000  # largest grid [places] that is kept: 20 MB for seven joints
+KEPT = 8  # grids that are kept: those of a move's candidates and baselines, which several models judge
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """The motion of a trajectory at the places of a grid, and the rigid body's torque there under any model.
+
+    time (M,) [s] from 0; q, v, a, jerk (M, n).
+    """
+
+    time: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    jerk: np.ndarray
+    _torques: dict[tuple[RigidBody, tuple[Effect, ...]], np.ndarray] = field(default_factory=dict, repr=False)
+
+    def torque(self, model: PowerModel, body: RigidBody) -> np.ndarray:
+        """The rigid body's torque (M, n) [N m]; models with the same payload, tilt and links share it."""
+        key = body, tuple(effect for effect in model.effects if effect.stage == "rigid")
+        if key not in self._torques:
+            self._torques[key] = rigid_torque(model, body, self.q, self.v, self.a)
+        return self._torques[key]
+
+
+def grid_of(trajectory: Trajectory, factor: int) -> Grid:
+    """A grid `factor` times denser than the samples; if it is short, the last ones asked for are kept."""
+    held = _Held(trajectory)
+    return _kept(held, factor) if factor * len(trajectory.time) <= LONG else _denser(held, factor)
+
+
+class _Held:
+    """A trajectory as a key: equal to those with the same arrays, whatever their effort and power."""
+
+    def __init__(self, trajectory: Trajectory) -> None:
+        self.trajectory = trajectory
+        state = trajectory.time, trajectory.position, trajectory.velocity, trajectory.acceleration
+        self._key = tuple(map(id, state))
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Held) and self._key == other._key
+
+
+def _denser(held: _Held, factor: int) -> Grid:
+    trajectory = held.trajectory
+    q, v, a, jerk = trajectory.sample_denser(factor)
+    # jerk jumps at samples: the larger of both values counts
+    before, at = trajectory.jerk_before_samples(), jerk[factor::factor]
+    jerk[factor::factor] = np.where(np.abs(before) > np.abs(at), before, at)
+    return Grid(trajectory.denser(factor) - trajectory.time[0], q, v, a, jerk)
+
+
+_kept = lru_cache(maxsize=KEPT)(_denser)
 
 
 @dataclass(frozen=True)

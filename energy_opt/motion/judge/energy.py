@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from energy_opt.effects.parameter import MOVING_SPEED
-from energy_opt.motion.dense import Dense
+from energy_opt.motion.dense import Dense, grid_of
 from energy_opt.motion.judge.analytic import TorqueBound
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics.batch import Batch
@@ -100,31 +100,35 @@ class Scorer:
         Friction holds a joint at rest: the power includes this, the limited torque does not.
         Instants are in order of time; each counts for half the time to both neighbours.
         """
-        return self._law(q, v, a, t, *self._past(q, v, a, t))[1:4]
+        rigid = rigid_torque(self.model, self.robot.body, q, v, a)
+        return self._law(q, v, a, rigid, t, *self._past(q, v, a, rigid, t))[:3]
 
-    def _past(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _past(
+        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, rigid: np.ndarray, t: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """The past of instants in order: time since motion ended (N,) [s], and power that a store returns (N,)."""
         idle, back = idle_time(t, v), np.zeros(len(q))
         if store_of(self.model) is None or len(q) < 2:
             return idle, back
-        return idle, returned_power(self.model, np.gradient(t), self._law(q, v, a, t, idle, back)[5])
+        return idle, returned_power(self.model, np.gradient(t), self._law(q, v, a, rigid, t, idle, back)[4])
 
     def _law(
-        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, t: np.ndarray, idle: np.ndarray, back: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Rigid-body torque, motor torque, power, its parts, powers, and the power (N,) at the DC link."""
-        tau = rigid_torque(self.model, self.robot.body, q, v, a)
+        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, rigid: np.ndarray, t: np.ndarray, idle: np.ndarray,
+        back: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+        """Motor torque, power, its parts, powers, and the power (N,) at the DC link, from the rigid body's torque."""
         law = Batch(self._drive, len(q))
-        tau_m, power, parts, bus, powers = law(q, v, a, tau, t[:, None], idle[:, None], back[:, None], self._values)
-        return tau, tau_m, power[:, 0], parts, powers, bus[:, 0]
+        tau_m, power, parts, bus, powers = law(q, v, a, rigid, t[:, None], idle[:, None], back[:, None], self._values)
+        return tau_m, power[:, 0], parts, powers, bus[:, 0]
 
     def alone(self, dense: Dense, joint: int) -> np.ndarray:
         """Parts of the power (N, len(self.parts)) [W] on a dense grid as if only one joint moved and had a torque."""
         own = np.arange(self.robot.n) == joint
-        tau = rigid_torque(self.model, self.robot.body, dense.q, dense.v, dense.a)
         law, still = Batch(self._drive, len(dense.q)), np.zeros((len(dense.q), 1))
         past = idle_time(dense.time, dense.v)[:, None], still
-        return law(dense.q, own * dense.v, own * dense.a, own * tau, dense.time[:, None], *past, self._values)[2]
+        return law(dense.q, own * dense.v, own * dense.a, own * dense.rigid, dense.time[:, None], *past, self._values)[
+            2
+        ]
 
     def stored(self, trajectory: Trajectory) -> float:
         """Change of potential plus kinetic energy between the trajectory's ends, J."""
@@ -165,34 +169,23 @@ class Scorer:
 
         `samples`: those to use (None: all); time counts from the trajectory's first sample.
         """
-        begin = trajectory.time[0]
-        trajectory = trajectory if samples is None else trajectory.part(samples)
-        time = trajectory.denser(factor) - begin
-        q, v, a, jerk = trajectory.sample_denser(factor)
-        # jerk jumps at samples: the larger of both values counts
-        before, at = trajectory.jerk_before_samples(), jerk[factor::factor]
-        jerk[factor::factor] = np.where(np.abs(before) > np.abs(at), before, at)
-        return Dense(
-            trajectory,
-            self.robot.body,
-            factor,
-            time,
-            q,
-            v,
-            a,
-            jerk,
-            *self._law(q, v, a, time, *self._past(q, v, a, time))[:5],
-        )
+        part = trajectory if samples is None else trajectory.part(samples)
+        grid = grid_of(part, factor)
+        time, q, v, a = grid.time + (part.time[0] - trajectory.time[0]), grid.q, grid.v, grid.a
+        rigid = grid.torque(self.model, self.robot.body)
+        driven = self._law(q, v, a, rigid, time, *self._past(q, v, a, rigid, time))[:4]
+        return Dense(part, self.robot.body, factor, time, q, v, a, grid.jerk, rigid, *driven)
 
     def between(self, dense: Dense, time: np.ndarray) -> Dense:
         """A trajectory of a dense grid at other times (M,); its past is that of the preceding places."""
         q, v, a, jerk = dense.trajectory.sample(time + (dense.trajectory.time[0] - dense.time[0]))
-        idle, back = self._past(dense.q, dense.v, dense.a, dense.time)
+        idle, back = self._past(dense.q, dense.v, dense.a, dense.rigid, dense.time)
         before = np.searchsorted(dense.time, time, side="right") - 1
         still = (np.abs(v).max(axis=1) <= MOVING_SPEED) & (idle[before] >= 0)
         idle = np.where(still, idle[before] + time - dense.time[before], -1.0)
-        driven = self._law(q, v, a, time, idle, np.interp(time, dense.time, back))[:5]
-        return Dense(dense.trajectory, dense.body, 1, time, q, v, a, jerk, *driven)
+        rigid = rigid_torque(self.model, self.robot.body, q, v, a)
+        driven = self._law(q, v, a, rigid, time, idle, np.interp(time, dense.time, back))[:4]
+        return Dense(dense.trajectory, dense.body, 1, time, q, v, a, jerk, rigid, *driven)
 
     def energy(self, trajectory: Trajectory, factor: int = DENSER) -> Energy:
         """Energy of the curve through the samples, on a grid `factor` (even) times denser."""
@@ -213,14 +206,13 @@ class Scorer:
 
     def spent(self, dense: Dense) -> tuple[float, dict[str, float]]:
         """Energy [J] of a piece of a trajectory, in all and by effect."""
-        q, v, a, weight = dense.q, dense.v, dense.a, dense.weight
+        weight = dense.weight
         by_effect = dict(zip(self.parts, (weight @ dense.parts).tolist(), strict=True))
         total = float(weight @ dense.power)
         rigid = list(dict.fromkeys(e.name for e in self.model.effects if e.stage == "rigid"))
-        tau = rigid_torque(self.model, self.robot.body, q, v, a) if rigid else None
         for name in rigid:  # its share of the rigid body's mechanical work, compared with the model without it
-            bare = rigid_torque(self.model.without(name), self.robot.body, q, v, a)
-            share = float(weight @ np.sum((tau - bare) * v, axis=1))
+            bare = grid_of(dense.trajectory, dense.factor).torque(self.model.without(name), self.robot.body)
+            share = float(weight @ np.sum((dense.rigid - bare) * dense.v, axis=1))
             by_effect[name] = share
             by_effect["mechanical"] -= share
         return total, by_effect

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from energy_opt.cell.cell import Cell, Clearance
-from energy_opt.motion.dense import Dense
+from energy_opt.motion.dense import LONG, Dense
 from energy_opt.motion.judge.certificate import Certificate, certificate_of, certify, looked_at
 from energy_opt.motion.judge.clearance import clearance_of
 from energy_opt.motion.judge.energy import DENSER, Energy, Scorer
@@ -27,8 +27,6 @@ from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics.compile import compiled
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
-
-LONG = 50_000  # largest judge's grid that is kept: 20 MB for seven joints
 
 
 @dataclass(frozen=True)

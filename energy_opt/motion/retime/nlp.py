@@ -285,8 +285,9 @@ class RetimeProgram:
         row_bounds = np.append(least_time, lower), np.ones(self._timed + len(lower))
         start = np.clip(start, *bounds)
         used = 0
-        # without the constraint on T, a cost that hardly depends on T leads IPOPT to ever longer T: no second attempt
-        for way in (NEAR if near else LEAP, CREEP)[: 1 + self._timed]:
+        # without the constraint on T, a cost that hardly depends on T leads IPOPT to ever longer T: no second attempt;
+        # nor close to the answer, where a slow barrier never helped
+        for way in (NEAR,) if near else (LEAP, CREEP)[: 1 + self._timed]:
             options = {**OPTIONS, **way, **(LOOSE if loosely else {})}
             answer = ipopt.solve(self, start, bounds, row_bounds, options)
             used += answer.iterations

@@ -146,14 +146,23 @@ def draw_effect(kind: type[Effect], robot: str, rng: np.random.Generator) -> Eff
 
 SPECIAL_SIZES: dict[str, Callable[[np.random.Generator, ArmData], Special]] = {
     "cogging": lambda rng, arm: Cogging(
-        _scaled(rng, arm.friction, 3.0, 6.0), float(rng.integers(5, 12)), float(rng.uniform(0, 6.2))
+        amplitude=_scaled(rng, arm.friction, 3.0, 6.0),
+        periods=float(rng.integers(5, 12)),
+        phase=float(rng.uniform(0, 6.2)),
     ),
-    "speed_ripple": lambda rng, arm: SpeedRipple(_scaled(rng, arm.friction, 3.0, 5.0), float(rng.uniform(0.25, 0.45))),
-    "backlash": lambda rng, arm: Backlash(_scaled(rng, arm.friction, 8.0, 14.0), float(rng.uniform(0.03, 0.08))),
+    "speed_ripple": lambda rng, arm: SpeedRipple(
+        amplitude=_scaled(rng, arm.friction, 3.0, 5.0), period=float(rng.uniform(0.25, 0.45))
+    ),
+    "backlash": lambda rng, arm: Backlash(
+        amplitude=_scaled(rng, arm.friction, 8.0, 14.0), gap=float(rng.uniform(0.03, 0.08))
+    ),
     "fan": lambda rng, arm: Fan(
-        float(rng.uniform(3, 8)), float(rng.uniform(5, 14)), float(rng.uniform(0.35, 0.6)), float(rng.uniform(0, 14))
+        power=float(rng.uniform(3, 8)),
+        period=float(rng.uniform(5, 14)),
+        duty=float(rng.uniform(0.35, 0.6)),
+        offset=float(rng.uniform(0, 14)),
     ),
-    "standby_step": lambda rng, arm: StandbyStep(float(rng.uniform(3, 8)), float(rng.uniform(80, 160))),
+    "standby_step": lambda rng, arm: StandbyStep(power=float(rng.uniform(3, 8)), time=float(rng.uniform(80, 160))),
 }
 
 

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -69,7 +69,6 @@ class Bodies:
         a, b = kinematics.moves[self.joint[self.pairs[:, 0]]], kinematics.moves[self.joint[self.pairs[:, 1]]]
         self.moves = np.stack([a & ~b, b & ~a])
         self._rulers: dict[int, Ruler] = {}
-        self._corners: dict[int, tuple[np.ndarray, float]] = {}
         # pairs that a plane can separate: convex bodies, of which joints move only the first against the second
         convex = np.array([body.solid.convex for body in bodies], dtype=bool)
         first, second = self.pairs.T
@@ -109,11 +108,9 @@ class Bodies:
     def corners_of(self, body: int) -> tuple[np.ndarray, float]:
         """A convex body's vertices (V, 3) [m] in the frame of its joint, and the radius around them; of a half-space
         a point of its plane."""
-        if body not in self._corners:
-            hull = self.all[body].solid.hull
-            points = np.zeros((1, 3)) if self.flat[body] else hull.points
-            self._corners[body] = points @ self.rotation[body].T + self.shift[body], hull.radius
-        return self._corners[body]
+        hull = self.all[body].solid.hull
+        points = np.zeros((1, 3)) if self.flat[body] else hull.points
+        return points @ self.rotation[body].T + self.shift[body], hull.radius
 
     def names(self, pair: int) -> tuple[str, str]:
         """The names of a pair's bodies."""
@@ -139,9 +136,7 @@ class Scenery:
         """A body's placement as coal's transform."""
         key = (0 if self.bodies.still[body] else k, body)
         if key not in self._placed:
-            b, joint = self.bodies, self.bodies.joint[body]
-            r = self.poses.rotation[k, joint]
-            self._placed[key] = placement(r @ b.rotation[body], r @ b.shift[body] + self.poses.origin[k, joint])
+            self.place(np.array([key[0]]), np.array([body]))
         return self._placed[key]
 
     def place(self, k: np.ndarray, body: np.ndarray) -> None:
@@ -180,6 +175,23 @@ class Scenery:
                 heights = np.einsum("mci,mi->mc", boxes[1 - side][flat] - through[:, None], turn[:, :, 2])
                 out[flat] = heights.min(axis=1).clip(0)
         return out, boxes[0], boxes[1]
+
+    def hulls(self, reach: float | np.ndarray) -> Iterator[tuple[int, int, Ruler, Any, Any, float]]:
+        """Pairs whose convex hulls are no farther apart than `reach` [m], one for all or (P,), at each configuration.
+
+        Yields:
+            Configuration, number of the pair, its ruler, both placements, and the distance [m] of the hulls.
+        """
+        pairs, far = self.bodies.pairs, np.broadcast_to(reach, len(self.bodies.pairs))
+        k, pair = np.repeat(np.arange(len(self.q)), len(pairs)), np.tile(np.arange(len(pairs)), len(self.q))
+        near = np.flatnonzero(self.apart(k, pair)[0] <= far[pair]) if len(pair) else pair
+        for side in (0, 1):
+            self.place(k[near], pairs[pair[near], side])
+        for i, p in zip(k[near].tolist(), pair[near].tolist(), strict=True):
+            ruler, at, bt = self.bodies.ruler(p), *(self.placed(i, body) for body in pairs[p].tolist())
+            distance = ruler.near(at, bt)
+            if distance <= far[p]:
+                yield i, p, ruler, at, bt, distance
 
     def travel(
         self, k: np.ndarray, pair: np.ndarray, boxes: tuple[np.ndarray, np.ndarray], far: np.ndarray

@@ -181,24 +181,12 @@ class Cell:
 
     def _nearer(self, q: np.ndarray, reach: float) -> Iterator[tuple[int, int, float]]:
         """The same at many poses q (K, n), pose by pose: pose, number and distance."""
-        if not self.checks:
-            return
-        scene, pairs = Scenery(self.bodies, q), len(self.bodies.pairs)
-        k, pair = np.repeat(np.arange(len(q)), pairs), np.tile(np.arange(pairs), len(q))
-        floor, _, _ = scene.apart(k, pair)
-        near = np.flatnonzero(floor < reach)
-        for side in (0, 1):
-            scene.place(k[near], self.bodies.pairs[pair[near], side])
-        for i, p in zip(k[near].tolist(), pair[near].tolist(), strict=True):
-            ruler = self.bodies.ruler(p)
-            a, b = self.bodies.pairs[p].tolist()
-            at, bt = scene.placed(i, a), scene.placed(i, b)
-            distance = ruler.near(at, bt)
-            if distance < reach and not ruler.convex:
+        for k, p, ruler, at, bt, distance in Scenery(self.bodies, q).hulls(reach):
+            if not ruler.convex:
                 inside = distance <= 0 and one_inside_the_other(ruler, at, bt)
                 distance = 0.0 if inside else ruler.exact(at, bt)
             if distance < reach:
-                yield i, p, distance
+                yield k, p, distance
 
     def touching(self, q: np.ndarray) -> Contact | None:
         """The pair that overlaps deepest at q (n,); None where nothing touches."""

@@ -1,9 +1,8 @@
 """The curve through a trajectory's samples, and bounds of how far it moves within any interval of time.
 
 Between two samples the curve is the quintic through their positions, velocities and accelerations. A polynomial lies
-within the hull of its Bernstein coefficients. The least and greatest coefficients over a range of samples come from
-tables of powers of two (a sparse table). So an interval costs the same whether it spans one sample or thousands. Only
-intervals shorter than one sample are cut by de Casteljau's algorithm.
+within the hull of its Bernstein coefficients. An interval of several samples is bounded by the least and greatest of
+its pieces' coefficients. Only intervals shorter than one sample are cut by de Casteljau's algorithm.
 """
 
 from __future__ import annotations
@@ -71,23 +70,22 @@ class MotionCurve:
             position[:-1], h * velocity[:-1], h**2 * acceleration[:-1],
             position[1:], h * velocity[1:], h**2 * acceleration[1:],
         )  # fmt: skip
-        self._hold(time, position, np.tensordot(_ENDS, np.stack(ends), axes=1))
+        self._hold(time, np.tensordot(_ENDS, np.stack(ends), axes=1))
 
     @classmethod
     def of_pieces(cls, time: np.ndarray, bernstein: np.ndarray) -> Self:
         """A curve of quintic pieces between the times (N,) [s], by their Bernstein coefficients (6, N - 1, n)."""
         out = cls.__new__(cls)
-        out._hold(time, np.vstack([bernstein[0], bernstein[-1, -1:]]), bernstein)
+        out._hold(time, bernstein)
         return out
 
-    def _hold(self, time: np.ndarray, position: np.ndarray, bernstein: np.ndarray) -> None:
-        """Keep times, positions and coefficients (6, N - 1, n), and build the tables of their least and greatest
-        values.
-        """
+    def _hold(self, time: np.ndarray, bernstein: np.ndarray) -> None:
+        """Keep times and coefficients (6, N - 1, n)."""
         self.time, self.samples = time, len(time)
-        self._position, self._bernstein = position, bernstein  # (6, pieces, n)
-        self._low = _tables(self._bernstein.min(axis=0), np.minimum)
-        self._high = _tables(self._bernstein.max(axis=0), np.maximum)
+        self.bernstein = bernstein
+        self._position = np.vstack([bernstein[0], bernstein[-1, -1:]])
+        # of each piece; one more, as the end of a range is the first piece that does not belong to it
+        self._low, self._high = (np.vstack([x, x[-1:]]) for x in (bernstein.min(axis=0), bernstein.max(axis=0)))
 
     def whole(self, pieces: int) -> Spans:
         """The whole curve as about `pieces` intervals."""
@@ -107,15 +105,16 @@ class MotionCurve:
         time = self.time[row].copy()
         low, high = np.empty_like(q), np.empty_like(q)
         if many.any():
-            low[many] = _range(self._low, spans.first[many], spans.last[many], np.minimum)
-            high[many] = _range(self._high, spans.first[many], spans.last[many], np.maximum)
+            pieces = np.column_stack([spans.first[many], spans.last[many]]).ravel()
+            low[many] = np.minimum.reduceat(self._low, pieces)[::2]
+            high[many] = np.maximum.reduceat(self._high, pieces)[::2]
         one = ~many
         if one.any():
             first, a, b = spans.first[one], spans.low[one], spans.high[one]
-            b_points = _part(self._bernstein[:, first], a[:, None], b[:, None])
+            b_points = _part(self.bernstein[:, first], a[:, None], b[:, None])
             low[one], high[one] = b_points.min(axis=0), b_points.max(axis=0)
             middle = (a + b) / 2
-            q[one] = _part(self._bernstein[:, first], middle[:, None], b[:, None])[0]
+            q[one] = _part(self.bernstein[:, first], middle[:, None], b[:, None])[0]
             time[one] = self.time[first] + middle * (self.time[first + 1] - self.time[first])
         return time, q, np.maximum(high - q, q - low) + ROUNDING
 
@@ -131,34 +130,15 @@ class MotionCurve:
         """Positions (M, n) at times (M,) [s]."""
         k = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, self.samples - 2)
         share = (time - self.time[k]) / (self.time[k + 1] - self.time[k])
-        return _part(self._bernstein[:, k], share[:, None], np.ones((len(k), 1)))[0]
+        return _part(self.bernstein[:, k], share[:, None], np.ones((len(k), 1)))[0]
 
     def cut(self, piece: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
         """Bernstein coefficients (6, M, n) of parts of pieces (M,): from share `begin` to share `end` of each."""
-        return _part(self._bernstein[:, piece], begin[:, None], end[:, None])
+        return _part(self.bernstein[:, piece], begin[:, None], end[:, None])
 
     def at(self, row: int) -> np.ndarray:
         """Position (n,) of a sample."""
         return self._position[row]
-
-
-def _tables(values: np.ndarray, better: np.ufunc) -> list[np.ndarray]:
-    """Sparse table: entry k has the least (or greatest) of 2^k neighbouring values from each place on."""
-    out = [values]
-    while 2 ** len(out) <= len(values):
-        step = 2 ** (len(out) - 1)
-        out.append(better(out[-1][:-step], out[-1][step:]))
-    return out
-
-
-def _range(tables: list[np.ndarray], first: np.ndarray, last: np.ndarray, better: np.ufunc) -> np.ndarray:
-    """Least (or greatest) over pieces first ... last - 1, from two overlapping ranges of a power of two."""
-    power = np.log2(last - first).astype(int)
-    out = np.empty((len(first), tables[0].shape[1]))
-    for k in np.unique(power):
-        here = power == k
-        out[here] = better(tables[k][first[here]], tables[k][last[here] - 2**k])
-    return out
 
 
 def _part(points: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:

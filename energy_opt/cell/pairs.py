@@ -99,26 +99,16 @@ def _always_touching(
         for j in range(i)
         if bodies[i].joint != bodies[j].joint and _ordered(bodies[i].name, bodies[j].name) not in known
     ]
-    if not index:
-        return []
-    all_ = Bodies(kinematics, bodies, np.array(index))
-    q = postures(limits, POSES)
-    scene = Scenery(all_, q)
-    open_ = np.arange(len(index))
-    for k in range(POSES):
-        floor, _, _ = scene.apart(np.full(len(open_), k), open_)
-        open_ = np.array([p for p in open_[floor <= 0].tolist() if _touch(all_, scene, k, p)], dtype=int)
-        if not len(open_):
-            return []
-    return sorted({_ordered(*all_.names(p)) for p in open_.tolist()})
-
-
-def _touch(bodies: Bodies, scene: Scenery, k: int, pair: int) -> bool:
-    """Whether a pair touches at configuration k; the cheap measures of distance first, the exact one last."""
-    ruler = bodies.ruler(pair)
-    a, b = bodies.pairs[pair].tolist()
-    at, bt = scene.placed(k, a), scene.placed(k, b)
-    return ruler.near(at, bt) <= 0 and (not ruler.cut or ruler.mid(at, bt) <= 0) and ruler.exact(at, bt) <= 0
+    for q in postures(limits, POSES):
+        found = Scenery(Bodies(kinematics, bodies, np.array(index)), q[None]).hulls(0.0)
+        index = [
+            index[p]
+            for _, p, ruler, at, bt, _ in found
+            if (not ruler.cut or ruler.mid(at, bt) <= 0) and ruler.exact(at, bt) <= 0
+        ]
+        if not index:
+            break
+    return sorted({_ordered(bodies[i].name, bodies[j].name) for i, j in index})
 
 
 @dataclass(frozen=True)

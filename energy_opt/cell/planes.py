@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 
 from energy_opt.cell.bodies import Bodies
-from energy_opt.cell.solids import Piece, Plane
+from energy_opt.cell.solids import Gauge, Piece
 from energy_opt.numerics.clouds import Clouds, boxes_apart
 from energy_opt.robot.kinematics import Poses, cross, into
 
@@ -66,7 +66,7 @@ class Near:
         usable = np.flatnonzero(~bodies.moves[1].any(axis=1) & ~bodies.flat[bodies.pairs[:, 0]])
         triples = [(p, i, j) for p in usable.tolist() for i in of[bodies.pairs[p, 0]] for j in of[bodies.pairs[p, 1]]]
         self.pair, self.a, self.b = np.array(triples, dtype=int).reshape(-1, 3).T
-        self._measures: dict[int, Plane] = {}
+        self._measures: dict[int, Gauge] = {}
         self._kept = np.zeros(0), np.zeros((0, 0, 3))
         self._seen = np.ones(len(self.pair), dtype=bool)
         if free is not None and wanted is not None:
@@ -105,8 +105,9 @@ class Near:
         for i, place, one, a, b in zip(*(column.tolist() for column in columns), strict=True):
             measure = self._measures.get(one)
             if measure is None:
-                measure = self._measures[one] = Plane(self.pieces[self.a[one]], self.pieces[self.b[one]])
-            distance[i], normal[i] = measure(placed[place, a], placed[place, b])
+                measure = self._measures[one] = Gauge(self.pieces[self.a[one]], self.pieces[self.b[one]])
+            distance[i] = measure(placed[place, a], placed[place, b])
+            normal[i] = measure.normal
         known[k, number] = normal
         near = np.flatnonzero(distance < reach)
         # Sort by place, pair of bodies and distance; then rank counts the pairs of pieces within a pair of bodies at a

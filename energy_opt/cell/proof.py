@@ -204,10 +204,10 @@ def prove(bodies: Bodies, curve: MotionCurve, wanted: np.ndarray) -> Proof:
         travel = scene.travel(span, pair, (box_a, box_b), reach[span])
         rest = floor - travel
         open_ = rest <= wanted[pair]
-        if not open_.all():
-            out.lower_bound = min(out.lower_bound, float(rest[~open_].min()))
-        planes = _Planes(scene, far, reach)
-        again, unsure = _measured(out, scene, span, pair, travel, wanted, np.flatnonzero(open_), time, entered, planes)
+        out.lower_bound = min(out.lower_bound, float(rest[~open_].min(initial=np.inf)))
+        which = np.flatnonzero(open_)
+        cases = span[which], pair[which], travel[which]
+        again, unsure = (which[found] for found in _measured(out, scene, cases, wanted, time, far, reach, entered))
         if out.touches:
             haste -= 1
             # the clearance is broken: only other places and contacts are still of interest
@@ -233,32 +233,32 @@ def prove(bodies: Bodies, curve: MotionCurve, wanted: np.ndarray) -> Proof:
 def _measured(
     out: Proof,
     scene: Scenery,
-    span: np.ndarray,
-    pair: np.ndarray,
-    travel: np.ndarray,
+    cases: tuple[np.ndarray, np.ndarray, np.ndarray],
     wanted: np.ndarray,
-    which: np.ndarray,
     time: np.ndarray,
+    far: np.ndarray,
+    reach: np.ndarray,
     entered: set[int],
-    planes: _Planes,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Measure the distances that boxes left open. Proofs and touches are entered into `out`.
 
     Args:
-        out: the proof so far. scene: bodies in the middles of the intervals. span, pair, travel: (M,) interval, pair,
-            and bound of the travel [m] of all open cases. wanted: (P,) [m]. which: cases to measure. time: of the
-            middles [s]. entered: pairs with one body inside the other. planes: collects cases for `least_heights`.
+        out: the proof so far. scene: bodies in the middles of the intervals. cases: interval, pair, and bound of the
+            travel [m] of each, (M,). wanted: (P,) [m]. time: of the middles [s]. far, reach: how far the independent
+            joints, and all joints, go from there. entered: pairs with one body inside the other.
 
     Returns:
         Cases that are still open, and those that may touch within their interval.
     """
-    bodies, again, unsure = scene.bodies, [], []
+    bodies, (span, pair, travel) = scene.bodies, cases
+    again, unsure, planes, normals = [], [], [], []
     least = np.inf if out.least is None else out.least.distance
     for side in (0, 1):
-        scene.place(span[which], bodies.pairs[pair[which], side])
-    rest = planes.rest(span[which], pair[which], travel[which])
-    columns = (which, span[which], pair[which], travel[which], wanted[pair[which]], rest)
-    for i, k, p, way, asked, bend in zip(*(column.tolist() for column in columns), strict=True):
+        scene.place(span, bodies.pairs[pair, side])
+    # the second-order loss of heights over planes; infinite if no plane can separate the pair
+    bends = np.where(bodies.planar[pair], travel * turns(bodies, pair, reach[span]), np.inf)
+    columns = (span, pair, travel, wanted[pair], bends)
+    for i, (k, p, way, asked, bend) in enumerate(zip(*(column.tolist() for column in columns), strict=True)):
         a, b = bodies.pairs[p].tolist()
         ruler = bodies.ruler(p)
         at, bt = scene.placed(k, a), scene.placed(k, b)
@@ -281,56 +281,21 @@ def _measured(
                 unsure.append(i)
         else:
             if distance - bend > asked:
-                planes.add(i, k, p, bend, asked, ruler.normal)
+                planes.append(i)
+                normals.append(ruler.near.normal)
             again.append(i)
             if kept <= 0:
                 unsure.append(i)
-    closed, least_height = planes.closed()
-    out.lower_bound = min(out.lower_bound, least_height)
+    closed = np.array(planes, dtype=int)
+    if planes:
+        k, p = span[closed], pair[closed]
+        height = least_heights(scene, k, p, np.array(normals), far[k], bends[closed])
+        good = height > wanted[p]
+        closed, out.lower_bound = closed[good], min(out.lower_bound, float(height[good].min(initial=np.inf)))
     return np.setdiff1d(np.array(again, dtype=int), closed), np.setdiff1d(np.array(unsure, dtype=int), closed)
-
-
-class _Planes:
-    """Cases that bounds of travel leave open, and that heights over planes may close."""
-
-    def __init__(self, scene: Scenery, far: np.ndarray, reach: np.ndarray) -> None:
-        self._scene, self._far, self._reach = scene, far, reach
-        self._open: list[tuple[int, int, int, float, float]] = []
-        self._normals: list[np.ndarray] = []
-
-    def rest(self, k: np.ndarray, pair: np.ndarray, travel: np.ndarray) -> np.ndarray:
-        """Second-order loss (M,) [m] of the heights; infinite if no plane can separate the pair."""
-        bodies = self._scene.bodies
-        return np.where(bodies.planar[pair], travel * turns(bodies, pair, self._reach[k]), np.inf)
-
-    def add(self, which: int, k: int, pair: int, rest: float, asked: float, normal: np.ndarray) -> None:
-        """Add an open interval of a pair."""
-        self._open.append((which, k, pair, rest, asked))
-        self._normals.append(normal)
-
-    def closed(self) -> tuple[np.ndarray, float]:
-        """Indices of the cases that are closed, and the least height over their planes."""
-        if not self._open:
-            return np.zeros(0, dtype=int), np.inf
-        which, k, pair, rest, asked = (np.array(column) for column in zip(*self._open, strict=True))
-        height = least_heights(self._scene, k, pair, np.array(self._normals), self._far[k], rest)
-        good = height > asked
-        return which[good], float(height[good].min(initial=np.inf))
 
 
 def inside_at(bodies: Bodies, q: np.ndarray) -> set[int]:
     """Pairs with a mesh of which one body is inside of the other at q (n,)."""
-    if not len(bodies.pairs):
-        return set()
-    scene = Scenery(bodies, q[None])
-    pair = np.arange(len(bodies.pairs))
-    floor, _, _ = scene.apart(np.zeros_like(pair), pair)
-    out = set()
-    for p in np.flatnonzero(floor <= 0).tolist():
-        ruler = bodies.ruler(p)
-        if not ruler.convex:
-            a, b = bodies.pairs[p].tolist()
-            at, bt = scene.placed(0, a), scene.placed(0, b)
-            if ruler.near(at, bt) <= 0 and one_inside_the_other(ruler, at, bt):
-                out.add(p)
-    return out
+    found = Scenery(bodies, q[None]).hulls(0.0)
+    return {p for _, p, ruler, at, bt, _ in found if not ruler.convex and one_inside_the_other(ruler, at, bt)}

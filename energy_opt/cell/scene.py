@@ -6,7 +6,7 @@ base⁻¹ · object.pose · shape.pose · p, with `base` the pose of the robot's
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
@@ -102,11 +102,6 @@ class AllowedPairs:
         given = [self.defaults[name] for name in (a, b) if name in self.defaults]
         return bool(given) and all(given)
 
-    @staticmethod
-    def of(pairs: Iterable[Sequence[str]]) -> AllowedPairs:
-        """The listed pairs may touch, nothing else is said."""
-        return AllowedPairs({(min(a, b), max(a, b)): True for a, b in pairs})
-
 
 @dataclass(frozen=True, eq=False)
 class PlacedShape:
@@ -157,7 +152,7 @@ class Scene:
         A plane is a wall that the arm does not pass: the half-space with the robot's base is free, whatever the
         direction of its normal.
         """
-        into = np.eye(4) if base is None else inverse(base)
+        into = np.eye(4) if base is None else np.linalg.inv(base)
         for thing in self.objects:
             for shape in thing.shapes:
                 moved = thing.pose @ shape.pose
@@ -189,14 +184,6 @@ def out_of_scale(scene: Scene, base: np.ndarray | None, reach: float) -> list[st
                 found.setdefault(placed.object, f"object {placed.object} {what}; {length / 1000:g} m if in millimetres")
     tail = f"the arm reaches {reach:.3g} m; lengths of a scene are metres"
     return [f"{scene.source}: {word}; {tail}" for word in found.values()]
-
-
-def inverse(pose: np.ndarray) -> np.ndarray:
-    """The inverse of a rigid pose (4, 4)."""
-    out = np.eye(4)
-    out[:3, :3] = pose[:3, :3].T
-    out[:3, 3] = -pose[:3, :3].T @ pose[:3, 3]
-    return out
 
 
 def _facing_base(pose: np.ndarray) -> np.ndarray:

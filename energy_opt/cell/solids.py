@@ -209,8 +209,26 @@ def _hull(points: np.ndarray) -> Piece | None:
     return Piece(geometry, np.array(geometry.points()))
 
 
+class Gauge:
+    """Measures the distance [m] of two convex pieces repeatedly; each time it starts from the last result."""
+
+    def __init__(self, a: Piece, b: Piece) -> None:
+        self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
+        self._measure = coal.ComputeDistance(a.geometry, b.geometry)
+
+    def __call__(self, at: Any, bt: Any) -> float:
+        """The distance; negative where they overlap."""
+        self._result.clear()
+        return float(self._measure(at, bt, self._request, self._result))
+
+    @property
+    def normal(self) -> np.ndarray:
+        """Direction (3,) from the second piece towards the first, by the last measurement."""
+        return -np.asarray(self._result.normal)
+
+
 class Ruler:
-    """Measures distances between two solids repeatedly; each measurement starts from the result of the last.
+    """Measures distances between two solids repeatedly.
 
     `near` is the distance between hulls, `mid` between pieces, `exact` between the solids themselves: each a lower
     bound of the next. Negative where convex bodies overlap (by how deep); 0 where meshes touch. Placements are coal's
@@ -221,39 +239,23 @@ class Ruler:
         self.a, self.b = a, b
         self.convex = (a.convex or b.corners is None) and (b.convex or a.corners is None)
         self.cut = not self.convex and len(a.pieces) * len(b.pieces) > 1
-        self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
-        self._hulls = coal.ComputeDistance(a.hull.geometry, b.hull.geometry)
+        self.near = Gauge(a.hull, b.hull)
 
     @cached_property
-    def _pieces(self) -> list[Any]:
-        """One distance computation for each pair of pieces."""
-        return [coal.ComputeDistance(p.geometry, q.geometry) for p in self.a.pieces for q in self.b.pieces]
-
-    def near(self, at: Any, bt: Any) -> float:
-        """Distance [m] between the hulls."""
-        self._result.clear()
-        return float(self._hulls(at, bt, self._request, self._result))
-
-    @property
-    def normal(self) -> np.ndarray:
-        """Direction (3,) from the second hull towards the first, from the last call of `near`."""
-        return -np.asarray(self._result.normal)
+    def _pieces(self) -> list[Gauge]:
+        """A gauge for each pair of pieces."""
+        return [Gauge(p, q) for p in self.a.pieces for q in self.b.pieces]
 
     def mid(self, at: Any, bt: Any) -> float:
         """Distance [m] between the nearest pieces."""
-        least = np.inf
-        for measure in self._pieces:
-            self._result.clear()
-            least = min(least, measure(at, bt, self._request, self._result))
-        return float(least)
+        return min(gauge(at, bt) for gauge in self._pieces)
 
     def exact(self, at: Any, bt: Any) -> float:
         """Distance [m] between the solids."""
         if self.convex:
             return self.near(at, bt)
-        self._result.clear()
         a, b = self._exact
-        return max(0.0, float(coal.distance(a, at, b, bt, self._request, self._result)))
+        return max(0.0, float(coal.distance(a, at, b, bt, coal.DistanceRequest(), coal.DistanceResult())))
 
     @property
     def _exact(self) -> tuple[Any, Any]:
@@ -277,17 +279,3 @@ class Ruler:
 def placement(rotation: np.ndarray, origin: np.ndarray) -> Any:
     """A rotation (3, 3) and an origin (3,) [m] as coal's transform."""
     return coal.Transform3s(rotation, origin)
-
-
-class Plane:
-    """Finds planes between two convex pieces."""
-
-    def __init__(self, a: Piece, b: Piece) -> None:
-        self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
-        self._measure = coal.ComputeDistance(a.geometry, b.geometry)
-
-    def __call__(self, at: Any, bt: Any) -> tuple[float, np.ndarray]:
-        """The distance [m] (negative: overlap) and the normal (3,) from the second towards the first."""
-        self._result.clear()
-        distance = self._measure(at, bt, self._request, self._result)
-        return float(distance), -np.asarray(self._result.normal)

@@ -134,20 +134,22 @@ def opened(path: Path) -> Iterator[Bag]:
 
 def _check_files(folder: Path) -> None:
     """Check that the files named by a bag's metadata lie in its folder; the document is read within bounds."""
+    for name in _listed(folder):
+        inside(folder, str(name))
+
+
+def _listed(folder: Path) -> list[Any]:
+    """The files that a bag's metadata names."""
     document = read_yaml(folder / METADATA)
     about = document.get("rosbag2_bagfile_information") if isinstance(document, dict) else None
-    for name in about.get("relative_file_paths") or [] if isinstance(about, dict) else []:
-        inside(folder, str(name))
+    return (about.get("relative_file_paths") or []) if isinstance(about, dict) else []
 
 
 def _whole(path: Path) -> Path:
     """The folder of a bag whose only file is `path`, if its metadata says so; else the path itself."""
-    beside = path.parent / METADATA
-    if path.suffix.lower() == ".bag" or not path.is_file() or not beside.is_file():
+    if path.suffix.lower() == ".bag" or not path.is_file() or not (path.parent / METADATA).is_file():
         return path
-    document = read_yaml(beside)
-    about = document.get("rosbag2_bagfile_information") if isinstance(document, dict) else None
-    return path.parent if isinstance(about, dict) and about.get("relative_file_paths") == [path.name] else path
+    return path.parent if _listed(path.parent) == [path.name] else path
 
 
 def as_document(found: Any) -> Any:

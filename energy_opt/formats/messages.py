@@ -175,18 +175,13 @@ def seconds(stamp: Any, where: str) -> float:
 
 def message(trajectory: Trajectory) -> dict[str, Any]:
     """A trajectory as trajectory_msgs/JointTrajectory, times from the first sample, effort if known."""
-    nanoseconds = [round(t * 1e9) for t in (trajectory.time - trajectory.time[0]).tolist()]
-    points = []
-    for k, total in enumerate(nanoseconds):
-        points.append(
-            {
-                "positions": trajectory.position[k].tolist(),
-                "velocities": trajectory.velocity[k].tolist(),
-                "accelerations": trajectory.acceleration[k].tolist(),
-                "effort": [] if trajectory.effort is None else trajectory.effort[k].tolist(),
-                "time_from_start": {"sec": total // 10**9, "nanosec": total % 10**9},
-            }
-        )
+    stamps = [divmod(round(t * 1e9), 10**9) for t in (trajectory.time - trajectory.time[0]).tolist()]
+    blocks = {field: getattr(trajectory, kind) for kind, field in FIELDS.items()}
+    points = [
+        {field: [] if block is None else block[k].tolist() for field, block in blocks.items()}
+        | {"time_from_start": {"sec": whole, "nanosec": part}}
+        for k, (whole, part) in enumerate(stamps)
+    ]
     header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
     return {"header": header, "joint_names": list(trajectory.joints), "points": points}
 

@@ -46,11 +46,8 @@ def read(path: Path) -> Samples:
             k = int(late[0])
             raise BadInput(f"{path}: row {k + 3}, column time: {time[k + 1]:g} does not come after {time[k]:g}")
     like = [name for name in table if name.lower() in LIKE_TIME or name.lower().startswith("time")]
-    notes = (
-        ()
-        if time is not None or not like
-        else (f"{path}: waypoints: no column is called time, {like[0]!r} is not read",)
-    )
+    like = [] if time is not None else like[:1]
+    notes = tuple(f"{path}: waypoints: no column is called time, {name!r} is not read" for name in like)
     return Samples(str(path), tuple(joints), time=time, notes=notes, **blocks)
 
 

@@ -41,19 +41,23 @@ class Piece:
 
     Attributes:
         steps: the job's steps that it does; empty for remaining time.
+        at: place of the step whose payload and scene hold.
         energy: J, standby included; payload: kg.
         source: of a motion as in `Answer`, else "wait".
         begins: source of a motion's first path; empty for a wait.
+        brakes: a wait without holding losses.
     """
 
     name: str
     steps: tuple[int, ...]
+    at: int
     trajectory: Trajectory
     energy: float
     payload: float
     source: str
     status: str = "solved"
     begins: str = ""
+    brakes: bool = False
 
 
 class Scorers:
@@ -117,11 +121,6 @@ def cheapest_rest(job: Job, scorers: Scorers) -> Rest:
     return min(reversed(rests), key=lambda rest: rest.power)
 
 
-def last_rest(job: Job, scorers: Scorers) -> Rest:
-    """The wait at the end of the cycle, held by the motors."""
-    return Rest(len(job.steps) - 1, standing_power(scorers, job.steps[-1], False))
-
-
 @dataclass(frozen=True)
 class Plan:
     """The parts of a cycle: its legs' motions, and `left` s of waiting at `rest`."""
@@ -157,19 +156,20 @@ def assembled(job: Job, scorers: Scorers, plan: Plan) -> tuple[Piece, ...]:
         if step.wait is not None:
             energy = standing_power(scorers, step, step.brakes) * step.wait + rest.power * more
             still = standing(job.robot.joints, step.goal, step.wait + more)
-            out.append(Piece(step.name, (k,), still, energy, step.payload[0], "wait"))
+            out.append(Piece(step.name, (k,), k, still, energy, step.payload[0], "wait", brakes=step.brakes))
             continue
         if k in by_step:
             leg, answer = by_step[k]
             out.append(
                 Piece(
-                    leg.name, leg.steps, answer.trajectory, answer.energy.total, step.payload[0], answer.source,
+                    leg.name, leg.steps, k, answer.trajectory, answer.energy.total, step.payload[0], answer.source,
                     answer.status, leg.begins,
                 )
             )  # fmt: skip
         if more:
             still = standing(job.robot.joints, step.goal, more)
-            out.append(Piece("time left over", (), still, rest.power * more, step.payload[0], "wait"))
+            name, energy = "time left over", rest.power * more
+            out.append(Piece(name, (), k, still, energy, step.payload[0], "wait", brakes=rest.brakes))
     return tuple(out)
 
 

@@ -30,14 +30,11 @@ from energy_opt.reports.motion import drawn
 
 def parts_of(result: JobResult) -> list[Part]:
     """The motions and waits of a solved job, in order, with the payload in the last joint's frame."""
-    out, payload = [], result.job.steps[0].payload
-    for piece in result.pieces:
-        step = result.job.steps[piece.steps[0]] if piece.steps else None
-        payload = payload if step is None else step.payload
-        waits = piece.source == "wait"
-        brakes = waits and (result.plan.rest.brakes if step is None else step.brakes)
-        out.append(Part(piece.trajectory, piece.name, waits, "brakes" if brakes else "", payload))
-    return out
+    steps = result.job.steps
+    return [
+        Part(p.trajectory, p.name, p.source == "wait", "brakes" if p.brakes else "", steps[p.at].payload)
+        for p in result.pieces
+    ]
 
 
 def whole_cycle(result: JobResult) -> Trajectory:
@@ -48,12 +45,9 @@ def whole_cycle(result: JobResult) -> Trajectory:
 def judging_of(result: JobResult) -> CycleJudging:
     """The judge of a job's cycle: every part under the payload and in the scene of its steps."""
     limits = joint_limits(result.job.robot.limits)
-    step, stretches = result.job.steps[0], []
-    for piece in result.pieces:
-        step = result.job.steps[piece.steps[0]] if piece.steps else step
-        judge = Judging(result.scorer(step), limits, result.cells.of(step))
-        stretches.append((piece.trajectory.duration, judge))
-    return CycleJudging.of(stretches)
+    steps = ((piece.trajectory.duration, result.job.steps[piece.at]) for piece in result.pieces)
+    judges = ((seconds, Judging(result.scorer(step), limits, result.cells.of(step))) for seconds, step in steps)
+    return CycleJudging.of(judges)
 
 
 def with_room(result: JobResult, files: Files, again: Callable[[Shares], JobResult]) -> JobResult:
@@ -142,19 +136,18 @@ def _chosen(result: JobResult) -> dict[str, Any]:
 
 def steps_of(result: JobResult) -> list[dict[str, Any]]:
     """An entry for every step and for remaining time; their durations add up to the cycle."""
-    out, at, k, rest = [], 0.0, 0, result.plan.rest
+    out, at = [], 0.0
     for piece in result.pieces:
-        k = piece.steps[0] if piece.steps else k
         for part in split(piece, result):
             row = {
                 "name": part.name,
-                "kind": _kind(part, result),
+                "kind": "move" if part.source != "wait" else "standby" if part.brakes else "wait",
                 "start": at,
                 "duration": part.trajectory.duration,
                 "energy_total": part.energy,
                 "payload": part.payload,
-                "centre": list(result.job.steps[k].payload[1:]),
-                "brakes": part.source == "wait" and (result.job.steps[k].brakes if piece.steps else rest.brakes),
+                "centre": list(result.job.steps[part.at].payload[1:]),
+                "brakes": part.brakes,
                 "source": part.source,
                 "first_path": part.begins or None,
                 "status": part.status,
@@ -162,14 +155,6 @@ def steps_of(result: JobResult) -> list[dict[str, Any]]:
             out.append(row)
             at += part.trajectory.duration
     return out
-
-
-def _kind(piece: Piece, result: JobResult) -> str:
-    """ "move", "wait" (held by the motors) or "standby" (held by brakes)."""
-    if piece.source != "wait":
-        return "move"
-    brakes = result.job.steps[piece.steps[0]].brakes if piece.steps else result.plan.rest.brakes
-    return "standby" if brakes else "wait"
 
 
 def split(piece: Piece, result: JobResult) -> list[Piece]:
@@ -183,22 +168,15 @@ def split(piece: Piece, result: JobResult) -> list[Piece]:
         cuts.append(cuts[-1] + 1 + int(np.argmin(after)))
     cuts.append(len(t.time) - 1)
     scorer = result.scorer(steps[0])
-    parts = [_samples(t, a, b) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
+    parts = [t.part(slice(a, b + 1)) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
+    parts = [replace(part, time=part.time - part.time[0]) for part in parts]
     energies = np.array([scorer.energy(part).total for part in parts])
     # distribute the error of kinks between samples
     energies += (piece.energy - energies.sum()) * energies / energies.sum()
     return [
-        Piece(step.name, (k,), part, float(energy), piece.payload, piece.source, piece.status, piece.begins)
+        replace(piece, name=step.name, steps=(k,), trajectory=part, energy=float(energy))
         for k, step, part, energy in zip(piece.steps, steps, parts, energies, strict=True)
     ]
-
-
-def _samples(t: Trajectory, first: int, last: int) -> Trajectory:
-    """The samples from `first` to `last`, both included; their time begins at 0."""
-    records = slice(first, last + 1)
-    return Trajectory(
-        t.joints, t.time[records] - t.time[first], t.position[records], t.velocity[records], t.acceleration[records]
-    )
 
 
 def power_of(result: JobResult) -> tuple[np.ndarray, np.ndarray]:
@@ -207,8 +185,8 @@ def power_of(result: JobResult) -> tuple[np.ndarray, np.ndarray]:
     for piece in result.pieces:
         t = piece.trajectory
         power = np.full(len(t.time), piece.energy / max(t.duration, 1e-9))
-        if piece.source != "wait" and piece.steps:
-            filled = result.scorer(result.job.steps[piece.steps[0]]).filled(t).power
+        if piece.source != "wait":
+            filled = result.scorer(result.job.steps[piece.at]).filled(t).power
             power = power if filled is None else filled
         times.append(at + t.time - t.time[0])
         powers.append(power)
@@ -244,10 +222,10 @@ def write(
     Returns:
         The document of `found_of`.
     """
-    parts = [(result.scorer(result.job.steps[piece.steps[0] if piece.steps else 0]), part)
-             for piece in result.pieces for part in split(piece, result)]  # fmt: skip
-    for number, (scorer, part) in enumerate(parts, start=1):
-        formats.write(scorer.filled(part.trajectory), Path(out) / f"step_{number:02d}.csv")
+    parts = [part for piece in result.pieces for part in split(piece, result)]
+    for number, part in enumerate(parts, start=1):
+        filled = result.scorer(result.job.steps[part.at]).filled(part.trajectory)
+        formats.write(filled, Path(out) / f"step_{number:02d}.csv")
     cycle, csv = whole_cycle(result), formats.FORMATS["csv"]
     csv.write(cycle, Path(out) / "cycle.csv")
     own = unchanged(Path(out) / "cycle.csv", csv, cycle, judging_of(result)(cycle))

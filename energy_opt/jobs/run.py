@@ -24,7 +24,6 @@ from energy_opt.jobs.cycle import (
     assembled,
     cheapest_rest,
     energy_of,
-    last_rest,
     standing_power,
 )
 from energy_opt.jobs.file import Job, Step
@@ -251,7 +250,8 @@ def _plain(
 ) -> dict[str, Plan | None]:
     """The plain cycles: at full speed and then waiting, or all slowed evenly."""
     out: dict[str, Plan | None] = {}
-    rest = last_rest(work.job, work.scorers)
+    steps = work.job.steps
+    rest = Rest(len(steps) - 1, standing_power(work.scorers, steps[-1], False))  # at the end, held by the motors
     # one factor for all legs, also for those at their least duration
     factor = time / shortest.sum() if shortest.sum() > 0 else 1.0
     most = np.array([leg.most for leg in legs])

@@ -28,6 +28,7 @@ from energy_opt.motion.plan.planner import Planner
 from energy_opt.motion.retime.fastest import minimum_time
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.poses.freedom import is_free
 from energy_opt.power import PowerModel
 
 LOOKS = 40  # samples of a rough motion that are checked for contact
@@ -197,7 +198,7 @@ class Worker:
 def _touching(cell: Cell | None, motion: Trajectory) -> bool:
     """Whether a motion touches something at LOOKS of its instants."""
     looks = motion.sample(np.linspace(motion.time[0], motion.time[-1], LOOKS))[0]
-    return cell is not None and cell.checks and any(cell.touching(q) is not None for q in looks)
+    return not all(is_free(cell, q) for q in looks)
 
 
 FOLDER = ".answers"

@@ -26,9 +26,9 @@ from energy_opt.motion.trajectory import Trajectory
 from energy_opt.poses.chosen import Candidate, Chosen, Settle, Settling
 from energy_opt.poses.estimate import curves, fastest
 from energy_opt.poses.freedom import directions, has_freedom, improved
-from energy_opt.poses.inverse import ToolKinematics, reach
+from energy_opt.poses.inverse import ToolKinematics
 from energy_opt.poses.pose import Pose
-from energy_opt.poses.sets import Target, unreached
+from energy_opt.poses.sets import Target, positions_of
 
 IMPROVED = 5  # goals that the estimate moves along their freedom, each to another place
 TRIED = 7  # most goals that it moves, those that end at the place of another one included
@@ -136,7 +136,7 @@ class Chooser:
         out: list[Candidate] = []
         for goal in goals:
             pose = goal if isinstance(goal, Pose) else None
-            found = self._reached(goal, move) if isinstance(goal, Pose) else np.atleast_2d(goal)
+            found = positions_of(self.tool, goal, None, near=_last(move), seed=self.seed)
             possible, energy = self._estimates(move, found)
             out += [
                 Candidate(q, float(e), status="looked_at" if can else "too_fast", pose=pose)
@@ -163,17 +163,6 @@ class Chooser:
             return found.shortest <= move.duration, found.at(np.full((len(goals), 1), move.duration))[:, 0]
         longest = np.inf if move.max_duration is None else move.max_duration
         return found.shortest <= longest, found.cheapest(longest=longest)[0]
-
-    def _reached(self, pose: Pose, move: Move) -> np.ndarray:
-        """Positions (K, n) that reach a pose.
-
-        Raises:
-            Infeasible: none was found.
-        """
-        found = reach(self.tool, pose, seed=self.seed, near=_last(move))
-        if not len(found.positions):
-            raise unreached(pose, found)
-        return found.positions
 
     def _improved(self, move: Move, goals: Sequence[Candidate]) -> list[Candidate]:
         """The goals in order of their estimates, the first of them moved along their freedom."""

@@ -91,8 +91,8 @@ def pose_document(
         q = positions[end][None]
         still = np.zeros_like(q)
         at, _, _ = robot.body.frame_motion(tool.joint, np.array(tool.pose), q, still, still)
-        off = missed(pose, at[:, :3, :3], at[:, :3, 3])
-        distance, angle = float(np.linalg.norm(off.shift)), float(np.linalg.norm(off.turn))
+        shift, turn = np.split(missed(pose, at[:, :3, :3], at[:, :3, 3])[0], 2)
+        distance, angle = float(np.linalg.norm(shift)), float(np.linalg.norm(turn))
         inside = distance <= pose.tolerance[0] and angle <= pose.tolerance[1]
         out[end] = {"distance": distance, "angle": angle, "valid": inside}
     return out

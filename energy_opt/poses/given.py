@@ -18,7 +18,7 @@ import numpy as np
 
 from energy_opt.cell.load import scene_of
 from energy_opt.cell.request import CellRequest
-from energy_opt.cell.scene import Scene, inverse
+from energy_opt.cell.scene import Scene
 from energy_opt.errors import BadInput, near
 from energy_opt.files import inside, read_yaml_documents
 from energy_opt.poses.pose import FORM, Pose, pose_from
@@ -159,7 +159,7 @@ def in_base(pose: Pose, robot: Robot, scene: Scene | None, base: np.ndarray) -> 
         turned = np.eye(4) if not frame else links[frame][1]
         return replace(pose, matrix=turned @ pose.matrix, frame="")
     if frame in WORLD:
-        return replace(pose, matrix=inverse(base) @ pose.matrix, frame="")
+        return replace(pose, matrix=np.linalg.inv(base) @ pose.matrix, frame="")
     objects = {thing.name: thing for thing in (scene.objects if scene is not None else ())}
     if frame not in objects:
         known = [*objects, WORLD[0], *(name for name, (joint, _) in links.items() if joint < 0)]
@@ -168,4 +168,4 @@ def in_base(pose: Pose, robot: Robot, scene: Scene | None, base: np.ndarray) -> 
     thing = objects[frame]
     if thing.frame is not None or thing.attached_to is not None:
         raise BadInput(f"{pose.name}: {frame} moves with the arm; a pose in its frame says nothing")
-    return replace(pose, matrix=inverse(base) @ thing.place @ pose.matrix, frame="")
+    return replace(pose, matrix=np.linalg.inv(base) @ thing.place @ pose.matrix, frame="")

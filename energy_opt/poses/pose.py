@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -179,23 +179,6 @@ def tolerance_of(text: str) -> tuple[float, float]:
     return given.get(0, 1e-6), given.get(1, 1e-6)
 
 
-@dataclass(frozen=True, eq=False)
-class Missed:
-    """Errors of poses of the tool from the wanted one, within its freedom.
-
-    Attributes:
-        shift: (N, 3) [m], in the wanted tool's frame; turn: (N, 3) rotation vectors [rad].
-    """
-
-    shift: np.ndarray
-    turn: np.ndarray = field(repr=False)
-
-    @property
-    def both(self) -> np.ndarray:
-        """(N, 6)."""
-        return np.hstack([self.shift, self.turn])
-
-
 def about(k: int, angle: np.ndarray) -> np.ndarray:
     """Rotations (N, 3, 3) about x, y or z (k = 0, 1, 2) by angles (N,) [rad]."""
     i, j = (k + 1) % 3, (k + 2) % 3
@@ -235,8 +218,9 @@ def free_values(pose: Pose, rotation: np.ndarray, origin: np.ndarray) -> dict[st
     return out
 
 
-def missed(pose: Pose, rotation: np.ndarray, origin: np.ndarray) -> Missed:
-    """Error of the tool at `rotation` (N, 3, 3), `origin` (N, 3) from a pose.
+def missed(pose: Pose, rotation: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    """Error (N, 6) of the tool at `rotation` (N, 3, 3), `origin` (N, 3) from a pose: shift [m] in the wanted tool's
+    frame, and rotation vector [rad].
 
     Shifts and turns in free directions, clipped to their ranges, are removed from the difference from the wanted pose
     one after the other; the rest is the error.
@@ -253,4 +237,4 @@ def missed(pose: Pose, rotation: np.ndarray, origin: np.ndarray) -> Missed:
             turned = about(k, -held) @ turned
         else:
             shift[:, k] -= held
-    return Missed(shift, np.zeros_like(shift) if anyhow else Rotation.from_matrix(turned).as_rotvec())
+    return np.hstack([shift, np.zeros_like(shift) if anyhow else Rotation.from_matrix(turned).as_rotvec()])

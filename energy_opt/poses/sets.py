@@ -11,6 +11,7 @@ from energy_opt.cell.cell import Cell
 from energy_opt.errors import Infeasible
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.poses.estimate import Curves, curves, holding
+from energy_opt.poses.freedom import is_free
 from energy_opt.poses.inverse import SMALL, Reached, ToolKinematics, reach, solve
 from energy_opt.poses.pose import Pose
 
@@ -95,16 +96,12 @@ def straight_is_free(cell: Cell | None, start: np.ndarray, goal: np.ndarray) -> 
     Args:
         cell: None: nothing is checked. start, goal: (n,) [rad, m].
     """
-    if cell is None or not cell.checks:
-        return True
-    return all(cell.touching(start + x * (goal - start)) is None for x in np.linspace(0, 1, LOOKS + 2)[1:-1])
+    return all(is_free(cell, start + x * (goal - start)) for x in np.linspace(0, 1, LOOKS + 2)[1:-1])
 
 
 def free_of(q: np.ndarray, cell: Cell | None) -> np.ndarray:
     """Those of positions (K, n) at which nothing touches."""
-    if cell is None or not cell.checks:
-        return q
-    return q[[cell.touching(row) is None for row in q]].reshape(-1, q.shape[1])
+    return q[[is_free(cell, row) for row in q]].reshape(-1, q.shape[1])
 
 
 def thinned(q: np.ndarray, cost: np.ndarray, most: int = MOST) -> np.ndarray:

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from energy_opt.cell.cell import Cell, Clearance
 from energy_opt.cell.planes import Near
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion.judge.certificate import Certificate
@@ -26,24 +26,7 @@ from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics import ipopt
 from energy_opt.numerics.compile import compiled
 from energy_opt.profiles.chain import Chain
-from energy_opt.profiles.program import SHARP, Program, Shape
-
-
-class Keep:
-    """The clearance constraints for moves between two poses `ends` (2, n); failed proofs extend them."""
-
-    def __init__(self, cell: Cell, near: Near, ends: np.ndarray) -> None:
-        self._near, self._margins = near, Margins(cell, ends)
-        self._places = Places.evenly(len(self._margins.wanted))
-
-    def learn(self, proof: Clearance, duration: float) -> None:
-        """Add the places where a proof failed, and keep more distance there."""
-        self._places.learn(proof, duration)
-
-    def constraints(self) -> ClearanceConstraints:
-        """The limit to add to the others."""
-        return ClearanceConstraints(self._near, self._places.u, self._margins.at(self._places), REACH)
-
+from energy_opt.profiles.program import SHARP, Program
 
 MOST_VIAS = 5
 MORE = 2  # further via points to try if moves cost more than the evenly slowed move
@@ -98,7 +81,6 @@ class MovesPlanner:
     def __init__(self, planner: Planner) -> None:
         self.p, self.robot = planner, planner.robot
         self._functions: dict[str, NodeFunctions] = {}
-        self._near: tuple[Cell, Near] | None = None
         self.smooth = bool(np.isfinite(planner.robot.limits.jerk).any())
 
     def solve(self, move: Move, reference: Result, vias: int, least: int = 0) -> StandardMoves:
@@ -211,40 +193,36 @@ class MovesPlanner:
 
         Slightly broken limits are tightened; after a contact, constraints keep the bodies apart.
         """
-        limits, keep = self.p.limits(move), None
+        limits, places, margins = self.p.limits(move), None, None
         for turn in range(TURNS):
-            constraints = () if keep is None else (keep.constraints(),)
-            chain, converged = self._solved(chain, move, durations, objective, (*limits, *constraints))
+            all_ = list(limits)
+            if places is not None and margins is not None:
+                all_.append(ClearanceConstraints(self._near, places.u, margins.at(places), REACH))
+            chain, converged = self._solved(chain, move, durations, objective, all_)
             certificate = self.p.certify(chain.trajectory(self.robot.joints), move)
             proof = certificate.clearance
             if certificate.valid or turn == TURNS - 1:
                 break
             if proof is not None and not proof.proven:
-                keep = keep or self._keep(move)
-                keep.learn(proof, chain.duration)
+                assert self.p.cell is not None
+                margins = margins or Margins(self.p.cell, np.stack([move.start, move.goal]))
+                places = places or Places.evenly(len(margins.wanted))
+                places.learn(proof, chain.duration)
             elif not converged:
                 break
             else:
                 limits = certificate.tightened(limits)
         return chain, certificate
 
-    def _keep(self, move: Move) -> Keep:
-        """What keeps a move clear of the cell's bodies; distances are measured by one object for all moves."""
-        cell = self.p.cell
-        assert cell is not None
-        if self._near is None or self._near[0] is not cell:
-            self._near = cell, Near(cell.bodies)
-        return Keep(cell, self._near[1], np.stack([move.start, move.goal]))
-
     def _solved(
         self, chain: Chain, move: Move, durations: tuple[float, float], objective: str, limits: Sequence[Limit]
     ) -> tuple[Chain, bool]:
         """Solve from `chain`; with numeric constraints, repeated until these are renewed where the solve ends."""
         ends = np.asarray(move.start, dtype=float), np.asarray(move.goal, dtype=float)
-        shape = Shape(self.robot.n, len(chain.corners) - 2, self.smooth)
-        values = self.p.model.values(self.robot.n)
+        vias, values = len(chain.corners) - 2, self.p.model.values(self.robot.n)
         for _ in range(ROUNDS):
-            program = Program(shape, self._nodes(objective), ends, limits, values, durations, chain, VIA_REACH)
+            nodes = self._nodes(objective)
+            program = Program(vias, self.smooth, nodes, ends, limits, values, durations, chain, VIA_REACH)
             x = program.unknowns(chain)
             program.scale = 1 / max(abs(program.cost(x) - self._overhead(durations, objective)), 1e-6)
             answer = ipopt.solve(program, x, program.box, program.row_bounds, OPTIONS)
@@ -254,6 +232,12 @@ class MovesPlanner:
         if durations[0] == durations[1]:
             chain = chain.lasting(durations[0])  # make the duration exact
         return chain, answer.success
+
+    @cached_property
+    def _near(self) -> Near:
+        """Measures distances between the bodies of the cell, for all moves."""
+        assert self.p.cell is not None
+        return Near(self.p.cell.bodies)
 
     def _overhead(self, durations: tuple[float, float], objective: str) -> float:
         """Energy [J] of a fixed duration that is the same for all moves; used only for scaling."""

@@ -21,7 +21,6 @@ and a place's Hessian H gives J_k^T H J_k, plus the curvature of q_k itself.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -80,15 +79,6 @@ class Placed:
         return np.asarray(curved + np.asarray(self._bent(self._x, pull.ravel()).full()))
 
 
-@dataclass(frozen=True)
-class Shape:
-    """The numbers of joints and via points; `smooth`: rises are free (S-curve), else `SHARP` (trapezoid)."""
-
-    joints: int
-    vias: int
-    smooth: bool
-
-
 def lobatto(count: int) -> tuple[np.ndarray, np.ndarray]:
     """Nodes and weights (count,) of Gauss-Lobatto quadrature on [0, 1].
 
@@ -103,6 +93,7 @@ class Program:
     """One program in the form that `ipopt.solve` takes.
 
     Args:
+        vias: number of via points. smooth: rises are free (S-curve), else `SHARP` (trapezoid).
         ends: start and goal (n,); durations: bounds of the whole, s; parameters: the model's values.
         near: the chain at which the limits' numeric constraints are built; None: without them. `reach` [rad]: largest
             move of via points from there.
@@ -113,7 +104,8 @@ class Program:
 
     def __init__(
         self,
-        shape: Shape,
+        vias: int,
+        smooth: bool,
         nodes: NodeFunctions,
         ends: tuple[np.ndarray, np.ndarray],
         limits: Sequence[Limit],
@@ -122,9 +114,9 @@ class Program:
         near: Chain | None = None,
         reach: float = np.inf,
     ) -> None:
-        self.shape, self._ends, self.scale = shape, ends, 1.0
+        self._vias, self._ends, self.scale = vias, ends, 1.0
         self._parameters = np.concatenate([parameters, values_of(limits)])
-        n, k = shape.joints, shape.vias
+        n, k = len(ends[0]), vias
         self.size = n * k + 3 * k + 5
         x = ca.SX.sym("x", self.size)
         symbols = Chain.of(x, ends, k)
@@ -165,7 +157,7 @@ class Program:
             low_corner, high_corner = np.maximum(low_corner, around - reach), np.minimum(high_corner, around + reach)
         least = np.concatenate([np.full(k + 1, SHORTEST), np.full(k + 2, SHORTEST), np.full(k + 2, SHARP)])
         most = np.full(len(least), max(durations[1], SHORTEST))
-        if not shape.smooth:
+        if not smooth:
             most[-(k + 2) :] = SHARP
         self.box = np.concatenate([low_corner, least]), np.concatenate([high_corner, most])
 
@@ -187,7 +179,7 @@ class Program:
 
     def chain(self, x: np.ndarray) -> Chain:
         """The chain of unknowns x (N,): corners between the ends, then spans, ramps and rises."""
-        n, k = self.shape.joints, self.shape.vias
+        n, k = len(self._ends[0]), self._vias
         corners = np.vstack([self._ends[0], x[: n * k].reshape(k, n), self._ends[1]])
         spans, ramps, rises = np.split(x[n * k :], [k + 1, 2 * k + 3])
         return Chain(corners, spans, ramps, rises)

@@ -29,16 +29,11 @@ def inertia_matrix(moments: Sequence[float]) -> np.ndarray:
 
 def carriers(description: Description, still: Collection[str] = ()) -> dict[str, str]:
     """For each link the joint that moves it ("" for the base); joints in `still` move nothing."""
-    children: dict[str, list[str]] = {}
-    for name, joint in description.joints.items():
-        children.setdefault(joint.parent, []).append(name)
-    out, edge = {description.base: ""}, [description.base]
-    while edge:
-        link = edge.pop()
-        for name in children.get(link, []):
-            joint = description.joints[name]
-            out[joint.child] = name if joint.kind in MOVING and name not in still else out[link]
-            edge.append(joint.child)
+    out = {description.base: ""}
+    while len(out) < len(description.links):  # joints may be listed before those that carry them
+        for name, joint in description.joints.items():
+            if joint.parent in out:
+                out[joint.child] = name if joint.kind in MOVING and name not in still else out[joint.parent]
     return out
 
 

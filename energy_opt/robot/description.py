@@ -6,11 +6,10 @@ they take, and what one of them drops is lost in silence.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from xml.etree.ElementTree import Element
-from xml.sax.saxutils import quoteattr
+from xml.etree.ElementTree import Element, tostring
 
 from energy_opt.errors import BadInput, near
 from energy_opt.names import check_name
@@ -279,66 +278,19 @@ def _base(path: Path, links: dict[str, LinkPart], joints: dict[str, JointPart]) 
     if len(roots) != 1:
         found = ", ".join(map(repr, roots[:5])) or "none: its joints go in a circle"
         raise BadInput(f"{path}: expected one link without a parent, the base; found {found}")
-    reached, children = {roots[0]}, dict[str, list[str]]()
-    for child, parent in parent_of.items():
-        children.setdefault(parent, []).append(child)
-    edge = list(roots)
-    while edge:
-        edge = [child for parent in edge for child in children.get(parent, [])]
-        reached |= set(edge)
+    reached = set(roots)
+    while more := {child for child, parent in parent_of.items() if parent in reached} - reached:
+        reached |= more
     if len(reached) < len(links):
         circle = next(name for name in links if name not in reached)
         raise BadInput(f"{path}: link {circle!r} hangs in a circle of joints, not on the base {roots[0]!r}")
     return roots[0]
 
 
-def plain_urdf(description: Description, meshes: Mapping[str, Path]) -> str:
-    """The text of a URDF; `meshes` says where the file of each mesh lies, as far as that is known."""
-    lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(description.path.stem)}>"]
-    for link in description.links.values():
-        lines += _link_text(link, meshes)
-    for name, joint in description.joints.items():
-        lines += [
-            f'<joint name={quoteattr(name)} type="{joint.kind}">{_pose_text(joint.pose)}',
-            f"<parent link={quoteattr(joint.parent)}/><child link={quoteattr(joint.child)}/>",
-        ]
-        if joint.kind in MOVING:
-            length = sum(x * x for x in joint.axis) ** 0.5
-            bounds = " ".join(f'{bound}="{joint.bounds.get(bound, 0.0)!r}"' for bound in BOUNDS)
-            lines.append(f'<axis xyz="{_words(x / length for x in joint.axis)}"/><limit {bounds}/>')
-        if joint.mimic is not None:
-            leader, ratio, offset = joint.mimic
-            lines.append(f'<mimic joint={quoteattr(leader)} multiplier="{ratio!r}" offset="{offset!r}"/>')
-        lines.append("</joint>")
-    return "\n".join([*lines, "</robot>"])
-
-
-def _link_text(link: LinkPart, meshes: Mapping[str, Path]) -> Iterator[str]:
-    """A link as URDF text."""
-    yield f"<link name={quoteattr(link.name)}>"
-    if link.inertial is not None:
-        moments = zip(MOMENTS, link.inertial.moments, strict=True)
-        inertia = " ".join(f'{name}="{value!r}"' for name, value in moments)
-        mass = f'<mass value="{link.inertial.mass!r}"/>'
-        yield f"<inertial>{_pose_text(link.inertial.pose)}{mass}<inertia {inertia}/></inertial>"
-    for body in link.collisions:
-        yield f"<collision>{_pose_text(body.pose)}<geometry>{_shape_text(body, meshes)}</geometry></collision>"
-    yield "</link>"
-
-
-def _shape_text(body: Collision, meshes: Mapping[str, Path]) -> str:
-    """A collision body as an element of a URDF."""
-    if body.kind == "mesh":
-        return f'<mesh filename={quoteattr(str(meshes.get(body.file, body.file)))} scale="{_words(body.size)}"/>'
-    if body.kind == "box":
-        return f'<box size="{_words(body.size)}"/>'
-    sizes = zip(SIZES[body.kind], body.size, strict=True)
-    return f"<{body.kind} " + " ".join(f'{name}="{value!r}"' for name, value in sizes) + "/>"
-
-
-def _pose_text(pose: Pose) -> str:
-    return f'<origin xyz="{_words(pose.xyz)}" rpy="{_words(pose.rpy)}"/>'
-
-
-def _words(values: Iterator[float] | tuple[float, ...]) -> str:
-    return " ".join(map(repr, values))
+def urdf_text(description: Description, meshes: Mapping[str, Path]) -> str:
+    """The text of the description's file; `meshes` says where the file of each mesh lies, as far as that is known."""
+    root = read_robot_xml(description.path)
+    for mesh in root.iter("mesh"):
+        name = mesh.get("filename", "").strip()
+        mesh.set("filename", str(meshes.get(name, name)))
+    return tostring(root, encoding="unicode")

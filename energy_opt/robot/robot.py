@@ -18,7 +18,7 @@ from energy_opt.errors import BadInput, near
 from energy_opt.files import write_text
 from energy_opt.robot.catalog import CATALOG, DATA, urdf_of
 from energy_opt.robot.checks import believed_efforts, check_masses, doubtful_masses
-from energy_opt.robot.description import BOUNDS, Description, plain_urdf, read_description
+from energy_opt.robot.description import BOUNDS, Description, read_description, urdf_text
 from energy_opt.robot.kinematics import Link
 from energy_opt.robot.limits import (
     ASSUMED_VELOCITY,
@@ -148,7 +148,7 @@ class Robot:
             meshes = mesh_files(self.description)
         except BadInput:  # meshes are missing in the copy as in the original
             meshes = {}
-        write_text(folder / self.urdf.name, plain_urdf(self.description, meshes))
+        write_text(folder / self.urdf.name, urdf_text(self.description, meshes))
         return self.urdf.name
 
     @property

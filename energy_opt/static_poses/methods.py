@@ -149,6 +149,7 @@ def identify(robot: str, poses: Sequence[Pose]) -> Identification:
     """
     if not poses:
         raise BadInput('no static pose: the set needs runs of kind = "static", or motion runs that pause')
+    from scipy.stats import linregress
     from scipy.stats import t as student
 
     power, load = np.array([p.power for p in poses]), np.array([p.load for p in poses])
@@ -159,38 +160,34 @@ def identify(robot: str, poses: Sequence[Pose]) -> Identification:
         half = float(student.ppf(0.975, count - 1) * power.std(ddof=1) / np.sqrt(count))
         interval = (mean - half, mean + half)
     distinct = _distinct(np.array([p.position for p in poses]))
+
+    def refused(why: str) -> Identification:
+        return Identification(robot, tuple(poses), mean, interval, None, f"Method 2 refused: {why}")
+
     if distinct < FEWEST:
-        word = f"Method 2 refused: {distinct} different pose(s); a line with an interval needs {FEWEST} or more"
-        return Identification(robot, tuple(poses), mean, interval, None, word)
+        return refused(f"{distinct} different pose(s); a line with an interval needs {FEWEST} or more")
     spread = float(np.std(load))
     if spread <= 1e-6 * max(float(load.mean()), 1e-12) or spread < 1e-3:
-        word = "Method 2 refused: all gravity torques are alike, so r_over_kt2 cannot be separated from overhead"
-        return Identification(robot, tuple(poses), mean, interval, None, word)
-    matrix = np.column_stack([np.ones(count), load])
-    (standby, r), *_ = np.linalg.lstsq(matrix, power, rcond=None)
-    left = power - matrix @ [standby, r]
-    variance = float(left @ left) / (count - 2)
-    deviation = np.sqrt(variance * np.diag(np.linalg.inv(matrix.T @ matrix)))
-    half = student.ppf(0.975, count - 2) * deviation
-    total = float(np.sum((power - mean) ** 2))
+        return refused("all gravity torques are alike, so r_over_kt2 cannot be separated from overhead")
+    fit = linregress(load, power)
+    standby, r = float(fit.intercept), float(fit.slope)
+    half = student.ppf(0.975, count - 2) * np.array([fit.intercept_stderr, fit.stderr])
     low, high = float(r - half[1]), float(r + half[1])
     if high <= 0:
-        word = f"Method 2 refused: power falls with gravity torque (r_over_kt2 in [{low:.3g}, {high:.3g}])"
-        return Identification(robot, tuple(poses), mean, interval, None, word)
+        return refused(f"power falls with gravity torque (r_over_kt2 in [{low:.3g}, {high:.3g}])")
     if low <= 0:
-        word = (
-            f"Method 2 refused: the poses do not vary enough: r_over_kt2 lies in [{low:.3g}, {high:.3g}] W/(N m)^2, "
+        return refused(
+            f"the poses do not vary enough: r_over_kt2 lies in [{low:.3g}, {high:.3g}] W/(N m)^2, "
             "which holds 0; `energy-opt identify --suggest N` proposes poses that tell more"
         )
-        return Identification(robot, tuple(poses), mean, interval, None, word)
     line = {
-        "standby": float(standby),
-        "r_over_kt2": float(r),
+        "standby": standby,
+        "r_over_kt2": r,
         "ci95": {
             "standby": [float(standby - half[0]), float(standby + half[0])],
             "r_over_kt2": [low, high],
         },
-        "r_squared": 1 - float(left @ left) / total if total > 0 else 0.0,
+        "r_squared": float(fit.rvalue**2),
     }
     words = []
     if half[1] >= 0.5 * r:

@@ -31,11 +31,8 @@ def electrical_power(plant: Plant, t: np.ndarray, v: np.ndarray, torque: np.ndar
     heat = np.zeros_like(v)
     resistance = plant.value("copper_loss", "r_over_kt2", joints)
     if resistance is not None:
-        heat = resistance * torque**2
-        rate = plant.number("winding_temperature", "rate", 0.0)
-        if rate:
-            warm = 1 + rate * _growth(t, plant.number("winding_temperature", "time_constant", 1.0))
-            heat = heat * warm[:, None]
+        warm = _growth(t, plant.number("winding_temperature", "time_constant", 1.0))
+        heat = resistance * torque**2 * (1 + plant.number("winding_temperature", "rate", 0.0) * warm)[:, None]
 
     drive = torque * v + heat
     total = drive.sum(axis=1)
@@ -47,23 +44,20 @@ def electrical_power(plant: Plant, t: np.ndarray, v: np.ndarray, torque: np.ndar
         else:
             total = total - lost * np.minimum(total, 0)
 
-    capacity = plant.number("dc_link", "capacity", 0.0)
     if plant.model.get("dc_link") is not None:
-        total = _linked(t, total, capacity)
+        total = _linked(t, total, plant.number("dc_link", "capacity", 0.0))
     total = total + plant.number("inverter_loss", "c", 0.0) * np.abs(torque).sum(axis=1)
     total = total + plant.number("standby", "power", 0.0)
-    drift = plant.number("standby_drift", "power", 0.0)
-    if drift:
-        total = total + drift * _growth(t, plant.number("standby_drift", "time_constant", 1.0))
-    total = total + plant.number("motion_power", "power", 0.0) * (np.abs(v).max(axis=1) > MOVING)
+    drifted = _growth(t, plant.number("standby_drift", "time_constant", 1.0))
+    total = total + plant.number("standby_drift", "power", 0.0) * drifted
+    moving = np.abs(v).max(axis=1) > MOVING
+    total = total + plant.number("motion_power", "power", 0.0) * moving
     hysteresis, eddy = plant.value("iron_loss", "hysteresis", joints), plant.value("iron_loss", "eddy", joints)
     if hysteresis is not None and eddy is not None:
         total = total + np.abs(v) @ hysteresis + np.square(v) @ eddy
-    if plant.model.get("idle_hold") is not None:
-        moving = np.abs(v).max(axis=1) > MOVING
-        ended = np.maximum.accumulate(np.where(moving, t, -np.inf))
-        held = ~moving & (t - ended < plant.number("idle_hold", "duration", 0.0))
-        total = total + plant.number("idle_hold", "power", 0.0) * held
+    ended = np.maximum.accumulate(np.where(moving, t, -np.inf))
+    held = ~moving & (t - ended < plant.number("idle_hold", "duration", 0.0))
+    total = total + plant.number("idle_hold", "power", 0.0) * held
     for special in plant.specials:
         total = total + special.added_power(t)
     affine, quadratic = plant.number("psu_loss", "affine", 0.0), plant.number("psu_loss", "quadratic", 0.0)

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from energy_opt.errors import BadInput
 from energy_opt.virtual_arm.drives import JointLaws
@@ -253,11 +254,8 @@ def _inertial(given: ElementTree.Element | None) -> Inertial:
 
 
 def _turn(rpy: np.ndarray) -> np.ndarray:
-    """The rotation matrix (3, 3) of roll, pitch, yaw [rad] as URDF defines them, by MuJoCo."""
-    quaternion, out = np.zeros(4), np.zeros(9)
-    import_mujoco().mju_euler2Quat(quaternion, rpy, "XYZ")
-    import_mujoco().mju_quat2Mat(out, quaternion)
-    return out.reshape(3, 3)
+    """The rotation matrix (3, 3) of roll, pitch, yaw [rad] as URDF defines them."""
+    return np.asarray(Rotation.from_euler("xyz", rpy).as_matrix())
 
 
 def _weld(mujoco: Any, joint: Any, position: float) -> None:

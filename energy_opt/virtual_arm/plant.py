@@ -6,9 +6,9 @@ parameters take one number or one per joint.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -16,10 +16,21 @@ from energy_opt.errors import BadInput
 from energy_opt.files import read_toml
 from energy_opt.power import PowerModel
 from energy_opt.power.model import model_from_document
+from energy_opt.schema import Number, Table, parse, reads
 
 
-@dataclass(frozen=True)
-class Special:
+def _per_joint(value: Any) -> Any:
+    """One number, or one for each joint as an array."""
+    numbers = np.asarray(value, dtype=float) if np.asarray(value).dtype.kind in "if" else np.array(np.nan)
+    if not np.isfinite(numbers).all():
+        raise BadInput("expected a finite number or a list of them")
+    return numbers if numbers.ndim else float(numbers)
+
+
+PerJoint = Annotated[Any, reads(_per_joint)]
+
+
+class Special(Table):
     """Base of the specials; each adds to the motor torque of joints or to the arm's power."""
 
     name: ClassVar[str] = ""
@@ -33,13 +44,12 @@ class Special:
         return 0.0
 
 
-@dataclass(frozen=True)
 class Cogging(Special):
     """A torque amplitude * sin(periods * q + phase) on the joint, which the motor must hold; [N m], [1], [rad]."""
 
-    amplitude: Any
-    periods: Any = 9.0
-    phase: Any = 0.2
+    amplitude: PerJoint
+    periods: PerJoint = 9.0
+    phase: PerJoint = 0.2
     name: ClassVar[str] = "cogging"
 
     def added_torque(self, q: np.ndarray, v: np.ndarray, travel: np.ndarray) -> np.ndarray:
@@ -47,12 +57,11 @@ class Cogging(Special):
         return -self.amplitude * np.sin(self.periods * q + self.phase)
 
 
-@dataclass(frozen=True)
 class SpeedRipple(Special):
     """amplitude * sin(2 pi v / period): torque that oscillates with speed, as resonances do; [N m], [rad/s]."""
 
-    amplitude: Any
-    period: Any = 0.35
+    amplitude: PerJoint
+    period: PerJoint = 0.35
     name: ClassVar[str] = "speed_ripple"
 
     def added_torque(self, q: np.ndarray, v: np.ndarray, travel: np.ndarray) -> np.ndarray:
@@ -60,15 +69,14 @@ class SpeedRipple(Special):
         return self.amplitude * np.sin(2 * np.pi * v / self.period)
 
 
-@dataclass(frozen=True)
 class Backlash(Special):
     """After a joint has reversed, the drive closes its play: extra torque that fades over `gap` rad of travel.
 
     torque * exp(-travel / gap) * tanh(v / 0.01 rad/s), per joint [N m], [rad].
     """
 
-    amplitude: Any
-    gap: Any = 0.05
+    amplitude: PerJoint
+    gap: PerJoint = 0.05
     name: ClassVar[str] = "backlash"
 
     def added_torque(self, q: np.ndarray, v: np.ndarray, travel: np.ndarray) -> np.ndarray:
@@ -76,14 +84,13 @@ class Backlash(Special):
         return self.amplitude * np.exp(-travel / self.gap) * np.tanh(v / 0.01)
 
 
-@dataclass(frozen=True)
 class Fan(Special):
     """A fan that draws `power` [W] for the first `duty` of every `period` s."""
 
-    power: float
-    period: float = 7.0
-    duty: float = 0.5
-    offset: float = 0.0
+    power: Number
+    period: Number = 7.0
+    duty: Number = 0.5
+    offset: Number = 0.0
     name: ClassVar[str] = "fan"
 
     def added_power(self, t: np.ndarray) -> np.ndarray:
@@ -91,12 +98,11 @@ class Fan(Special):
         return np.where(np.mod(t + self.offset, self.period) < self.duty * self.period, float(self.power), 0.0)
 
 
-@dataclass(frozen=True)
 class StandbyStep(Special):
     """From set time `time` [s] on, overhead is `power` [W] higher."""
 
-    power: float
-    time: float = 100.0
+    power: Number
+    time: Number = 100.0
     name: ClassVar[str] = "standby_step"
 
     def added_power(self, t: np.ndarray) -> np.ndarray:
@@ -108,32 +114,20 @@ SPECIALS: dict[str, type[Special]] = {s.name: s for s in (Cogging, SpeedRipple, 
 
 
 def special_from_row(row: Any, where: str) -> Special:
-    """A special from a [[special]] table; BadInput names what is wrong."""
-    if not isinstance(row, dict) or row.get("name") not in SPECIALS:
-        name = row.get("name") if isinstance(row, dict) else row
+    """A special from a [[special]] table.
+
+    Raises:
+        BadInput: names the table and every parameter at fault.
+    """
+    name = row.get("name") if isinstance(row, dict) else row
+    if not isinstance(name, str) or name not in SPECIALS:
         raise BadInput(f"{where}: unknown name {name!r}; known: {', '.join(SPECIALS)}")
-    kind = SPECIALS[row["name"]]
-    values = {key: value for key, value in row.items() if key != "name"}
-    known = [f.name for f in fields(kind)]
-    for key, value in values.items():
-        if key not in known:
-            raise BadInput(f"{where}: {kind.name}: unknown parameter {key!r}; it has {', '.join(known)}")
-        try:
-            values[key] = np.asarray(value, dtype=float) if isinstance(value, list) else float(value)
-        except (TypeError, ValueError):
-            raise BadInput(f"{where}: {kind.name}: {key} = {value!r} is not a number or a list of numbers") from None
-        if not np.isfinite(values[key]).all():
-            raise BadInput(f"{where}: {kind.name}: {key} = {value!r} is not finite")
-    try:
-        return kind(**values)
-    except TypeError:
-        missing = [key for key in known if key not in values]
-        raise BadInput(f"{where}: {kind.name}: parameter {missing[0]!r} is missing") from None
+    return parse(SPECIALS[name], {key: value for key, value in row.items() if key != "name"}, f"{where}: {name}")
 
 
 def special_to_row(special: Special) -> dict[str, Any]:
     """The [[special]] table of a special."""
-    return {"name": special.name, **{f.name: getattr(special, f.name) for f in fields(special)}}
+    return {"name": special.name, **special.model_dump()}
 
 
 # Effects for which the forward simulation has laws of its own; others are refused.

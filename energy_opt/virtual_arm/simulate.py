@@ -48,16 +48,11 @@ class Reference:
 
     def at(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Position and velocity (M, n) at times t (M,) from the first sample on: cubic Hermite, at rest outside."""
-        x = self.time - self.time[0]
-        k = np.clip(np.searchsorted(x, t, side="right") - 1, 0, len(x) - 2)
-        h = (x[k + 1] - x[k])[:, None]
-        s = np.clip((t - x[k])[:, None] / h, 0.0, 1.0)
-        q0, q1, v0, v1 = self.position[k], self.position[k + 1], self.velocity[k], self.velocity[k + 1]
-        rise, left, right = s * s * (3 - 2 * s), s * (1 - s) ** 2, s * s * (s - 1)
-        position = q0 + rise * (q1 - q0) + h * (left * v0 + right * v1)
-        velocity = 6 * s * (1 - s) * (q1 - q0) / h + (1 - s) * (1 - 3 * s) * v0 + s * (3 * s - 2) * v1
-        outside = (t < 0) | (t > x[-1])
-        return position, np.where(outside[:, None], 0.0, velocity)
+        from scipy.interpolate import CubicHermiteSpline
+
+        curve = CubicHermiteSpline(self.time - self.time[0], self.position, self.velocity)
+        inside = np.clip(t, 0.0, self.duration)
+        return curve(inside), np.where((inside == t)[:, None], curve(inside, 1), 0.0)
 
 
 def pose(name: str, position: np.ndarray, duration: float) -> Reference:

@@ -15,12 +15,11 @@ from energy_opt.cell.request import CellRequest
 from energy_opt.effects import Regeneration
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.formats.program import standing
-from energy_opt.jobs.cycle import Answer, standing_power
+from energy_opt.jobs.cycle import Answer, Scorers, standing_power
 from energy_opt.jobs.file import Job, Step
 from energy_opt.jobs.legs import Leg, legs_of
 from energy_opt.jobs.posed import Posed
-from energy_opt.jobs.work import Cells, Worker
-from energy_opt.motion.judge.energy import Scorer
+from energy_opt.jobs.work import Cells, Worker, unloaded
 from energy_opt.motion.move import Settings
 from energy_opt.motion.plan.first_path import check_free
 from energy_opt.motion.trajectory import Trajectory, whole
@@ -87,7 +86,8 @@ class Arm:
         ramps = limits.acceleration / limits.jerk
         self._blend = float(whole(max(ROOM * ramps[np.isfinite(ramps)].max(initial=0.0), BLEND)))
         self.moves = [self._move(leg) for leg in legs_of(self.job.steps)]
-        self._feeding: dict[tuple[float, ...], Scorer] = {}
+        # of these, all regenerated power counts: the use of it in the link is computed elsewhere
+        self._feeding = Scorers(self.job.robot, unloaded(model.replaced(Regeneration(efficiency=1.0))))
         self.modes = {mode.name: mode for mode in (*cell.mode, *table.mode)}
 
     def _move(self, leg: Leg) -> ArmMove:
@@ -242,7 +242,7 @@ class Arm:
                     known = {hold[k]: known[nearest(known, hold[k])]}
                 energies = {d: answer.energy for d, answer in known.items()}
                 if lossless:
-                    energies = {d: self._feeding_of(step).energy(answer.trajectory) for d, answer in known.items()}
+                    energies = {d: self._feeding.of(step).energy(answer.trajectory) for d, answer in known.items()}
                 points = [(d, energy.total) for d, energy in energies.items()]
                 curve = Hull.of(points)
                 least, most = float(curve.durations[0]), float(curve.durations[-1])
@@ -297,16 +297,9 @@ class Arm:
         scorer = self.worker.scorers.of(step)
         t = part.trajectory
         q, v, a, _ = t.sample(t.time[0] + at * t.duration / part.duration)
-        power = self._feeding_of(step).drive(q, v, a, at)[1]
+        power = self._feeding.of(step).drive(q, v, a, at)[1]
         rest = np.full(len(at), scorer.model.constant_power(scorer.robot.n))
         return power - rest, rest
-
-    def _feeding_of(self, step: Step) -> Scorer:
-        """A scorer that counts all regenerated power: the use of it in the link is computed elsewhere."""
-        if step.payload not in self._feeding:
-            model = self.worker.scorers.of(step).model.replaced(Regeneration(efficiency=1.0))
-            self._feeding[step.payload] = Scorer(self.job.robot, model)
-        return self._feeding[step.payload]
 
     def step_of(self, name: str) -> Step:
         """The step with a ring's `name`; for an added wait, the step before it."""

@@ -91,12 +91,10 @@ class TwoArms:
         A pair of bodies that is nearer than twice its clearance in some of them keeps half of its least distance there.
         Poses in which the arms touch are ignored: they cannot occur at the same time.
         """
-        scene, pairs, wanted = Scenery(self.bodies, poses), len(self.bodies.pairs), self.wanted
-        at, pair = np.repeat(np.arange(len(poses)), pairs), np.tile(np.arange(pairs), len(poses))
-        distance = np.full((len(poses), pairs), np.inf)
-        for k in np.flatnonzero(scene.apart(at, pair)[0] < 2 * wanted[pair]).tolist():
-            a, b = (scene.placed(int(at[k]), body) for body in self.bodies.pairs[pair[k]].tolist())
-            distance[at[k], pair[k]] = self.bodies.ruler(int(pair[k])).near(a, b)
+        wanted = self.wanted
+        distance = np.full((len(poses), len(wanted)), np.inf)
+        for k, p, *_, near in Scenery(self.bodies, poses).hulls(2 * wanted):
+            distance[k, p] = near
         possible = distance[distance.min(axis=1) > TOUCHING]
         out = copy(self)
         out.clearance = self.clearance.copy()
@@ -105,10 +103,8 @@ class TwoArms:
 
     def names(self, pair: int) -> tuple[str, str]:
         """The names of a pair's bodies, the first robot's first."""
-        a, b = self.bodies.pairs[pair]
-        own = [(self.bodies.all[k].name, k) for k in (a, b)]
-        first = min(own, key=lambda item: item[1])  # the first robot's bodies come first
-        return first[0], own[1 - own.index(first)][0]
+        a, b = sorted(self.bodies.pairs[pair].tolist())  # the first robot's bodies come first
+        return self.bodies.all[a].name, self.bodies.all[b].name
 
 
 def _own(cell: Cell) -> list[Body]:
@@ -138,7 +134,7 @@ class _Loose(MotionCurve):
     def loosened(self, count: int, slack: float) -> _Loose:
         """This curve with a slack."""
         self._count, self._slack = count, slack
-        speed = 5 * np.abs(np.diff(self._bernstein, axis=0)).max(axis=0) / np.diff(self.time)[:, None]
+        speed = 5 * np.abs(np.diff(self.bernstein, axis=0)).max(axis=0) / np.diff(self.time)[:, None]
         self._speed = speed[:, count:]
         return self
 
@@ -163,35 +159,28 @@ def prove_apart(
     """Prove that two robots keep apart over their whole cycle, each up to `jitter` [s] early or late."""
     count, wanted = len(arms.bodies.pairs), arms.wanted
     least: Between | None = None
-    bound = np.inf
+    bound = nearest = np.inf
     # first without slack, in the middle and at both ends: this finds collisions quickly
-    for late in dict.fromkeys((0.0, -2 * jitter, 2 * jitter)):
-        proof = prove(arms.bodies, side_by_side(arms, one, two, late, 0.0), wanted)
-        worst = proof.touches[0] if proof.touches else proof.least
-        if worst is not None and (least is None or least.min_distance is None or worst.distance < least.min_distance):
-            least = Between(
-                robots, proof.verdict, count, arms.names(worst.pair), None, worst.distance, worst.time, late,
-                float(wanted[worst.pair]),
-            )  # fmt: skip
-        if proof.verdict != "proven":
-            return least or Between(robots, proof.verdict, count)
-        bound = min(bound, proof.lower_bound)
-    open_ = [(0.0, 2 * jitter)] if jitter > 0 else []
+    open_ = [(late, 0.0) for late in dict.fromkeys((2 * jitter, -2 * jitter, 0.0))]
+    open_ = [*([(0.0, 2 * jitter)] if jitter > 0 else []), *open_]
     while open_:
         late, slack = open_.pop()
         proof = prove(arms.bodies, side_by_side(arms, one, two, late, slack), wanted)
+        worst = proof.touches[0] if proof.touches else proof.least
+        found = Between(robots, proof.verdict, count, late=late)
+        if worst is not None:
+            found = replace(
+                found, pair=arms.names(worst.pair), min_distance=worst.distance, time=worst.time,
+                wanted=float(wanted[worst.pair]),
+            )  # fmt: skip
+            if slack == 0 and worst.distance < nearest:
+                least, nearest = found, worst.distance
         if proof.verdict == "proven":
             bound = min(bound, proof.lower_bound)
-            continue
-        worst = proof.touches[0] if proof.touches else proof.least
-        if worst is None:
-            return Between(robots, "undecided", count, late=late)
-        asked = float(wanted[worst.pair])
-        if slack < SHORTEST or (worst.distance <= asked and bool(proof.touches)):
-            verdict = "colliding" if worst.distance <= 0 else "undecided"
-            pair = arms.names(worst.pair)
-            return Between(robots, verdict, count, pair, None, worst.distance, worst.time, late, asked)
-        open_ += [(late - slack / 2, slack / 2), (late + slack / 2, slack / 2)]
+        elif slack < SHORTEST or worst is None or (proof.touches and worst.distance <= wanted[worst.pair]):
+            return found
+        else:
+            open_ += [(late - slack / 2, slack / 2), (late + slack / 2, slack / 2)]
     if least is None:
         return Between(robots, "proven", count, lower_bound=float(wanted.min()) if not np.isfinite(bound) else bound)
     return replace(least, verdict="proven", lower_bound=bound)
@@ -232,7 +221,8 @@ def meeting(arms: TwoArms, one: Part, two: Part) -> tuple[Shares | None, Shares 
         for part, share in zip((one, two), shares, strict=True)
     ]
     k, m = (x.ravel() for x in np.meshgrid(*(np.arange(len(x)) for x in shares), indexing="ij"))
-    near = _near(arms, np.hstack([poses[0][k], poses[1][m]]))
+    near = np.zeros(len(k), dtype=bool)
+    near[[at for at, *_ in Scenery(arms.bodies, np.hstack([poses[0][k], poses[1][m]])).hulls(MARGIN)]] = True
     if not near.any():
         return None, None
     out = [
@@ -240,19 +230,3 @@ def meeting(arms: TwoArms, one: Part, two: Part) -> tuple[Shares | None, Shares 
         for wait, share, i in zip(waits, shares, (k, m), strict=True)
     ]
     return out[0], out[1]
-
-
-def _near(arms: TwoArms, q: np.ndarray) -> np.ndarray:
-    """(N,) True for configurations (N, n) of the two arms with a pair of bodies nearer than `MARGIN`."""
-    scene = Scenery(arms.bodies, q)
-    pairs = len(arms.bodies.pairs)
-    k, p = np.repeat(np.arange(len(q)), pairs), np.tile(np.arange(pairs), len(q))
-    floor, _, _ = scene.apart(k, p)
-    near = np.zeros(len(q), dtype=bool)
-    for i in np.flatnonzero(floor < MARGIN).tolist():
-        at, pair = int(k[i]), int(p[i])
-        if near[at]:
-            continue
-        a, b = arms.bodies.pairs[pair].tolist()
-        near[at] = arms.bodies.ruler(pair).near(scene.placed(at, a), scene.placed(at, b)) < MARGIN
-    return near

@@ -272,16 +272,15 @@ def _wrong_names(cell: WorkCell) -> list[str]:
             for mode in step.modes or ():
                 if mode not in known:
                     faults.append(f"{where}: step {steps[k]}: no mode {mode!r}{near(mode, known)}")
-            if step.wait is not None and robot.robot is None and not known:
-                faults.append(f"{where}: step {steps[k]}: a wait needs a [[mode]], or power = {{ NAME = W }}")
-            if step.moves and robot.robot is None:
-                faults.append(f"{where}: step {steps[k]}: a move needs the arm: robot = NAME_OR_URDF in [[robot]]")
-            if step.curve is not None and robot.robot is not None:
-                faults.append(f"{where}: step {steps[k]}: a curve belongs to a robot without an arm (no `robot = ...`)")
-            if MOTORS in step.power and robot.robot is not None:
-                faults.append(f"{where}: step {steps[k]}: power: the arm's power model says what its motors take")
-            if step.any_order and not step.moves and robot.robot is not None:
-                faults.append(f"{where}: step {steps[k]}: any_order belongs to a move; its waits go with it")
+            waits, arm = step.wait is not None, robot.robot is not None
+            said = {
+                "a wait needs a [[mode]], or power = { NAME = W }": waits and not arm and not known,
+                "a move needs the arm: robot = NAME_OR_URDF in [[robot]]": step.moves and not arm,
+                "a curve belongs to a robot without an arm (no `robot = ...`)": step.curve is not None and arm,
+                "power: the arm's power model says what its motors take": MOTORS in step.power and arm,
+                "any_order belongs to a move; its waits go with it": step.any_order and not step.moves and arm,
+            }
+            faults += [f"{where}: step {steps[k]}: {text}" for text, wrong in said.items() if wrong]
             if step.after is not None:
                 faults += _unknown(cell, step.after, f"{where}: step {steps[k]}: after")
         for group in groups_of(robot):

@@ -45,13 +45,12 @@ class PeriodicMotion:
         for part in self.parts:
             t = part.trajectory
             curve = MotionCurve(t.time, t.position, t.velocity, t.acceleration)
-            k = np.arange(len(t.time) - 1)
-            pieces.append(curve.cut(k, np.zeros(len(k)), np.ones(len(k))))
+            pieces.append(curve.bernstein)
             scale = part.duration / t.duration  # 1, except for rounding
             times.append(part.start + (t.time[:-1] - t.time[0]) * scale)
         self.begin = self.parts[0].start
         self.time = np.append(np.concatenate(times), self.begin + cycle)
-        self.bernstein = np.concatenate(pieces, axis=1)  # (6, pieces, n)
+        self._curve = MotionCurve.of_pieces(self.time, np.concatenate(pieces, axis=1))
 
     def trajectory(self) -> Trajectory:
         """The cycle as one trajectory from time 0 on; at a join the samples of the following part."""
@@ -82,14 +81,11 @@ class PeriodicMotion:
         k = np.clip(np.searchsorted(self.time, middle - shift, side="right") - 1, 0, len(self.time) - 2)
         low, length = self.time[k] + shift, np.diff(self.time)[k]
         ends = [np.clip((x - low) / length, 0.0, 1.0) for x in (time[:-1], time[1:])]
-        return MotionCurve.of_pieces(self.time, self.bernstein).cut(k, *ends)
+        return self._curve.cut(k, *ends)
 
     def at(self, time: np.ndarray) -> np.ndarray:
         """Positions (M, n) at times (M,) [s]."""
-        where = self.begin + (np.asarray(time) - self.begin) % self.cycle
-        k = np.clip(np.searchsorted(self.time, where, side="right") - 1, 0, len(self.time) - 2)
-        share = np.clip((where - self.time[k]) / np.diff(self.time)[k], 0.0, 1.0)
-        return MotionCurve.of_pieces(self.time, self.bernstein).cut(k, share, np.ones_like(share))[0]
+        return self._curve.positions(self.begin + (np.asarray(time) - self.begin) % self.cycle)
 
 
 @dataclass

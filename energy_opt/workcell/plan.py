@@ -24,7 +24,7 @@ from energy_opt.schedule import UNDECIDED, Exclusion, Run, Schedule, solve
 from energy_opt.workcell.arm import SOLVED, Arm
 from energy_opt.workcell.aside import aside
 from energy_opt.workcell.between import Between, TwoArms, meeting, prove_apart
-from energy_opt.workcell.motion import PeriodicMotion, nearest
+from energy_opt.workcell.motion import Part, PeriodicMotion, nearest
 from energy_opt.workcell.stage import SECONDS, Candidate, Levers, Stage, with_lever
 
 SETTLED = 1e-3  # relative change of the cycle's energy that ends refining
@@ -49,6 +49,12 @@ class Planned:
     clearance: tuple[Between, ...]
     motions: tuple[PeriodicMotion | None, ...]
     around: tuple[str, ...] = ()
+
+    def parts_at(self, between: Between) -> list[Part]:
+        """The parts of the two robots that run at the time of a distance between them."""
+        time = between.time or 0.0
+        both = zip(between.robots, (time, time + between.late), strict=True)
+        return [motion.part_at(at) for r, at in both if (motion := self.motions[r]) is not None]
 
 
 class Planning(Stage):
@@ -178,15 +184,11 @@ class Planning(Stage):
 
     def _make_way(self, between: Between, found: Planned, turn: int) -> str | None:
         """Lead one of two touching moves around all other arms; its name, or None if neither is possible."""
-        time = between.time or 0.0
-        both = [(between.robots[0], time), (between.robots[1], time + between.late)]
-        for r, at in both if turn % 2 == 0 else reversed(both):
-            arm, motion = self.arms[r], found.motions[r]
-            if arm is None or motion is None:
-                continue
-            part = motion.part_at(at)
-            move = next((m for m in arm.moves if arm.names[m.place] == part.name), None)
-            if move is None:
+        both = list(zip(between.robots, found.parts_at(between), strict=True))
+        for r, part in both if turn % 2 == 0 else reversed(both):
+            arm = self.arms[r]
+            move = next((m for m in arm.moves if arm.names[m.place] == part.name), None) if arm else None
+            if arm is None or move is None:
                 continue
             others = [
                 (other.cell, moves, self._two[r, k].clearance if r < k else self._two[k, r].clearance.T)
@@ -211,7 +213,7 @@ class Planning(Stage):
                 energies[r][k] = move.answers[nearest(move.answers, schedule.durations[r][k])].energy.total
         return replace(schedule, energies=tuple(energies))
 
-    def _scheduled(self, hold: Sequence[dict[int, float] | None] | None = None) -> Schedule:
+    def _scheduled(self, hold: Sequence[dict[int, float]] | None = None) -> Schedule:
         """The schedule in the present state, to a gap of 1e-5; `hold` fixes durations [s] by step."""
         return solve(self.problem(True, hold), seconds=SECONDS, gap=1e-5)
 
@@ -230,11 +232,9 @@ class Planning(Stage):
         If it already is, optimize between this duration and its neighbours where that may save more than its share of
         `SETTLED`.
         """
+        durations = self._durations(schedule)
         moves = [
-            (arm, move, durations[move.place])
-            for arm, durations in zip(self.arms, self._durations(schedule), strict=True)
-            if arm is not None and durations is not None
-            for move in arm.moves
+            (arm, m, durations[r][m.place]) for r, arm in enumerate(self.arms) if arm is not None for m in arm.moves
         ]
         worth = SETTLED * abs(schedule.energy) / max(len(moves), 1)
         done = False
@@ -244,15 +244,12 @@ class Planning(Stage):
                     done |= arm.optimize(move, at)
         return done
 
-    def _durations(self, schedule: Schedule) -> list[dict[int, float] | None]:
-        """Durations of the arms' moves, by step."""
-        out: list[dict[int, float] | None] = []
+    def _durations(self, schedule: Schedule) -> list[dict[int, float]]:
+        """Durations of the arms' moves, by step; none of a robot with only curves."""
+        out: list[dict[int, float]] = []
         for arm, ring, lengths in zip(self.arms, schedule.problem.rings, schedule.durations, strict=True):
-            if arm is None:
-                out.append(None)
-                continue
             by_name = dict(zip((step.name for step in ring.steps), lengths.tolist(), strict=True))
-            out.append({m.place: by_name[arm.names[m.place]] for m in arm.moves})
+            out.append({m.place: by_name[arm.names[m.place]] for m in arm.moves} if arm is not None else {})
         return out
 
     def proved(self, schedule: Schedule) -> Planned:
@@ -267,22 +264,16 @@ class Planning(Stage):
         for (a, b), arms in self._two.items():
             self.progress(f"proof: {self.cell.robot[a].name} and {self.cell.robot[b].name}", 0.9)
             one, two = motions[a], motions[b]
-            assert one is not None
-            assert two is not None
+            assert one is not None and two is not None
             clearance.append(prove_apart(arms, (a, b), one, two, self.cell.jitter))
         return Planned(schedule, tuple(clearance), motions)
 
     def _keep_apart(self, between: Between, found: Planned) -> None:
         """Add the times at which the two touching steps may not meet."""
         a, b = between.robots
-        one, two = found.motions[a], found.motions[b]
-        assert one is not None
-        assert two is not None
-        time = between.time or 0.0
-        rings = found.schedule.problem.rings
-        parts = one.part_at(time), two.part_at(time + between.late)
+        rings, parts = found.schedule.problem.rings, found.parts_at(between)
         i, j = ([s.name for s in rings[r].steps].index(part.name) for r, part in zip((a, b), parts, strict=True))
-        runs = meeting(self._two[a, b], *parts)
+        runs = meeting(self._two[a, b], parts[0], parts[1])
         key = (a, i, b, j)
         known = self.exclusions.get(key)
         first, second = (Run(r, k, k, part) for r, k, part in zip((a, b), (i, j), runs, strict=True))
@@ -296,13 +287,8 @@ class Planning(Stage):
         self, found: Planned, between: Between, wanted: dict[tuple[int, int, int, int], Exclusion]
     ) -> Infeasible:
         """The error that neither times nor paths keep two arms apart, with the steps, the time, and a remedy."""
-        a, b = between.robots
-        time = between.time or 0.0
-        one, two = found.motions[a], found.motions[b]
-        assert one is not None
-        assert two is not None
-        names = [self.cell.robot[r].name for r in (a, b)]
-        steps = one.part_at(time).name, two.part_at(time + between.late).name
+        time, names = between.time or 0.0, [self.cell.robot[r].name for r in between.robots]
+        steps = [part.name for part in found.parts_at(between)]
         bodies = "" if between.pair is None else f" ({between.pair[0]} and {between.pair[1]})"
         self.exclusions = wanted
         problem = self.problem(True)

@@ -127,7 +127,7 @@ class Stage:
     def problem(
         self,
         optimized: bool,
-        hold: Sequence[dict[int, float] | None] | None = None,
+        hold: Sequence[dict[int, float]] | None = None,
         arms: Sequence[Arm | None] | None = None,
         lossless: bool = False,
         anywhere: bool = False,

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -190,7 +191,8 @@ class Supply:
 def _moved(schedule: Schedule, r: int, one: int, two: int, count: int, shift: float) -> Schedule | None:
     """The wait `one` longer by `shift` [s], the wait `two` shorter by it; None if that breaks a constraint."""
     ring = schedule.problem.rings[r]
-    starts, lengths, energies = (x[r].copy() for x in (schedule.starts, schedule.durations, schedule.energies))
+    names = ("starts", "durations", "energies")
+    starts, lengths, energies = (getattr(schedule, name)[r].copy() for name in names)
     for k, by in ((one, shift), (two, -shift)):
         step = ring.steps[k]
         assert isinstance(step, Wait)
@@ -203,16 +205,11 @@ def _moved(schedule: Schedule, r: int, one: int, two: int, count: int, shift: fl
     while k != two:
         k = (k + 1) % count
         starts[k] += shift
-
-    def put(old: tuple[np.ndarray, ...], new: np.ndarray) -> tuple[np.ndarray, ...]:
-        return (*old[:r], new, *old[r + 1 :])
-
-    moved = replace(
-        schedule,
-        starts=put(schedule.starts, starts),
-        durations=put(schedule.durations, lengths),
-        energies=put(schedule.energies, energies),
-    )
+    changed: dict[str, Any] = {
+        name: (*(old := getattr(schedule, name))[:r], new, *old[r + 1 :])
+        for name, new in zip(names, (starts, lengths, energies), strict=True)
+    }
+    moved = replace(schedule, **changed)
     return moved if keeps(schedule.problem, moved.starts, moved.durations) else None
 
 

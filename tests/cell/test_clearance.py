@@ -24,7 +24,7 @@ from energy_opt.motion.path import JointPath, straight, through
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.robot import Robot, load_robot
 from energy_opt.robot.catalog import srdf_beside
-from energy_opt.robot.description import plain_urdf
+from energy_opt.robot.description import urdf_text
 from energy_opt.robot.kinematics import Kinematics
 from energy_opt.robot.meshes import mesh_files
 
@@ -155,7 +155,7 @@ def test_vertices_that_no_triangle_takes_are_no_part_of_a_mesh() -> None:
 def dense(robot: Robot, t: Trajectory, samples: int = 400) -> float:
     """The share of samples in contact by Pinocchio's own loop on meshes, all pairs but those that the SRDF disables."""
     model = pin.buildModelFromUrdf(str(robot.urdf))
-    text = plain_urdf(robot.description, mesh_files(robot.description))
+    text = urdf_text(robot.description, mesh_files(robot.description))
     geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION)
     full = pin.neutral(model)
     locked = [model.getJointId(name) for name in robot.locked]

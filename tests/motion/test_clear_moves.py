@@ -19,7 +19,7 @@ from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 from energy_opt.robot.catalog import srdf_beside
-from energy_opt.robot.description import plain_urdf
+from energy_opt.robot.description import urdf_text
 from energy_opt.robot.kinematics import Kinematics
 from energy_opt.robot.meshes import mesh_files
 
@@ -43,7 +43,7 @@ def touches(robot: Robot, t: Trajectory, ball: np.ndarray | None = None, samples
     """Poses of a dense sampling in which Pinocchio finds a contact of links, or with a ball of 5 cm."""
     model = pin.buildModelFromUrdf(str(robot.urdf))
     geometry = pin.buildGeomFromUrdfString(
-        model, plain_urdf(robot.description, mesh_files(robot.description)), pin.GeometryType.COLLISION
+        model, urdf_text(robot.description, mesh_files(robot.description)), pin.GeometryType.COLLISION
     )
     locked = [model.getJointId(name) for name in robot.locked]
     model, geometry = pin.buildReducedModel(model, geometry, locked, pin.neutral(model))

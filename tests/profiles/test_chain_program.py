@@ -20,7 +20,7 @@ from energy_opt.power import PowerModel
 from energy_opt.profiles import (
     Chain,
 )
-from energy_opt.profiles.program import SHARP, Program, Shape, lobatto
+from energy_opt.profiles.program import SHARP, Program, lobatto
 from energy_opt.robot import Robot
 
 
@@ -87,7 +87,7 @@ def test_lobatto_is_exact() -> None:
 @pytest.fixture(scope="module")
 def program(panda: Robot, model: PowerModel) -> Program:
     nodes = node_functions(model, panda.body, joint_limits(panda.limits))
-    return Program(Shape(7, 1, True), nodes, (START, GOAL), joint_limits(panda.limits), model.values(7), (1.0, 3.0))
+    return Program(1, True, nodes, (START, GOAL), joint_limits(panda.limits), model.values(7), (1.0, 3.0))
 
 
 def test_the_programs_energy_is_the_judges(program: Program, panda: Robot, model: PowerModel) -> None:
@@ -169,7 +169,7 @@ class LowRows:
 def test_numeric_rows_have_exact_derivatives_and_are_held(panda: Robot, model: PowerModel) -> None:
     limits = (*joint_limits(panda.limits), Low())
     nodes = node_functions(model, panda.body, limits)
-    program = Program(Shape(7, 1, True), nodes, (START, GOAL), limits, model.values(7), (1.5, 1.5), bent())
+    program = Program(1, True, nodes, (START, GOAL), limits, model.values(7), (1.5, 1.5), bent())
     assert len(program.placed) == 1
     check_derivatives(program)
     x = program.unknowns(bent())
@@ -178,7 +178,7 @@ def test_numeric_rows_have_exact_derivatives_and_are_held(panda: Robot, model: P
     assert bent().along(inside) == pytest.approx(curve.sample(inside * curve.duration)[0], abs=1e-12)
     assert program.constraints(x)[-23:] == pytest.approx(np.sin(bent().along(inside)[:, 1]) - np.sin(-0.35))
     answer = ipopt.solve(program, x, program.box, program.row_bounds, {"max_iter": 200, "tol": 1e-6})
-    free = Program(Shape(7, 1, True), nodes, (START, GOAL), limits, model.values(7), (1.5, 1.5))
+    free = Program(1, True, nodes, (START, GOAL), limits, model.values(7), (1.5, 1.5))
     loose = ipopt.solve(free, x, free.box, free.row_bounds, {"max_iter": 200, "tol": 1e-6})
     assert answer.success and loose.success
     assert program.constraints(answer.x)[-23:].max() <= 1e-7 < program.constraints(loose.x)[-23:].max()

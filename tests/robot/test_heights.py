@@ -40,7 +40,7 @@ def test_no_distance_within_an_interval_is_below_its_height(panda: Robot) -> Non
         for p in pair.tolist():
             first, second = (scene.placed(0, side) for side in b.pairs[p].tolist())
             b.ruler(p).near(first, second)
-            normals.append(b.ruler(p).normal)
+            normals.append(b.ruler(p).near.normal)
         least = least_heights(scene, k, pair, np.array(normals), far[k], travel * turns(b, pair, far[k]))
         around = q + far * np.sign(rng.normal(size=(80, 7))) * rng.choice([1.0, 0.5], (80, 1))
         found = Scenery(b, around)

@@ -189,7 +189,7 @@ def test_bodies_are_never_nearer_than_bounds_say(cell: Cell) -> None:
         travel, normals = scene.travel(k, pair, (box_a, box_b), reach[k]), []
         for p in pair.tolist():
             b.ruler(p).near(*(scene.placed(0, side) for side in b.pairs[p].tolist()))
-            normals.append(b.ruler(p).normal)
+            normals.append(b.ruler(p).near.normal)
         flat = np.flatnonzero(b.planar[pair])
         rest = (travel * turns(b, pair, reach[k]))[flat]
         high = least_heights(scene, k[flat], pair[flat], np.array(normals)[flat], far[k[flat]], rest)

@@ -206,7 +206,7 @@ def test_newer_frictions_on_a_joint() -> None:
 def test_specials_are_seen_where_they_should_be() -> None:
     body, start = arm("panda"), np.array([0.2, -0.3, 0.1, -1.7, 0.3, 1.5, 0.2])
     plain = Plant(base_model("panda"))
-    cogged = Plant(base_model("panda"), (Cogging(np.full(7, 2.0), 9.0, 0.2),))
+    cogged = Plant(base_model("panda"), (Cogging(amplitude=np.full(7, 2.0), periods=9.0, phase=0.2),))
     still = [play(MujocoArm(body, p), p, pose("x", start, 0.5)) for p in (plain, cogged)]
     moved = still[1].played.torque[-1] - still[0].played.torque[-1]
     np.testing.assert_allclose(moved, -2.0 * np.sin(9 * start + 0.2), atol=0.02)
@@ -273,7 +273,7 @@ def test_plants_are_read_back_and_faults_are_named(tmp_path: Path) -> None:
         with pytest.raises(BadInput, match=words):
             load_plant(file)
     with pytest.raises(BadInput, match="6 joints"):
-        MujocoArm(arm("z1"), Plant(base_model("z1"), (Cogging(np.ones(7)),)))
+        MujocoArm(arm("z1"), Plant(base_model("z1"), (Cogging(amplitude=np.ones(7)),)))
 
 
 def test_a_jump_cannot_be_followed(tmp_path: Path) -> None:

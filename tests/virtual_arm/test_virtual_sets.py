@@ -94,7 +94,7 @@ def move(tmp_path: Path) -> Path:
 
 def test_simulate_command(move: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     plant = tmp_path / "plant.toml"
-    write_toml(plant, Plant(base_model("z1"), (Cogging(1.0),)).to_document())
+    write_toml(plant, Plant(base_model("z1"), (Cogging(amplitude=1.0),)).to_document())
     out, declared = tmp_path / "set", tmp_path / "believed.toml"
     base_model("z1").save(declared)
     arguments = [

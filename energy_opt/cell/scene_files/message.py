@@ -25,7 +25,9 @@ def read_message(reading: Reading, document: Mapping[str, Any]) -> AllowedPairs:
     """Take the objects of the message; returns the pairs that may touch."""
     with reading.at("world"):
         world = mapping(document.get("world") or {}, "world")
-        _no_octomap(world)
+        octomap = mapping(world.get("octomap") or {}, "octomap")
+        if mapping(octomap.get("octomap") or {}, "octomap").get("data"):
+            raise BadInput("an octomap is not read; give its obstacles as objects")
         frames = _Frames(reading, document)
         for k, entry in enumerate(sequence(world.get("collision_objects"), "collision_objects"), start=1):
             where = _where(entry, k)
@@ -52,18 +54,6 @@ def _where(entry: Any, number: int) -> str:
     """Name of an entry in messages: its id, else its number."""
     name = entry.get("id") if isinstance(entry, Mapping) else None
     return f"object {name}" if isinstance(name, str) and name else f"object {number}"
-
-
-def _no_octomap(world: Mapping[str, Any]) -> None:
-    """Refuse a world with an octomap.
-
-    Raises:
-        BadInput: its data are not empty.
-    """
-    octomap = world.get("octomap")
-    inner = octomap.get("octomap") if isinstance(octomap, Mapping) else None
-    if isinstance(inner, Mapping) and inner.get("data"):
-        raise BadInput("an octomap is not read; give its obstacles as objects")
 
 
 class _Frames:
@@ -168,17 +158,20 @@ def _poses(reading: Reading, entry: Mapping[str, Any], key: str, count: int) -> 
 def _shapes(reading: Reading, entry: Mapping[str, Any]) -> tuple[Shape, ...]:
     """The primitives, meshes and planes of a collision object, each at its pose."""
     out = []
-    solids = sequence(entry.get("primitives"), "primitives")
-    for solid, at in zip(solids, _poses(reading, entry, "primitive_poses", len(solids)), strict=True):
-        out.append(_primitive(reading, mapping(solid, "a primitive"), at))
-    meshes = sequence(entry.get("meshes"), "meshes")
-    for mesh, at in zip(meshes, _poses(reading, entry, "mesh_poses", len(meshes)), strict=True):
-        out.append(_mesh(reading, mapping(mesh, "a mesh"), at))
-    planes = sequence(entry.get("planes"), "planes")
-    for plane, at in zip(planes, _poses(reading, entry, "plane_poses", len(planes)), strict=True):
-        coefficients = vector(mapping(plane, "a plane").get("coef"), "abcd", "coef")
-        out.append(reading.shape("plane", (), at @ plane_pose(reading, coefficients)))
+    for key, word, read in (
+        ("primitives", "primitive", _primitive),
+        ("meshes", "mesh", _mesh),
+        ("planes", "plane", _plane),
+    ):
+        given = sequence(entry.get(key), key)
+        for solid, at in zip(given, _poses(reading, entry, f"{word}_poses", len(given)), strict=True):
+            out.append(read(reading, mapping(solid, f"a {word}"), at))
     return tuple(out)
+
+
+def _plane(reading: Reading, plane: Mapping[str, Any], at: np.ndarray) -> Shape:
+    """shape_msgs/Plane."""
+    return reading.shape("plane", (), at @ plane_pose(reading, vector(plane.get("coef"), "abcd", "coef")))
 
 
 def _primitive(reading: Reading, solid: Mapping[str, Any], at: np.ndarray) -> Shape:

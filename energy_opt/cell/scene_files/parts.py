@@ -16,6 +16,7 @@ from reprlib import repr as brief
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from energy_opt.cell.scene import SIZES, Kind, SceneObject, Shape
 from energy_opt.errors import BadInput, near
@@ -192,19 +193,13 @@ def pose(reading: Reading, position: Sequence[float], quaternion: Sequence[float
     """
     if max(map(abs, position)) > FARTHEST:
         raise BadInput(f"position {', '.join(f'{x:g}' for x in position)} is beyond {FARTHEST:g} m")
-    length = math.sqrt(sum(x * x for x in quaternion))
+    length = math.hypot(*quaternion)
     if length < ZERO_QUATERNION:
         raise BadInput("its quaternion is zero; expected x, y, z, w of unit length")
     if abs(length - 1) > UNIT_QUATERNION:
         reading.warn(f"a quaternion has length {length:.3g}; taken as that direction")
-    x, y, z, w = (c / length for c in quaternion)
     out = np.eye(4)
-    out[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    out[:3, 3] = position
+    out[:3, :3], out[:3, 3] = Rotation.from_quat(quaternion).as_matrix(), position
     return out
 
 
@@ -214,16 +209,14 @@ def plane_pose(reading: Reading, coefficients: Sequence[float]) -> np.ndarray:
     Raises:
         BadInput: the normal is zero, or the plane is too far away.
     """
-    a, b, c, d = coefficients
-    length = math.sqrt(a * a + b * b + c * c)
+    length = math.hypot(*coefficients[:3])
     if length < ZERO_QUATERNION:
         raise BadInput("the normal of its plane is zero")
-    normal = (a / length, b / length, c / length)
+    *normal, offset = (x / length for x in coefficients)
     # The rotation that takes z to the normal by the shortest way: quaternion (z x n, 1 + z . n); half a turn about x
     # where the normal is -z.
     turn = (-normal[1], normal[0], 0.0, 1 + normal[2]) if normal[2] > -1 + 1e-12 else (1.0, 0.0, 0.0, 0.0)
-    unit = math.sqrt(sum(q * q for q in turn))
-    return pose(reading, [-d / length * n for n in normal], [q / unit for q in turn])
+    return pose(reading, [-offset * n for n in normal], [q / math.hypot(*turn) for q in turn])
 
 
 def name_of(value: Any, key: str) -> str:

@@ -64,7 +64,8 @@ def read_short(reading: Reading, document: Mapping[str, Any]) -> AllowedPairs:
         for pair in pairs:
             if len(pair) != 2:
                 raise BadInput(f"{brief(pair)} is not a pair of names")
-        allowed = AllowedPairs.of([[name_of(name, "a name") for name in pair] for pair in pairs])
+        named = [sorted(name_of(name, "a name") for name in pair) for pair in pairs]
+        allowed = AllowedPairs({(a, b): True for a, b in named})  # noqa: C420 (a pair is a list here)
     return allowed
 
 

@@ -2,6 +2,9 @@
 
     python benchmarks/problem_suite.py --count 1000 --jobs 8 --out problem_suite     # goes on where it stopped
     python benchmarks/problem_suite.py --count 40 --out sample --arms panda ur5
+    python benchmarks/problem_suite.py --count 200 --out new
+    ENERGY_OPT=../old python benchmarks/problem_suite.py --count 200 --out old --arms-of new  # that package
+    python benchmarks/problem_suite.py --count 200 --out new --against old  # compares the answers
 
 Conditions are drawn: retime or reshape; free, 1.2, 1.5 or 3 times the minimum time; anywhere, near limits, tiny; with
 payload or without. Every answer is judged anew by `tests/independent.py`, which shares no code with the package: its
@@ -13,16 +16,20 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
-sys.path[:0] = [str(Path(__file__).resolve().parents[1]), str(Path(__file__).resolve().parents[1] / "tests")]
+HERE = Path(__file__).resolve().parents[1]
+sys.path[:0] = [os.environ.get("ENERGY_OPT", str(HERE)), str(HERE / "tests")]
 
 from feasibility import holds, line_has_timing, some_path  # noqa: E402
 from independent import Arm, judged  # noqa: E402
@@ -36,6 +43,38 @@ SAME = 1e-4  # relative difference of energies: kinks between rows are integrate
 ALLOWED = 2e-6  # of a bound
 ENOUGH = 0.995  # of the feasible moves are to be solved
 OUTLIER = 10.0  # times the median time of its kind
+NOTABLE = 0.01  # share of the loss
+
+
+@cache
+def arm_of(name: str, folder: Path | None) -> tuple[eo.Robot, eo.PowerModel]:
+    """An arm and its model; with the limits and electrical values that another run left in `folder`, if given."""
+    if folder is None:
+        robot = eo.load_robot(name)
+        return robot, eo.source_model(robot)
+    robot = eo.load_robot(name, limits=folder / f"{name}.yaml")
+    model = eo.source_model(robot)
+    for effect, values in json.loads((folder / f"{name}.json").read_text()).items():
+        kind = next(type(own) for own in model.effects if own.name == effect)
+        model = model.replaced(kind(**{key: np.array(x) if len(x) > 1 else x[0] for key, x in values.items()}))
+    return robot, model
+
+
+def keep_arm(name: str, folder: Path) -> None:
+    """Write an arm's limits and electrical values into `folder`, for a run of another state of the package."""
+    robot, model = arm_of(name, None)
+    rates = ("velocity", "acceleration", "jerk", "effort")
+    limits = {
+        joint: {
+            key: value
+            for rate in rates
+            for key, value in ((f"has_{rate}_limits", True), (f"max_{rate}", float(getattr(robot.limits, rate)[j])))
+        }
+        for j, joint in enumerate(robot.joints)
+    }
+    (folder / f"{name}.yaml").write_text(yaml.safe_dump({"joint_limits": limits}))
+    values = {effect.name: {key: x.tolist() for key, x in effect.values.items()} for effect in model.effects}
+    (folder / f"{name}.json").write_text(json.dumps(values))
 
 
 def draw(robot: eo.Robot, rng: np.random.Generator) -> dict[str, Any]:
@@ -93,16 +132,15 @@ def shortest(planner: eo.Planner, move: eo.Move) -> float | None:
         return None
 
 
-def solve(arm_name: str, number: int) -> dict[str, Any]:
-    """Draw and solve one case, and judge it."""
-    case = draw(eo.load_robot(arm_name), np.random.default_rng([ARMS.index(arm_name), number]))
-    return judged_answer(arm_name, case) | {"number": number}
+def solve(arm_name: str, number: int, folder: Path | None = None) -> dict[str, Any]:
+    """Draw and solve one case, and judge it; `folder`: see `arm_of`."""
+    case = draw(arm_of(arm_name, folder)[0], np.random.default_rng([ARMS.index(arm_name), number]))
+    return judged_answer(arm_name, case, folder) | {"number": number}
 
 
-def judged_answer(arm_name: str, case: dict[str, Any]) -> dict[str, Any]:
+def judged_answer(arm_name: str, case: dict[str, Any], folder: Path | None = None) -> dict[str, Any]:
     """Solve a case and judge the answer by the second evaluator."""
-    robot = eo.load_robot(arm_name)
-    model = eo.source_model(robot)
+    robot, model = arm_of(arm_name, folder)
     standby, copper = (next(e for e in model.effects if e.name == name) for name in ("standby", "copper_loss"))
     if case["payload"]:
         model = model.replaced(eo.Payload(mass=case["payload"], com=np.zeros(3)))
@@ -138,6 +176,7 @@ def judged_answer(arm_name: str, case: dict[str, Any]) -> dict[str, Any]:
         "violation": result.certificate.violation, "excess": excess, "ends": float(ends),
         "energy_error": abs(energy - result.energy.total) / max(abs(energy), 1e-9),
         "worse": float(result.energy.total / best - 1) if np.isfinite(best) else None,
+        "total": result.energy.total, "loss": result.energy.loss,
     }  # fmt: skip
 
 
@@ -179,6 +218,23 @@ def table(rows: list[dict[str, Any]]) -> str:
     return "\n".join([*lines, *strange])
 
 
+def against(rows: list[dict[str, Any]], other: list[dict[str, Any]]) -> str:
+    """Losses and processor times of two runs of the same cases."""
+    theirs = {(row["arm"], row["number"]): row for row in other}
+    pairs = [(row, theirs[row["arm"], row["number"]]) for row in rows if (row["arm"], row["number"]) in theirs]
+    lines = [f"{len(pairs)} cases in both; status differs in {sum(a['status'] != b['status'] for a, b in pairs)}"]
+    for mode in ("retime", "reshape"):
+        both = [(a, b) for a, b in pairs if a["mode"] == mode and a.get("loss") and b.get("loss")]
+        gain = np.array([1 - a["loss"] / b["loss"] for a, b in both])
+        ratio = np.median([b["seconds"] / a["seconds"] for a, b in both])
+        lines.append(
+            f"{mode}: {len(both)} solved in both; {100 * gain.mean():+.2f} % of the loss saved beyond the other run in "
+            f"the mean; {(gain > NOTABLE).sum()} cases save over 1 % more, {(gain < -NOTABLE).sum()} over 1 % less; "
+            f"{ratio:.2f} times as fast in the median"
+        )
+    return "\n".join(lines)
+
+
 def told(row: dict[str, Any]) -> str:
     """A case in a line."""
     numbers = ", ".join(f"{n} {row[n]:.3g}" for n in ("excess", "energy_error", "worse") if row.get(n) is not None)
@@ -188,6 +244,11 @@ def told(row: dict[str, Any]) -> str:
     )
 
 
+def read(journal: Path) -> list[dict[str, Any]]:
+    """The whole records of a journal."""
+    return [json.loads(x) for x in journal.read_text().splitlines() if x.endswith("}")] if journal.exists() else []
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=1000, help="moves per arm")
@@ -195,15 +256,20 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("problem_suite"))
     parser.add_argument("--every", type=float, default=120.0, metavar="S", help="seconds between tables on the way")
+    parser.add_argument("--arms-of", type=Path, metavar="OUT", help="limits and models of another run's folder")
+    parser.add_argument("--against", type=Path, metavar="OUT", help="compare with the answers in another run's folder")
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
+    if args.arms_of is None:
+        for arm in args.arms:
+            keep_arm(arm, args.out)
     journal = args.out / "cases.jsonl"
-    rows = [json.loads(x) for x in journal.read_text().splitlines() if x.endswith("}")] if journal.exists() else []
+    rows = read(journal)
     done = {(r["arm"], r["number"]) for r in rows}
     left = [(arm, k) for k in range(args.count) for arm in args.arms if (arm, k) not in done]
     shown = time.monotonic()
     with ProcessPoolExecutor(args.jobs) as pool, journal.open("a") as stream:
-        for row in pool.map(solve, *zip(*left, strict=True)) if left else ():
+        for row in pool.map(solve, *zip(*left, strict=True), [args.arms_of] * len(left)) if left else ():
             rows.append(row)
             stream.write(json.dumps(row) + "\n")
             stream.flush()
@@ -214,6 +280,8 @@ def main() -> int:
                 print(table(rows), flush=True)
     mine = [r for r in rows if r["arm"] in args.arms and r["number"] < args.count]
     print(table(mine))
+    if args.against is not None:
+        print(against(mine, read(args.against / "cases.jsonl")))
     bad = [what for r in mine for what in faults(r)]
     solved = sum(r["status"] == "solved" for r in mine)
     feasible = len(mine) - sum(r["status"] == "infeasible" and not faults(r) for r in mine)

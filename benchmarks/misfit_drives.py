@@ -14,6 +14,8 @@ from energy_opt.virtual_arm.mujoco_arm import MujocoArm
 if TYPE_CHECKING:
     from misfit_world import World
 
+TURNS = 0.002  # [rad/s] speed within which friction turns about: no joint slides as slowly
+
 LAWS = ("psu_loss", "asymmetric_friction", "power_law_friction", "thermal_viscous", "dc_link", "idle_hold")
 CAUSES = (
     "coulomb_friction",
@@ -127,7 +129,7 @@ class Motors:
     ) -> np.ndarray:
         """Torque of the motors at the joints, N m, (N, n)."""
         c = self.cause if size else ""
-        way = np.tanh(v / 0.002)
+        way = sign(v)
         if c == "payload" and self.loaded is not None:
             tau = self.loaded.inverse(q, v, a)
         if c == "base_tilt":
@@ -268,3 +270,8 @@ def _buffered(bus: np.ndarray, step: float, capacity: float) -> np.ndarray:
             held -= used
             out[k] = p - used / step
     return out
+
+
+def sign(v: np.ndarray) -> np.ndarray:
+    """Direction of motion; within `TURNS` of rest it turns smoothly."""
+    return np.tanh(v / TURNS)

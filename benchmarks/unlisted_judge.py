@@ -12,11 +12,13 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+import casadi as ca
 import numpy as np
+from misfit_drives import TURNS
 from misfit_motions import STEP
 from misfit_world import Motion, Truth
 
-from energy_opt.effects import effect_class
+from energy_opt.effects import Kinks, effect_class
 from energy_opt.power import PowerModel, drive_function, load_model
 from energy_opt.power.law import idle_time, returned_power, rigid_torque, store_of
 from energy_opt.robot import Limits, Robot
@@ -26,12 +28,20 @@ PAIRS = 8
 RECORDED = {"temperature", "logged", "dwell", "heated", "day"}
 
 
+class Turning(Kinks):
+    """Friction that turns about as it does in the worlds, which is part of no law."""
+
+    def sign(self, x: ca.SX, width: float) -> ca.SX:
+        """tanh(x / TURNS): effects take the sign of speeds alone."""
+        return ca.tanh(x / TURNS)
+
+
 def foreseen(model: PowerModel, robot: Robot, q: np.ndarray, v: np.ndarray, a: np.ndarray, t: np.ndarray) -> np.ndarray:
     """What a model says of the power (N,) W along true motion; without what the meter makes of it.
 
     Friction does not hold joints at rest, neither here nor in the worlds: a controller holds them by torque.
     """
-    function, _ = drive_function(model, robot.n, past=True)
+    function, _ = drive_function(model, robot.n, Turning(), past=True)
     tau, idle, values = rigid_torque(model, robot.body, q, v, a), idle_time(t, v), model.values(robot.n)
 
     def law(back: np.ndarray) -> list[np.ndarray]:

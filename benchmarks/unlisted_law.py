@@ -6,7 +6,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from misfit_drives import Drives
+from misfit_drives import Drives, sign
+
+__all__ = ["FRICTION", "Law", "Limits", "Part", "Rows", "sign"]
 
 FRICTION = frozenset({"coulomb_friction", "friction_curve"})
 
@@ -68,8 +70,3 @@ class Law:
 
     def drawn(self, p: Part, motor: np.ndarray, bus: np.ndarray) -> np.ndarray:
         return np.zeros(len(p.t))
-
-
-def sign(v: np.ndarray) -> np.ndarray:
-    """Direction of motion; within 2 mrad/s of rest it turns smoothly."""
-    return np.tanh(v / 0.002)

@@ -21,7 +21,7 @@ from energy_opt.diagnosis.modes import mode_words, modes_of
 from energy_opt.diagnosis.recordings import take_samples
 from energy_opt.diagnosis.residual import Attribution, goes_with
 from energy_opt.diagnosis.usable import foreseen
-from energy_opt.diagnosis.verdict import NOISE, Inference, excited, infer, plain_fit
+from energy_opt.diagnosis.verdict import Inference, excited, infer, plain_fit
 from energy_opt.diagnosis.words import headline, joints_headline, next_step, remarks, speeds_seen, summary
 from energy_opt.effects import LinkInertia, Payload, effect_class
 from energy_opt.errors import BadInput
@@ -108,8 +108,8 @@ def diagnose(
     before = {"train": errors(declared, samples, train), "holdout": errors(declared, samples, holdout)}
     after = {"train": errors(model, samples, train), "holdout": errors(model, samples, holdout)}
     effects, left = findings_of(found), _attributions(found, joints)
-    # if more than noise is left and nothing accounts for it, levels and noise may contain misfit
-    noise = found.noise if found.after.ratio < NOISE or found.claims else None
+    # where more than noise is left, it may be in errors of energy, in levels and in the noise that was found
+    noise = None if found.verdict in ("partly", "unexplained") else found.noise
     best, drift = found.best, drift_of(found.best, samples, centred=True)
     offset = float(np.hypot(best.nuisance.offset, best.nuisance.drift))
     others = [written(f) for f in (*found.rivals[1:], best)]

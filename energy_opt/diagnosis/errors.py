@@ -47,6 +47,10 @@ class Quality:
         """Error divided by the noise: the largest of motion, rest and all readings."""
         return max(self.motion / self.noise_motion, self.rest / self.noise_rest, self.rmse / self.noise)
 
+    def lower(self, other: Quality) -> bool:
+        """True if the error is lower, both over all readings and with each distinct motion counted once."""
+        return self.rmse < other.rmse and float(np.sum(self.squares - other.squares)) < 0
+
     def document(self) -> dict[str, Any]:
         """As in diagnosis.json."""
         moving, resting = (

@@ -201,7 +201,7 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
     best, accepted = rivals[0] if best is accepted else best, rivals[0]
     after = judge.of(accepted)
     model = written(accepted)
-    if claims and judge.held is not None and after.rmse >= declared.rmse:
+    if claims and judge.held is not None and not after.lower(declared):
         accepted, claims = only(found, accepted), ()
         rivals, model, after = (accepted,), written(accepted), judge.of(accepted)
     if not claims:

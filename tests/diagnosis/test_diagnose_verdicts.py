@@ -239,6 +239,31 @@ def test_what_is_mostly_explained_is_so_without_its_best_motion():
     assert not mostly_explained(of(1.1, 2.2, 2.3, 3.7), of(1.1, 1.3, 1.2, 1.3), unknown=True)
 
 
+def test_an_error_is_lower_in_watts_and_with_each_motion_counted_once():
+    def of(rmse: float, *squares: float) -> Quality:
+        return Quality(rmse, rmse, 1.0, 1.0, rmse, 1.0, np.array(squares), np.array([900.0, 10.0, 10.0]))
+
+    declared = of(2.0, 4.0, 1.0, 1.0)
+    assert of(1.0, 1.0, 1.0, 1.0).lower(declared)
+    assert not of(1.9, 3.6, 1.3, 1.3).lower(declared)  # one long motion gains, two others lose as much
+    assert not of(2.1, 1.0, 1.0, 1.0).lower(declared)
+
+
+@pytest.mark.slow
+def test_an_elastic_belt_is_not_friction(tmp_path):
+    """Stribeck friction takes 0.01 W off the error held out, and adds to the squares over the noise."""
+    truth = write_world(World("z1", 11400006, (0.0, 0.05), "ar1", unlisted="belt"), tmp_path / "set")
+    assert not diagnose(read_set(truth.folder, truth.robot), truth.declared).effects
+
+
+@pytest.mark.slow
+def test_what_is_left_beside_a_partial_cause_counts_in_differences_of_energy(tmp_path):
+    """A differential wrist rubs by two motors' speeds: with dry friction of each joint differences are off by 29 %."""
+    truth = write_world(World("z1", 11400014, (0.0, 0.05), "ar1", unlisted="coupled_friction"), tmp_path / "set")
+    d = diagnose(read_set(truth.folder, truth.robot), truth.declared).document
+    assert d["verdict"] == "partly" and d["foreseen"]["difference_percent"] > 20 and not d["usable"]
+
+
 @pytest.mark.parametrize(
     ("arm", "seed", "law"),
     [

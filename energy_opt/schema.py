@@ -59,11 +59,13 @@ Read = TypeVar("Read", bound=Table)
 
 
 def faults_of(model: type[Read], document: Mapping[str, Any]) -> tuple[Read | None, list[str]]:
-    """A document as `model`, or None and every fault in it, one line each."""
+    """A document as `model`, or None and every fault in it, one line each; of another format only that."""
     try:
         return model.model_validate(dict(document)), []
     except ValidationError as error:
-        lines = dict.fromkeys(_line(model, document, fault) for fault in error.errors(include_url=False))
+        faults = error.errors(include_url=False)
+        other = [fault for fault in faults if fault["loc"] == ("format",) and "format" in document]
+        lines = dict.fromkeys(_line(model, document, fault) for fault in other or faults)
         return None, list(lines)
 
 

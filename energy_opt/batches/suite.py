@@ -168,9 +168,11 @@ class _Reading:
         """The suite, as far as it is valid."""
         document = read_toml(self.path)
         name, groups = document.pop("name", self.path.stem), document.pop("groups", [])
-        with self.at("format"):
-            if (given := document.pop("format", None)) != FORMAT:
-                raise BadInput(f"{given!r}; expected {FORMAT!r}")
+        given = document.pop("format", None)
+        if given != FORMAT:
+            self.faults[f"format: {given!r}; expected {FORMAT!r}"] = None
+            if given is not None:  # a file of another kind: its other faults say nothing
+                return Suite(str(name), self.path, ())
         with self.at("name"):
             if not isinstance(name, str) or not NAME.fullmatch(name) or len(name) > 100:
                 raise BadInput(f"{name!r}; expected letters, digits, spaces and . _ + - (it names a folder)")

@@ -9,12 +9,11 @@ from typing import Literal, get_args
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.robot.kinematics import pose_of
+from energy_opt.robot.kinematics import no_degrees, pose_of
 
 PlannerName = Literal["auto", "none", "ompl"]
 PLANNERS: tuple[PlannerName, ...] = get_args(PlannerName)
 CLEARANCE = 0.002  # [m] default clearance; a pair that is nearer at an end keeps half of its distance there
-TURN = 4 * np.pi  # [rad] largest angle of the base, two turns: larger ones are degrees
 FAR = 100.0  # [m] largest length in a cell: larger ones are in another unit
 
 
@@ -59,12 +58,7 @@ class CellRequest:
             raise BadInput(f"--planner {self.planner!r}; expected {', '.join(PLANNERS)}")
         if len(self.base) != 6 or not np.isfinite(self.base).all() or np.abs(self.base[:3]).max() > FAR:
             raise BadInput(f"--base {','.join(f'{x:g}' for x in self.base)}: expected X,Y,Z [m] and R,P,Y [rad]")
-        if np.abs(self.base[3:]).max() > TURN:
-            turn = max(self.base[3:], key=abs)
-            raise BadInput(
-                f"--base {','.join(f'{x:g}' for x in self.base)}: R,P,Y in degrees? Expected rad "
-                f"({turn:g} deg = {np.radians(turn):.4g} rad)"
-            )
+        no_degrees(f"--base {','.join(f'{x:g}' for x in self.base)}", self.base[3:])
         if self.floor is not None and not abs(self.floor) <= FAR:
             raise BadInput(f"--floor {self.floor:g}: not a height; expected metres")
         if self.clearance is not None and not 0 < self.clearance <= 1:

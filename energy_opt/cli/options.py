@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 from energy_opt.errors import BadInput
 from energy_opt.files import read_toml
 from energy_opt.front.verbs import Verb
-from energy_opt.requests.option import Option, Request, flag_of, options_of
+from energy_opt.requests.option import ON_OFF, Option, Request, flag_of, options_of
 
 UNITS = "Units are SI: rad (m for prismatic joints), s, N m (N), W, J. Joints are matched by name, never by order."
 
@@ -31,9 +31,6 @@ def epilog(verb: str) -> str:
     if verb in ("identify", "passport"):
         title = "examples:"
     return "\n".join([title, *(f"  {line}" for line in commands), "", f"reads: {read}", f"writes: {written}", UNITS])
-
-
-ON_OFF = ("on", "off")
 
 
 class Help(argparse.HelpFormatter):
@@ -160,8 +157,6 @@ def request_of(args: argparse.Namespace, verb: Verb) -> Request:
         value = None if spelled.internal else getattr(args, field)
         if value is None or (value is False and spelled.kind is bool):
             continue
-        if spelled.kind is bool and value in ON_OFF:
-            value = value == "on"
         if spelled.several and len(value) == 1:
             value = value[0]
         given[field] = value

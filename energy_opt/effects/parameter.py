@@ -120,7 +120,8 @@ class Parameter:
                 raise BadInput(f"effect {effect}: {self.name} has {what}; expected {wanted}")
         if (number < self.lower).any() or (number > self.upper).any():
             bounds = f"[{self.lower:g}, {self.upper:g}] {self.unit}"
-            raise BadInput(f"effect {effect}: {self.name} = {value!r} is outside {bounds}")
+            worst = number[(number < self.lower) | (number > self.upper)][0]
+            raise BadInput(f"effect {effect}: {self.name} = {worst:g} is outside {bounds}")
         return number
 
     def full(self, effect: str, value: np.ndarray, joints: int, extents: Mapping[str, int]) -> np.ndarray:

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from energy_opt.cell.request import pose_of
 from energy_opt.errors import BadInput
 from energy_opt.files import finite_number, words_of
+from energy_opt.robot.kinematics import no_degrees, pose_of
 
 TURNS = ("rx", "ry", "rz")
 AXES = ("x", "y", "z", *TURNS)
@@ -138,7 +138,10 @@ def matrix_of(given: str | Sequence[float] | np.ndarray, name: str) -> np.ndarra
         numbers = np.asarray(given, dtype=float)
     except (TypeError, ValueError):
         raise BadInput(f"{name}: expected {FORM}") from None
-    if numbers.shape == (6,) and np.abs(numbers[3:]).max() <= 4 * np.pi:
+    if not np.isfinite(numbers).all():
+        raise BadInput(f"{name}: expected {FORM}")
+    if numbers.shape == (6,):
+        no_degrees(f"{name} {','.join(f'{x:g}' for x in numbers)}", numbers[3:].tolist())
         numbers = pose_of(tuple(numbers[:3]), tuple(numbers[3:]))
     elif numbers.shape == (7,):
         size = float(np.linalg.norm(numbers[3:]))
@@ -148,7 +151,7 @@ def matrix_of(given: str | Sequence[float] | np.ndarray, name: str) -> np.ndarra
         numbers = np.block([[turn, numbers[:3, None]], [np.zeros(3), 1.0]])
     elif numbers.ndim < 2:
         raise BadInput(f"{name}: {numbers.size} numbers; expected {FORM}")
-    if numbers.shape != (4, 4) or not np.isfinite(numbers).all() or np.abs(numbers[:3, 3]).max() > FAR:
+    if numbers.shape != (4, 4) or np.abs(numbers[:3, 3]).max() > FAR:
         raise BadInput(f"{name}: expected {FORM}")
     return numbers
 

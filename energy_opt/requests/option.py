@@ -18,6 +18,7 @@ from typing import Any, ClassVar, Self
 from energy_opt.errors import BadInput, near
 from energy_opt.files import plain as of_json
 
+ON_OFF = ("on", "off")  # True and False, as words
 KINDS = {float: "number", int: "integer", bool: "boolean"}  # types of JSON schema, by kind of value
 NESTED = ("settings", "cell", "per_year")  # tables in requests of earlier versions, whose keys are options now
 STAMP = ("verb", "version", "command")  # entries of a document besides the request's own fields
@@ -191,8 +192,10 @@ def _one(flag: str, spelled: Option, value: Any) -> Any:
             return value if isinstance(value, bool) else operator.index(value)
         except TypeError:
             expected = "a whole number"
-    elif spelled.kind is bool and not isinstance(value, bool):
-        expected = "true or false"
+    elif spelled.kind is bool:
+        if value in ON_OFF:
+            return value == "on"
+        expected = "" if isinstance(value, bool) else "true or false, or on or off"
     elif spelled.kind is Path:
         if isinstance(value, (str, os.PathLike)):
             return Path(value)

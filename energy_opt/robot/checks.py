@@ -38,6 +38,7 @@ def carriers(description: Description, still: Collection[str] = ()) -> dict[str,
 
 
 MASSLESS = 1e-6  # [kg] an arm with a smaller moving mass has no masses
+FARTHEST = 50.0  # [m] an arm whose joints lie farther apart is in another unit: small arms in mm have 200 and more
 LIGHTEST = 0.1  # [kg] a smaller moving mass of an arm causes a warning
 GRAMS = 0.2  # [kg] the inertia of a link with a smaller mass is not refused
 ROUNDED = 1e-3  # share by which the largest principal moment may exceed the sum of the others, as in rounded files
@@ -56,8 +57,11 @@ def check_masses(description: Description, still: Collection[str], links: Sequen
         links: the moving links with all that is fixed to them.
 
     Raises:
-        BadInput: nothing that moves has a mass, or an inertia is impossible.
+        BadInput: nothing that moves has a mass, an inertia is impossible, or lengths are in millimetres.
     """
+    length = sum(float(np.linalg.norm(link.placement[:3, 3])) for link in links)
+    if length > FARTHEST:
+        raise BadInput(f"{description.path}: from joint to joint the arm is {length:.4g} m long; in mm? Expected m")
     carried = carriers(description, still)
     moving = [name for name, on in carried.items() if on]
     mass = sum(link.mass for link in links)

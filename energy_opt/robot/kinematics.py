@@ -15,6 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from energy_opt.errors import BadInput
+
+TURN = 4 * np.pi  # [rad] largest angle of a pose, two turns: larger ones are degrees
+
 
 @dataclass(frozen=True)
 class PointMass:
@@ -68,6 +72,17 @@ class Link:
     inertia: np.ndarray
     armature: float
     follows: Follows | None = None
+
+
+def no_degrees(where: str, angles: Sequence[float]) -> None:
+    """Check that R,P,Y [rad] turn no more than twice.
+
+    Raises:
+        BadInput: one turns more, as degrees would; the line begins with `where`.
+    """
+    turn = max(angles, key=abs)
+    if abs(turn) > TURN:
+        raise BadInput(f"{where}: R,P,Y in degrees? Expected rad ({turn:g} deg = {np.radians(turn):.4g} rad)")
 
 
 def pose_of(position: Sequence[float], rpy: Sequence[float] = (0.0, 0.0, 0.0)) -> np.ndarray:

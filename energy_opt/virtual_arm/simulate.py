@@ -108,8 +108,9 @@ class Instruments:
                 raise BadInput(f"instruments: {name} = {rate!r}; expected {SLOWEST:g} Hz or more")
         if self.rate > 1 / STEP or (self.meter_rate or 0) > 1 / STEP:
             raise BadInput(f"instruments: no rate above {1 / STEP:g} Hz, the simulation's own")
-        if self.noise < 0 or self.jitter < 0 or self.rest < 0:
-            raise BadInput("instruments: noise, jitter and rest must not be negative")
+        for name in ("noise", "jitter", "rest"):
+            if getattr(self, name) < 0:
+                raise BadInput(f"instruments: {name} = {getattr(self, name):g}; expected 0 or more")
 
 
 @dataclass(frozen=True)

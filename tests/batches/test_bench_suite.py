@@ -203,3 +203,10 @@ def test_files_stay_beside_the_suite_unless_allowed(tmp_path):
     path = written(tmp_path / "inner", HEAD + 'random = { count = 1 }\nmodels = ["../secret.toml"]\n')
     assert any("outside" in fault for fault in check_suite(path))
     assert load_suite(path, allow_outside=True).tasks
+
+
+def test_a_file_of_another_kind_has_one_fault(tmp_path):
+    path = written(tmp_path, 'format = "energy-opt/job/1"\nrobot = "panda"\ncycle_time = 8\n')
+    assert [fault.partition("format: ")[2] for fault in check_suite(path)] == [
+        "'energy-opt/job/1'; expected 'energy-opt/suite/1'"
+    ]

@@ -56,7 +56,7 @@ def requests() -> dict[str, list[dict[str, Any]]]:
     common: list[dict[str, Any]] = [
         one, {"duration": 1.5}, {"payload": 0.5, **one}, {"base": [0, 0, 0, 0, 0.3, 0], **one}, {"floor": -0.5, **one},
         {"max_power": 400.0, **one}, {"tool_speed": 0.5, **one}, {"robust": "worst", "model": ["source-method-2", "careful"]},
-        {"lock": {"jointGripper": -0.1}, **one}, {"self_collision": False, "seed": 3, "cycles_per_year": 1e5, "price": 0.3, **one},
+        {"lock": {"jointGripper": -0.1}, **one}, {"self_collision": "off", "seed": 3, "cycles_per_year": 1e5, "price": 0.3, **one},
     ]  # fmt: skip
     judged: list[dict[str, Any]] = [
         one, {}, {"payload": 0.5}, {"base": [0, 0, 0, 0, 0.3, 0]}, {"floor": -0.5}, {"self_collision": False},

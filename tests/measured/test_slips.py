@@ -16,6 +16,7 @@ from energy_opt.formats import read_path
 from energy_opt.front.given import carried
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.move import long_turns
+from energy_opt.poses.pose import Pose
 from energy_opt.power import source_method_2
 from energy_opt.robot import Robot, load_robot
 
@@ -92,3 +93,8 @@ def test_a_duration_in_milliseconds_is_told(panda: Robot) -> None:
     planner = Planner(panda, source_method_2(), Settings(compile="never"))
     said = [" ".join(planner.solve(Move(start, goal, "retime", T)).warnings) for T in (500.0, 2.0)]
     assert "milliseconds? 0.5 s" in said[0] and "milliseconds" not in said[1]
+
+
+def test_a_pose_turned_by_degrees_is_refused() -> None:
+    with pytest.raises(BadInput, match=r"in degrees\? Expected rad \(180 deg = 3\.142 rad\)"):
+        Pose("0.5,0.1,0.4,180,0,0")

@@ -200,13 +200,14 @@ COVARIANCE = (
     [
         ('robot = "panda"\n', "format is missing"),
         ('format = "energy-opt/model/9"\n', "expected 'energy-opt/model/1'"),
+        ('format = "energy-opt/job/1"\ncycle_time = 8\n', r"expected 'energy-opt/model/1'\Z"),
         (HEAD + "extra = 1\n", "unknown key 'extra'"),
         (HEAD + '[[effect]]\nname = "warp"\n', "unknown name 'warp'"),
         (
             HEAD + '[[effect]]\nname = "standby"\n',
             r"\[\[effect\]\] 1: effect standby: parameter 'power' is missing \[W\]",
         ),
-        (HEAD + '[[effect]]\nname = "standby"\npower = -3\n', "outside"),
+        (HEAD + '[[effect]]\nname = "standby"\npower = -3\n', r"power = -3 is outside"),
         (HEAD + '[[effect]]\nname = "standby"\npower = "much"\n', "not a number"),
         (HEAD + '[[effect]]\nname = "standby"\npower = nan\n', "not a finite number"),
         (HEAD + '[[effect]]\nname = "standby"\npower = [1, 2]\n', "has 2 values"),

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from two_joints import two_joints
 
+from energy_opt.errors import BadInput
 from energy_opt.robot import known_robots, load_robot
 
 
@@ -98,3 +99,10 @@ def test_an_arm_that_is_too_light_for_its_size_is_named(tmp_path: Path) -> None:
         "6 kg move on an arm of 2.5 m: a fraction of what such arms weigh; energies are too low; used as it is"
     ]
     assert said["200"] == []
+
+
+def test_an_arm_in_millimetres_is_refused(tmp_path: Path) -> None:
+    path = Path(two_joints(tmp_path))
+    path.write_text(path.read_text().replace('origin xyz="0.3 0 0"', 'origin xyz="300 0 0"'))
+    with pytest.raises(BadInput, match=r"two\.urdf: from joint to joint the arm is 300 m long; in mm\? Expected m"):
+        load_robot(path)

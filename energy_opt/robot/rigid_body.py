@@ -189,18 +189,16 @@ class RigidBody:
         Returns:
             Poses (N, 4, 4); velocity [m/s] and acceleration [m/s^2] of the frame's origin, (N, 3) each.
         """
-        data, placement = self._model.createData(), pin.SE3(np.asarray(pose, dtype=float))
-        poses, velocity, acceleration = np.empty((len(q), 4, 4)), np.empty((len(q), 3)), np.empty((len(q), 3))
+        data, joint = self._model.createData(), joint + 1
+        links, twist, change = np.empty((len(q), 4, 4)), np.empty((len(q), 6)), np.empty((len(q), 6))
         v, a = self.coupling.rates(v), self.coupling.rates(a)
         for k, c in enumerate(self.configuration(q)):
             pin.forwardKinematics(self._model, data, c, v[k], a[k])
-            here = data.oMi[joint + 1] * placement
-            twist, change = placement.actInv(data.v[joint + 1]), placement.actInv(data.a[joint + 1])
-            turn = here.rotation
-            poses[k] = here.homogeneous
-            velocity[k] = turn @ twist.linear
-            acceleration[k] = turn @ (change.linear + np.cross(twist.angular, twist.linear))
-        return poses, velocity, acceleration
+            links[k], twist[k], change[k] = data.oMi[joint].homogeneous, data.v[joint].vector, data.a[joint].vector
+        turn, origin, spin = links[:, :3, :3], np.asarray(pose, dtype=float)[:3, 3], twist[:, 3:]
+        speed = twist[:, :3] + np.cross(spin, origin)  # in the link's frame, as is the rest of this line and the next
+        growth = change[:, :3] + np.cross(change[:, 3:], origin) + np.cross(spin, speed)
+        return links @ pose, (turn @ speed[..., None])[..., 0], (turn @ growth[..., None])[..., 0]
 
     def tree(self) -> tuple[Link, ...]:
         """The moving links, parents before children."""

@@ -196,7 +196,7 @@ def baselines_of(context: Context, move: Move, timing: Timing | None, duration: 
 def _held(context: Context, move: Move, timing: Timing) -> Trajectory:
     """The fastest timing's trajectory, slowed slightly if it breaks a limit between the grid points of its program."""
     trajectory = timing.trajectory(context.robot.joints)
-    excess = context.judge(trajectory).certificate.violation
+    excess = context.judge(trajectory).within.violation
     if not ALLOWED < excess < HAIR or np.any(move.end_velocities):
         return trajectory
     return timing.slowed(timing.duration * (1 + 2 * excess)).trajectory(context.robot.joints)

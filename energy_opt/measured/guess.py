@@ -10,7 +10,7 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.measured.columns import ByHand, given_names, understood
-from energy_opt.measured.joints import degrees_fault, stamp_factor
+from energy_opt.measured.joints import stamp_factor
 from energy_opt.measured.names import (
     BY_SIGNAL,
     UNITS,
@@ -25,6 +25,7 @@ from energy_opt.measured.names import (
     time_columns,
     unit_in,
 )
+from energy_opt.measured.plausible import degrees_fault, leaps
 from energy_opt.measured.table import Table
 from energy_opt.power.known import by_name
 from energy_opt.robot import Robot, known_robots
@@ -221,6 +222,8 @@ def _position_unit(values: np.ndarray, time: np.ndarray, robot: Robot, named: st
     apart = max(1, int(0.1 / max(float(np.median(np.diff(time))), 1e-6))) if len(time) > 20 else len(time)
     if named is None and len(time) > apart:  # speeds over a tenth of a second
         rate = np.abs(values[apart:] - values[:-apart]) / np.maximum(time[apart:] - time[:-apart], 1e-9)[:, None]
+        jumps = leaps(time, values, robot)[:, None] - np.arange(apart)  # no speed can be taken over these
+        rate = np.delete(rate, jumps[(jumps >= 0) & (jumps < len(rate))], axis=0)
         limit = np.where(np.isfinite(robot.limits.velocity), robot.limits.velocity, np.pi)
         if (np.percentile(rate, 99, axis=0) > 3 * limit).any():
             out.words.append("positions are degrees (as radians the joints would be too fast): converted")

@@ -6,16 +6,16 @@ The recorder's stamps are cleaned: repeated stamps, missing samples and gaps are
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.measured.columns import Rule, factor_of
+from energy_opt.measured.plausible import degrees_fault, leaps, spikes, step_fault
 from energy_opt.measured.run import JOINT_SIGNALS
 from energy_opt.measured.table import Table
 from energy_opt.robot import Robot
-from energy_opt.robot.limits import look_like_degrees
 
 COARSE = 0.3  # share of samples with a repeated stamp above which stamps are coarser than the samples
 GAP = 0.25  # [s] without a sample (or `GAP_STEPS` steps, if longer) from which the motion in between is unknown
@@ -161,10 +161,6 @@ LARGEST = {
     "time": 1e11, "position": 1e4, "velocity": 1e4, "acceleration": 1e6, "effort": 1e6, "current": 1e5,
     "temperature": 1e3, "power": 1e7, "energy": 1e13,
 }  # fmt: skip
-FAR = 1.5  # [rad] outside a limit from which positions are assumed to be degrees
-TOO_FAST = 20.0  # multiple of a velocity limit above which the stamps' unit must be wrong
-COARSEST = 1.0  # [s] largest step of a motion; with a larger one, the stamps' unit must be wrong
-FINEST = 1e-5  # [s] least plausible step
 EPOCH = 1e8  # [s] larger stamps count from 1970, on the same clock in every file
 
 
@@ -257,6 +253,8 @@ def read_joints(table: Table, rules: Mapping[str, Rule], robot: Robot, kind: str
     if len(index) < FEWEST:
         table.faults.append(f"{table.path}: {len(index)} data rows; a run needs at least {FEWEST}")
         return None
+    spike = spikes(time[index], signals["position"][index], robot)
+    spiked, index = index[spike], index[~spike]
     back = backward(time[index])
     if back is not None:
         table.faults.append(
@@ -265,10 +263,19 @@ def read_joints(table: Table, rules: Mapping[str, Rule], robot: Robot, kind: str
         )
         return None
     samples = clean(time[index], np.column_stack([values[index] for values in signals.values()]))
-    dropped, index = np.delete(index, samples.kept), index[samples.kept]
+    dropped, index = np.concatenate([spiked, np.delete(index, samples.kept)]), index[samples.kept]
+    if spiked.size:
+        said = f"{len(spiked)} rows dropped whose positions jump away and back (first: row "
+        samples = replace(samples, remarks=(*samples.remarks, f"{said}{table.row_number(int(spiked[0]))})"))
     kept = {name: values[index] for name, values in signals.items() if np.isfinite(values[index]).all()}
+    jumps = leaps(samples.time, kept["position"], robot)
+    if jumps.size and kind == "motion":
+        said = f"cut at {len(jumps)} row(s) where a position jumps and stays (first: row "
+        said += f"{table.row_number(int(index[jumps[0] + 1]))}); is an angle wrapped?"
+        gaps = tuple(sorted({*samples.gaps, *jumps.tolist()}))
+        samples = replace(samples, gaps=gaps, remarks=(*samples.remarks, said))
     found = Joints(samples.time, kept, samples, index, dropped, table.is_date(rules["time"].columns[0]))
-    fault = _step_fault(found, kind, robot) or degrees_fault(kept["position"], robot)
+    fault = step_fault(samples.time, kept["position"], kind, robot) or degrees_fault(kept["position"], robot)
     if fault is not None:
         row = table.row_number(int(index[fault[0]]))
         joint = rules[f"{fault[1]}.position"].columns[0] if fault[1] else rules["time"].columns[0]
@@ -287,37 +294,3 @@ def _per_joint(table: Table, robot: Robot, rules: Mapping[str, Rule], signal: st
         if name not in rules:
             raise BadInput(f"{table.path}: no column is named for {name}; say it in [columns]")
     return np.column_stack([quantity(table, name, rules[name]) for name in names])
-
-
-def _step_fault(joints: Joints, kind: str, robot: Robot) -> tuple[int, str, str] | None:
-    """Row, joint and message if stamps are too far apart or too close for the motion; None otherwise."""
-    position = joints.signals["position"]
-    step = float(np.median(np.diff(joints.time)))
-    moves = float(np.ptp(position, axis=0).max()) > 0.01
-    if step > COARSEST and (moves or kind == "motion"):
-        return 0, "", f"{step:.4g} s between rows; is the time's unit right (ms, us, ns)?"
-    if step < FINEST:
-        return 0, "", f"{step:.3g} s between rows; is the time's unit right?"
-    speed = np.percentile(np.abs(np.diff(position, axis=0)) / np.diff(joints.time)[:, None], 99, axis=0)
-    j = int(np.argmax(speed / robot.limits.velocity))
-    if speed[j] > TOO_FAST * robot.limits.velocity[j] and degrees_fault(position, robot) is None:
-        unit = robot.unit("velocity", robot.joints[j])
-        limit = f"{robot.joints[j]}'s limit of {robot.limits.velocity[j]:.3g}"
-        return 0, "", f"speeds of {speed[j]:.3g} {unit}, far above {limit}; is the time's unit right?"
-    return None
-
-
-def degrees_fault(position: np.ndarray, robot: Robot) -> tuple[int, str, str] | None:
-    """Row, joint and message if positions (N, n) are so far outside the limits that they must be degrees; else None."""
-    found = look_like_degrees(robot.limits, position, FAR, robot.slides)
-    if found is None:
-        return None
-    row, j = found
-    lower, upper = robot.limits.lower, robot.limits.upper
-    joint = robot.joints[j]
-    remedy = (
-        'these look like degrees; give the column\'s unit in log.toml ({ column = "...", unit = "deg" }), '
-        "or `energy-opt import` the file, which converts"
-    )
-    outside = f"is far outside {joint}'s limits [{lower[j]:.4g}, {upper[j]:.4g}]"
-    return row, joint, f"{position[row, j]:.4g} rad {outside}: {remedy}"

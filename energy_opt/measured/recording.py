@@ -75,10 +75,10 @@ def read_meter(table: Table, rules: Mapping[str, Rule], joints: Joints | None, w
         )
         return None
     time, values = time[there], values[there]
-    if len(values) and not values.any():
+    if len(values) and values.max() <= 0 and not (energy and values.any()):
+        what = "is never above 0; is its sign reversed?" if values.any() else "is 0 throughout; is the meter connected?"
         table.faults.append(
-            f"{table.path}: row {table.row_number(int(there[0]))}, column {' * '.join(rules[name].columns)}: "
-            f"is 0 throughout; is the meter connected?"
+            f"{table.path}: row {table.row_number(int(there[0]))}, column {' * '.join(rules[name].columns)}: {what}"
         )
         return None
     dated = table.is_date(stamps.columns[0])

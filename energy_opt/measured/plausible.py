@@ -1,0 +1,71 @@
+"""Whether positions and stamps of a log are plausible for an arm: jumps of single samples, speeds, units."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from energy_opt.robot import Robot
+from energy_opt.robot.limits import look_like_degrees
+
+FAR = 1.5  # [rad] outside a limit from which positions are assumed to be degrees
+TOO_FAST = 20.0  # multiple of a velocity limit above which the stamps' unit must be wrong
+COARSEST = 1.0  # [s] largest step of a motion; with a larger one, the stamps' unit must be wrong
+FINEST = 1e-5  # [s] least plausible step
+FASTER = 5.0  # multiple of a velocity limit that no joint reaches from one sample to the next and back
+JUMP = 0.05  # [rad, m] least change between two samples that may be a damaged row; noise of encoders is far below
+LEAP = 0.5  # [rad, m] the same for a position that stays where it jumped to
+
+
+def spikes(time: np.ndarray, position: np.ndarray, robot: Robot) -> np.ndarray:
+    """Mask (N,) of single samples of which a position is far from both neighbours, which are near each other."""
+    out = np.zeros(len(time), dtype=bool)
+    step = np.maximum(np.diff(time), np.ptp(time) / (len(time) - 1))[:, None]  # stamps may repeat
+    change, most = np.diff(position, axis=0), np.maximum(JUMP, FASTER * robot.limits.velocity * step)
+    wide = np.abs(change) > most
+    back = np.abs(position[2:] - position[:-2]) < JUMP
+    out[1:-1] = (wide[:-1] & wide[1:] & back).any(axis=1)
+    return out
+
+
+def leaps(time: np.ndarray, position: np.ndarray, robot: Robot) -> np.ndarray:
+    """Indices (K,) of samples after which a position (N, n) is elsewhere at once, faster than any joint; few if any.
+
+    Many of them are no jumps of single samples: `step_fault` then names the unit of the stamps.
+    """
+    step = np.maximum(np.diff(time), np.ptp(time) / (len(time) - 1))[:, None]
+    far = np.abs(np.diff(position, axis=0)) > np.maximum(LEAP, TOO_FAST * robot.limits.velocity * step)
+    found = np.flatnonzero(far.any(axis=1))
+    return found if len(found) < len(position) / 100 else found[:0]
+
+
+def step_fault(time: np.ndarray, position: np.ndarray, kind: str, robot: Robot) -> tuple[int, str, str] | None:
+    """Row, joint and message if stamps are too far apart or too close for the motion; None otherwise."""
+    step = float(np.median(np.diff(time)))
+    moves = float(np.ptp(position, axis=0).max()) > 0.01
+    if step > COARSEST and (moves or kind == "motion"):
+        return 0, "", f"{step:.4g} s between rows; is the time's unit right (ms, us, ns)?"
+    if step < FINEST:
+        return 0, "", f"{step:.3g} s between rows; is the time's unit right?"
+    speed = np.percentile(np.abs(np.diff(position, axis=0)) / np.diff(time)[:, None], 99, axis=0)
+    j = int(np.argmax(speed / robot.limits.velocity))
+    if speed[j] > TOO_FAST * robot.limits.velocity[j] and degrees_fault(position, robot) is None:
+        unit = robot.unit("velocity", robot.joints[j])
+        limit = f"{robot.joints[j]}'s limit of {robot.limits.velocity[j]:.3g}"
+        return 0, "", f"speeds of {speed[j]:.3g} {unit}, far above {limit}; is the time's unit right?"
+    return None
+
+
+def degrees_fault(position: np.ndarray, robot: Robot) -> tuple[int, str, str] | None:
+    """Row, joint and message if positions (N, n) are so far outside the limits that they must be degrees; else None."""
+    found = look_like_degrees(robot.limits, position, FAR, robot.slides)
+    if found is None:
+        return None
+    row, j = found
+    lower, upper = robot.limits.lower, robot.limits.upper
+    joint = robot.joints[j]
+    remedy = (
+        'these look like degrees; give the column\'s unit in log.toml ({ column = "...", unit = "deg" }), '
+        "or `energy-opt import` the file, which converts"
+    )
+    outside = f"is far outside {joint}'s limits [{lower[j]:.4g}, {upper[j]:.4g}]"
+    return row, joint, f"{position[row, j]:.4g} rad {outside}: {remedy}"

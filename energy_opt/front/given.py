@@ -244,7 +244,8 @@ def _in_words(text: str, joints: Sequence[str], flag: str) -> np.ndarray:
             named[name.strip()] = finite_number(value, f"{flag} {part}", "name=value") if known else 0.0
         return np.array(_by_name(named, joints, flag))
     if len(parts) != len(joints):
-        raise BadInput(f"{flag}: {len(parts)} positions; the robot has {len(joints)} joints: {', '.join(joints)}")
+        hint = " (separate them by commas, with points in numbers)" if ";" in text else ""
+        raise BadInput(f"{flag}: {len(parts)} positions{hint}; the robot has {len(joints)} joints: {', '.join(joints)}")
     return np.array([finite_number(part, f"{flag} {text}", "numbers [rad, m]") for part in parts])
 
 

@@ -44,6 +44,7 @@ ALLOWED = 2e-6  # of a bound
 ENOUGH = 0.995  # of the feasible moves are to be solved
 OUTLIER = 10.0  # times the median time of its kind
 NOTABLE = 0.01  # share of the loss
+WORST = 3  # cases that a comparison names
 
 
 @cache
@@ -232,6 +233,8 @@ def against(rows: list[dict[str, Any]], other: list[dict[str, Any]]) -> str:
             f"the mean; {(gain > NOTABLE).sum()} cases save over 1 % more, {(gain < -NOTABLE).sum()} over 1 % less; "
             f"{ratio:.2f} times as fast in the median"
         )
+        for k in np.argsort(gain)[: WORST * bool((gain < -NOTABLE).any())]:
+            lines.append(f"  {-100 * gain[k]:.1f} % more loss: {told(both[k][0])}")
     return "\n".join(lines)
 
 

@@ -57,7 +57,17 @@ class Judging:
         return certificate if self.cell is None else replace(certificate, clearance=clearance_of(self.cell, trajectory))
 
 
-Window = tuple[float, float, Judging]  # start and end [s] of a stretch with constant payload and scene, and its judge
+@dataclass(frozen=True)
+class Window:
+    """A stretch of a cycle with constant payload and scene.
+
+    Attributes:
+        start, end: [s] in the cycle. judge: of this stretch.
+    """
+
+    start: float
+    end: float
+    judge: Judging
 
 
 @dataclass(frozen=True)
@@ -72,12 +82,13 @@ class CycleJudging(Judging):
         windows: list[Window] = []
         at = 0.0
         for seconds, judge in stretches:
-            if windows and windows[-1][2].scorer is judge.scorer and windows[-1][2].cell is judge.cell:
-                windows[-1] = windows[-1][0], at + seconds, windows[-1][2]
+            if windows and windows[-1].judge.scorer is judge.scorer and windows[-1].judge.cell is judge.cell:
+                windows[-1] = replace(windows[-1], end=at + seconds)
             else:
-                windows.append((at, at + seconds, judge))
+                windows.append(Window(at, at + seconds, judge))
             at += seconds
-        return cls(windows[0][2].scorer, windows[0][2].limits, windows=tuple(windows))
+        first = windows[0].judge
+        return cls(first.scorer, first.limits, windows=tuple(windows))
 
     def __call__(self, trajectory: Trajectory) -> Certificate:
         """The worst of the certificates of all stretches."""
@@ -94,21 +105,21 @@ class CycleJudging(Judging):
         looks, at = [], 0.0
         for part in parts:
             end = at + part.trajectory.duration
-            *_, judge = next((w for w in self.windows if w[1] > (at + end) / 2), self.windows[-1])
-            looks.append((judge(part.trajectory), at))
+            window = next((w for w in self.windows if w.end > (at + end) / 2), self.windows[-1])
+            looks.append((window.judge(part.trajectory), at))
             at = end
         return _worst(looks)
 
     def joules(self, trajectory: Trajectory) -> float:
         """Energy of the whole cycle under the models of its stretches [J]."""
-        return sum(judge.joules(_part(trajectory, *window)) for *window, judge in self.windows)
+        return sum(window.judge.joules(_part(trajectory, window)) for window in self.windows)
 
     def _over(self, trajectory: Trajectory, look: Callable[[Judging, Trajectory], Certificate]) -> Certificate:
         """The worst of the certificates that `look` gives for the stretches."""
         looks = []
-        for *window, judge in self.windows:
-            part = _part(trajectory, *window)
-            looks.append((look(judge, part), float(part.time[0] - trajectory.time[0])))
+        for window in self.windows:
+            part = _part(trajectory, window)
+            looks.append((look(window.judge, part), float(part.time[0] - trajectory.time[0])))
         return _worst(looks)
 
 
@@ -127,9 +138,9 @@ def _worst(looks: Sequence[tuple[Certificate, float]]) -> Certificate:
     return Certificate(samples, worst, power, clearance, all(c.proven for c in certificates))
 
 
-def _part(trajectory: Trajectory, start: float, end: float) -> Trajectory:
-    """The samples of a stretch from `start` to `end` [s], with those just outside of it."""
+def _part(trajectory: Trajectory, window: Window) -> Trajectory:
+    """The samples of a stretch, with those just outside of it."""
     time = trajectory.time - trajectory.time[0]
-    first = max(int(time.searchsorted(start + 1e-9, side="right")) - 1, 0)
-    last = int(time.searchsorted(end - 1e-9))
+    first = max(int(time.searchsorted(window.start + 1e-9, side="right")) - 1, 0)
+    last = int(time.searchsorted(window.end - 1e-9))
     return trajectory.part(slice(min(first, len(time) - 2), min(max(last, first + 1), len(time) - 1) + 1))

@@ -41,17 +41,18 @@ class Grid:
 
 def grid_of(trajectory: Trajectory, factor: int) -> Grid:
     """A grid `factor` times denser than the samples; if it is short, the last ones asked for are kept."""
-    held = _Held(trajectory)
-    return _kept(held, factor) if factor * len(trajectory.time) <= LONG else _denser(held, factor)
+    if factor * len(trajectory.time) > LONG:
+        return _denser(trajectory, factor)
+    return _kept(_Held(trajectory), factor)
 
 
 class _Held:
-    """A trajectory as a key: equal to those with the same arrays, whatever their effort and power."""
+    """A trajectory as a key: equal to those with the same samples, whatever their effort and power."""
 
     def __init__(self, trajectory: Trajectory) -> None:
         self.trajectory = trajectory
         state = trajectory.time, trajectory.position, trajectory.velocity, trajectory.acceleration
-        self._key = tuple(map(id, state))
+        self._key = tuple(x.tobytes() for x in state)  # not their identities: a user may write into the arrays
 
     def __hash__(self) -> int:
         return hash(self._key)
@@ -60,8 +61,7 @@ class _Held:
         return isinstance(other, _Held) and self._key == other._key
 
 
-def _denser(held: _Held, factor: int) -> Grid:
-    trajectory = held.trajectory
+def _denser(trajectory: Trajectory, factor: int) -> Grid:
     q, v, a, jerk = trajectory.sample_denser(factor)
     # jerk jumps at samples: the larger of both values counts
     before, at = trajectory.jerk_before_samples(), jerk[factor::factor]
@@ -69,7 +69,9 @@ def _denser(held: _Held, factor: int) -> Grid:
     return Grid(trajectory.denser(factor) - trajectory.time[0], q, v, a, jerk)
 
 
-_kept = lru_cache(maxsize=KEPT)(_denser)
+@lru_cache(maxsize=KEPT)
+def _kept(held: _Held, factor: int) -> Grid:
+    return _denser(held.trajectory, factor)
 
 
 @dataclass(frozen=True)

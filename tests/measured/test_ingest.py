@@ -78,21 +78,6 @@ def test_what_cannot_be_imported_is_said_and_nothing_written(tmp_path, capsys, t
     assert expected in error and "a.csv" in error and not (tmp_path / "set").exists()
 
 
-@pytest.mark.parametrize("stays", [False, True])
-def test_rows_whose_positions_jump(tmp_path, stays):
-    t, q, _, p = arm(Z1)
-    clean, k = q.copy(), len(t) // 2
-    q[k : None if stays else k + 1] += np.array([0, 0, 0, 0, 0, 1.0])  # 1 rad within a sample
-    path = put(tmp_path / "a.csv", lines("t," + ",".join(f"q{j}" for j in SIX) + ",power", [t, q, p]))
-    import_files([path], tmp_path / "set", Z1)
-    whole = read_set(tmp_path / "set")
-    said = "cut at 1 row(s) where a position jumps and stays" if stays else "1 rows dropped whose positions jump"
-    assert any(said in remark and f"(first: row {k + 2})" in remark for remark in inspect_set(tmp_path / "set")[1])
-    for run in whole.runs:
-        speed = np.abs(np.diff(run.position, axis=0)) / np.diff(run.time)[:, None]
-        assert speed.max() < 1.5 * (np.abs(np.diff(clean, axis=0)) / np.diff(t)[:, None]).max()
-
-
 def test_several_arms_have_such_columns(tmp_path):
     path = put(
         tmp_path / "a.csv", "time,q0,q1,q2,q3,q4,q5,power\n" + "".join(f"{k / 9},0,1,-1,0,0,0,5\n" for k in range(9))

@@ -226,3 +226,17 @@ def test_a_mean_over_microseconds_goes_on_moving() -> None:
     out = Trajectory(("a",), x[:, 0], x**2 * (3 - 2 * x), 6 * x * (1 - x), 6 - 12 * x).averaged(4e-6)
     inside = (out.time > 0.01) & (out.time < 0.99)
     assert out.velocity[inside].min() > 0.05
+
+
+def test_energy_follows_samples_that_are_changed_in_place() -> None:
+    robot = load_robot("ur5")
+    time = np.linspace(0.0, 1.0, 51)[:, None] * np.ones(robot.n)
+    motion = Trajectory(robot.joints, time[:, 0], 0.5 * time**2, time.copy(), np.ones_like(time))
+    scorer = Scorer(robot, source_method_2())
+    before = scorer.energy_of(scorer.dense(motion)).total
+    motion.position[:] *= 0.5
+    motion.velocity[:] *= 0.5
+    motion.acceleration[:] *= 0.5
+    again = Trajectory(robot.joints, time[:, 0].copy(), 0.25 * time**2, 0.5 * time, np.full_like(time, 0.5))
+    after = scorer.energy_of(scorer.dense(motion)).total
+    assert after == scorer.energy(again).total != before

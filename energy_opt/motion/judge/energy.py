@@ -126,9 +126,8 @@ class Scorer:
         own = np.arange(self.robot.n) == joint
         law, still = Batch(self._drive, len(dense.q)), np.zeros((len(dense.q), 1))
         past = idle_time(dense.time, dense.v)[:, None], still
-        return law(dense.q, own * dense.v, own * dense.a, own * dense.rigid, dense.time[:, None], *past, self._values)[
-            2
-        ]
+        alone = own * dense.v, own * dense.a, own * dense.rigid
+        return law(dense.q, *alone, dense.time[:, None], *past, self._values)[2]
 
     def stored(self, trajectory: Trajectory) -> float:
         """Change of potential plus kinetic energy between the trajectory's ends, J."""

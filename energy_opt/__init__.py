@@ -7,7 +7,7 @@
     result = eo.optimize(robot, model, start=[...], goal=[...], duration=2.0)
 
 Names are looked up when they are first used, so that importing the package is fast. Effects are under `eo.effects`,
-conditions under `eo.conditions`. docs/architecture.md says where to look behind the names.
+conditions under `eo.conditions`. docs/architecture.md lists the packages that define them.
 """
 
 import importlib

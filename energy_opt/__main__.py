@@ -1,4 +1,4 @@
-"""`energy-opt` and `python -m energy_opt`: Ctrl-C is quiet from the first line on, while libraries load too."""
+"""`energy-opt` and `python -m energy_opt`. Ctrl-C ends the program without a traceback, also while libraries load."""
 
 import os
 import signal
@@ -7,7 +7,7 @@ import sys
 
 def command() -> int:
     """Run the command; returns the exit code."""
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # sums, and so answers, then do not depend on the number of cores
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # sums, and so results, do not depend on the number of cores
     heeded = signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
     if heeded:
         signal.signal(signal.SIGINT, lambda *_: os._exit(130))  # no work can be lost yet

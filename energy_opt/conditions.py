@@ -1,7 +1,7 @@
 """Conditions on a move, as objects: `eo.optimize(..., conditions=[eo.conditions.MaxPower(400), MyLimit()])`.
 
-Those below say what options of the command line say. A limit of one's own is a subclass of `Limit`: a name, a unit,
-what it binds and one formula (docs/extending.md).
+Each class below has an option of the command line with the same meaning. Your own limit is a subclass of `Limit` with a
+name, a unit and one formula; it also states whether it binds each joint or the whole arm (docs/extending.md).
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from energy_opt.motion.limits.own import OwnLimit as Limit
 
 @dataclass(frozen=True)
 class Condition:
-    """Base of conditions that are options, too.
+    """Base of conditions that the command line has as options, too.
 
     Attributes:
-        option: the one that says the same, by its name in a request; its value is the condition's only field.
-        word: what `--keep` calls it; empty for other options.
+        option: name, in a request, of the option with the same meaning; its value is the condition's only field.
+        word: the condition's word for `--keep`; empty for other options.
     """
 
     option: ClassVar[str] = "keep"
     word: ClassVar[str] = ""
 
     def options(self) -> dict[str, Any]:
-        """The options that say the same, by their names in a request."""
+        """The values of the equivalent options, by their names in a request."""
         (value,) = vars(self).values()
         return {self.option: (f"{self.word}:{value:g}",) if self.word else value}
 
@@ -70,7 +70,7 @@ class KeepUpright(Condition):
 
 @dataclass(frozen=True)
 class KeepOrientation(Condition):
-    """The tool's rotation from that at the start stays within `degrees`."""
+    """The tool's rotation relative to its orientation at the start stays within `degrees`."""
 
     word = "orientation"
     degrees: float = 2.0
@@ -103,13 +103,13 @@ class Tube(Condition):
 
 
 def options_and_limits(given: Iterable[Any]) -> tuple[dict[str, Any], tuple[Limit, ...]]:
-    """What conditions come to: options of a request, and limits of one's own.
+    """Divide conditions into options of a request and the user's own limits.
 
     Args:
         given: conditions, limits, and names of files that define them.
 
     Raises:
-        BadInput: something else; one condition twice; a file that defines none.
+        BadInput: an item is none of these, a condition is given twice, or a file defines none.
     """
     options: dict[str, Any] = {}
     limits: list[Limit] = []

@@ -1,6 +1,7 @@
 """Errors that a caller can act on; each class knows the command line's exit code.
 
-A message names what was asked for as the command line does, `--max-duration`; read from Python it says `max_duration`.
+A message names options of the command line, such as `--max-duration`. If the call came from Python, it says
+`max_duration`.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ _options: ContextVar[bool] = ContextVar("messages speak of options", default=Fal
 
 @contextmanager
 def speaking_of_options() -> Iterator[None]:
-    """Inside, messages name options of the command line, not arguments of functions."""
+    """Within this context, messages name options of the command line, not arguments of functions."""
     before = _options.set(True)
     try:
         yield
@@ -26,7 +27,7 @@ def speaking_of_options() -> Iterator[None]:
 
 
 def in_words(message: str) -> str:
-    """A message in the words of whoever reads it: options, or outside of `backticks` arguments in their place."""
+    """The message with options, or with arguments for a caller from Python; text in `backticks` stays."""
     if _options.get():
         return message
     parts = message.split("`")
@@ -36,7 +37,7 @@ def in_words(message: str) -> str:
 
 
 def near(word: str, known: Iterable[str]) -> str:
-    """`; did you mean 'panda'?` where a known name comes near, else nothing."""
+    """`; did you mean 'panda'?` if a known name is similar to the word, else an empty text."""
     found = get_close_matches(word.lower(), list(known), 1, 0.6)
     return f"; did you mean {found[0]!r}?" if found else ""
 
@@ -44,7 +45,7 @@ def near(word: str, known: Iterable[str]) -> str:
 class EnergyOptError(Exception):
     """Root of every error that the package raises on purpose: one clear line, no traceback needed.
 
-    `about` holds what else a document of the failure says.
+    `about` holds further values for the JSON document of the failure.
     """
 
     exit_code = 1
@@ -58,7 +59,7 @@ class EnergyOptError(Exception):
         return in_words(str(self.args[0]))
 
     def document(self) -> dict[str, Any]:
-        """What --json prints of a failure."""
+        """The document that --json prints after a failure."""
         return {"status": self.status, "message": str(self), **self.about}
 
 
@@ -100,7 +101,7 @@ class Infeasible(EnergyOptError):
         self.position, self.excess, self.shortest_duration = position, excess, shortest_duration
 
     def named(self, shortest: float | None) -> Infeasible:
-        """The same with another shortest duration, s, in its message too; None: what was named does not work."""
+        """The same error with another shortest duration [s], also in its message; None if that fails, too."""
         before, message = f"{self.shortest_duration:.6g} s", str(self.args[0])
         if shortest is None:
             message += "; planned at that duration, or a little longer, no valid motion was found: more time is needed"

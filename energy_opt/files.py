@@ -1,4 +1,4 @@
-"""Reading and writing of files: a written file is whole or absent, a faulty one is named with row and column."""
+"""Reading and writing of files. A written file is complete or absent. Errors name the file, the row and the column."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MOST_NODES = 2 * 10**6  # most values of a YAML document, aliases expanded
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A temporary path beside `path` that takes its place when the block ends without an error."""
+    """Yield a temporary path beside `path`; it replaces `path` when the block ends without an error."""
     path = Path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -49,7 +49,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write `text` whole or not at all."""
+    """Write `text` completely; on an error the old file stays."""
     with replacing(path) as aside:
         aside.write_text(text, encoding="utf-8")
 
@@ -79,12 +79,12 @@ def to_json(value: Any) -> str:
 
 
 def write_json(path: Path, value: Any) -> None:
-    """Write `value` as JSON, whole or not at all."""
+    """Write `value` as JSON, as `write_text` does."""
     write_text(path, to_json(value))
 
 
 def write_toml(path: Path, value: Mapping[str, Any]) -> None:
-    """Write `value` as TOML, whole or not at all."""
+    """Write `value` as TOML, as `write_text` does."""
     write_text(path, tomli_w.dumps(plain(value)))
 
 
@@ -107,10 +107,10 @@ def _cell(name: str) -> str:
 
 
 def inside(folder: Path, name: str, allow_outside: bool = False) -> Path:
-    """The path of a file that a document in `folder` names.
+    """The path of a file that is named in a document in `folder`.
 
     Raises:
-        BadInput: it lies outside of the folder, links followed, and `allow_outside` is False.
+        BadInput: the file lies outside of the folder (after links are resolved) and `allow_outside` is False.
     """
     path = Path(folder) / name
     try:

@@ -1,6 +1,6 @@
 """Folders of results: which files belong to which verb.
 
-A folder is taken before the work begins, and written so that new and old results never stand side by side.
+A folder is locked before the work begins. New and old results are never mixed in it.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def no_folder_in_the_way(out: Path, own: str) -> None:
 def earlier(out: Path, own: str) -> set[Path]:
     """Files in `out` that earlier runs of the verb that writes `own`, or of others with an answer there, have left.
 
-    These are all that such a verb may write, and what an answer lists with its digest while that is still so.
+    These are all files that such a verb may write, and files that an answer lists if their digest still agrees.
     """
     out, found = Path(out), set()
     for answer in {own, *(name for name in ANSWERS if (out / name).is_file())}:
@@ -132,8 +132,8 @@ _taken: dict[Path, tuple[int, list[Path]]] = {}  # by folder: the descriptor of 
 def take_folder(out: Path) -> None:
     """Make sure, before the work begins, that results can be written into `out`, by this process alone.
 
-    Other processes are kept out by a lock on the folder itself, which ends with the process however that ends, or with
-    `leave_folders`. On file systems without such locks the last of two runs wins, whole.
+    A lock on the folder keeps other processes out. The lock ends with `leave_folders`, or when the process ends for any
+    reason. On file systems without such locks, the complete result of the later run remains.
 
     Raises:
         BadInput: another run is writing there; or it is a file, not permitted, has an impossible name, or the disk is
@@ -172,7 +172,7 @@ def _locked(out: Path) -> tuple[int, list[Path]]:
 
 
 def leave_folder(out: Path) -> None:
-    """Let others write into a folder that was taken; if it was made for that and is empty, it goes."""
+    """Unlock a folder. Remove it if this process created it and it is still empty."""
     try:
         handle, created = _taken.pop(Path(out).resolve())
     except (KeyError, OSError, ValueError):
@@ -186,23 +186,22 @@ def leave_folder(out: Path) -> None:
 
 
 def leave_folders() -> None:
-    """The same for all of them."""
+    """Unlock all folders of this process, as `leave_folder` does."""
     for out in list(_taken):
         leave_folder(out)
 
 
 @contextmanager
 def written_whole(out: Path, last: str, old: Sequence[str] = ()) -> Iterator[Path]:
-    """A folder aside, whose files take their places in `out` together when the block ends without an error.
+    """Yield a temporary folder; its files are moved to `out` together when the block ends without an error.
 
-    The file `last` says that a result is whole: an old one goes before anything else changes, the new one comes last.
-    Whatever happens in between (a full disk, a kill), no part of a new result is beside the `last` of an old one,
-    and what earlier runs have left goes with it, `old` names among them. A JSON `last` lists the other files:
-    `files: [{name, sha256}]`.
+    The file `last` marks a complete result. An old `last` is removed first, with all files of earlier runs and those
+    named in `old`. The new `last` is written at the end. So after a full disk or a kill, no part of a new result is
+    beside an old `last`. A JSON `last` lists the other files: `files: [{name, sha256}]`.
 
     Raises:
-        BadInput: another run is writing there; or writing failed, say because the disk is full: `out` is as it was, or
-            without `last`.
+        BadInput: another run writes there, or writing failed, for example because the disk is full. Then `out` is
+            unchanged, or has no `last`.
     """
     out = Path(out)
     aside, known = None, out.resolve() in _taken

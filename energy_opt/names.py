@@ -1,4 +1,4 @@
-"""Names of joints, links and poses: what is taken where they come in, so that no writer can be broken by one."""
+"""Names of joints, links and poses: readers accept only characters that every written format can hold."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ _NAME = re.compile(rf"[\w\-./]{{1,{LONGEST}}}")
 
 
 def check_name(name: str, where: str) -> str:
-    """The name, where it consists of letters, digits and _ - . / alone.
+    """Return the name if it consists of letters, digits and _ - . / only.
 
     Args:
-        where: the file, and what bears the name, for the message.
+        where: the file and the named object, for the message.
 
     Raises:
-        BadInput: another character, none at all, or more than 128.
+        BadInput: another character, an empty name, or more than 128 characters.
     """
     if not _NAME.fullmatch(name):
         raise BadInput(f"{where}: name {name[:LONGEST]!r}; expected 1 to {LONGEST} letters, digits and _ - . /")
@@ -25,5 +25,5 @@ def check_name(name: str, where: str) -> str:
 
 
 def commented(name: str) -> str:
-    """A name as it may stand in a comment or a word of a program: no line breaks, quotes or other controls."""
+    """The name without line breaks, quotes and control characters, for a comment or a word of a program."""
     return "".join(c if c.isprintable() and c not in "\"'`\\" else "_" for c in name)

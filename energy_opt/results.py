@@ -11,12 +11,12 @@ from energy_opt.files import to_json
 
 
 def exit_of(interrupted: bool, good: bool) -> int:
-    """The command line's exit code of an answer: 130 where it was interrupted, 0 where it is good, else 4."""
+    """Exit code of the command line: 130 if the work was interrupted, 0 if the answer is good, else 4."""
     return 130 if interrupted else 0 if good else 4
 
 
 class Found:
-    """What a verb found.
+    """The result of a verb.
 
     Each result class has a `document`. It overrides `kept`, which writes its files, where it has any, and `text`
     where a terminal shows a table of it.
@@ -34,16 +34,16 @@ class Found:
         return to_json(self.document() if callable(self.document) else self.document)
 
     def text(self, out: Path) -> str:
-        """What the command prints of a result that is saved in `out`; empty where its messages said all."""
+        """Text that the command prints for a result saved in `out`; empty if the messages are enough."""
         return ""
 
     def save(self, out: str | PathLike[str]) -> Path:
-        """Write its files into the folder `out`, whole or not at all; returns the folder."""
+        """Write all files of the result into the folder `out`, or none on an error; return the folder."""
         self.kept(Path(out))
         return Path(out)
 
     def kept(self, out: Path) -> Self:
-        """Write its files into the folder `out`; returns the same with what is known of them."""
+        """Write the result's files into the folder `out`; return the result, completed with data on these files."""
         return self
 
     def _repr_html_(self) -> str:

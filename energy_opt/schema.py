@@ -24,7 +24,7 @@ def _number(value: object) -> object:
 
 
 def reads(read: Callable[[Any], Any]) -> BeforeValidator:
-    """A validator out of a function that takes a value of a file and raises BadInput."""
+    """A pydantic validator made from a function that reads a value of a file and may raise BadInput."""
 
     def validate(value: Any) -> Any:
         try:
@@ -50,7 +50,7 @@ PLAIN = {
 
 
 class Table(BaseModel):
-    """A table of a file: unknown keys are faults, values do not change once they are read."""
+    """A table of a file. Unknown keys are faults. The values cannot be changed after reading."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
 
@@ -59,7 +59,7 @@ Read = TypeVar("Read", bound=Table)
 
 
 def faults_of(model: type[Read], document: Mapping[str, Any]) -> tuple[Read | None, list[str]]:
-    """A document as `model`, or None and every fault in it, one line each; of another format only that."""
+    """The document as `model`, or None and all its faults, one line each; a wrong `format` is reported alone."""
     try:
         return model.model_validate(dict(document)), []
     except ValidationError as error:

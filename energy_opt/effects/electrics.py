@@ -1,4 +1,4 @@
-"""Effects of windings, drives, supply and overhead: all that turns torque and speed into watts."""
+"""Effects of windings, drives, supply and overhead, which convert torque and speed into electrical power."""
 
 from __future__ import annotations
 
@@ -176,7 +176,7 @@ class PsuLoss(SupplyEffect):
 
 
 class IronLoss(PowerEffect):
-    """sum of hysteresis * |v| + eddy * v^2: losses of the motors' iron, drawn as power and not felt as torque.
+    """sum of hysteresis * |v| + eddy * v^2: losses of the motors' iron. They are drawn as power and add no torque.
 
     Retiming loses its convexity by the eddy currents: their energy grows with the root of squared path speed.
     """

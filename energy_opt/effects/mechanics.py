@@ -1,7 +1,7 @@
 """Effects of masses and springs: those that store energy in torque, and those that change the rigid body itself.
 
 The latter enter the inverse dynamics, not its result: a payload, one that is picked up or put down in mid-run while the
-arm is at rest, a tilted base, links that are off by some percent from the URDF.
+arm is at rest, a tilted base, links that differ from the URDF by some per cent.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class GravitySpring(TorqueEffect):
 
     @classmethod
     def stored(cls, q: ca.SX, v: ca.SX, p: SimpleNamespace) -> ca.SX:
-        """What the motor must put in to bring the joints from rest to q, J (negative where the spring helps)."""
+        """Work [J] of the motor to bring the joints from `rest` to q; negative if the spring helps."""
         return -ca.dot(p.stiffness * (q - p.rest), q - p.rest) / 2
 
     @classmethod
@@ -155,8 +155,8 @@ class PayloadChange(Payload):
 class LinkInertia(RigidEffect):
     """Deviation of every link from the URDF: its mass, its centre of mass and its inertia about that centre.
 
-    Links are those that the joints carry, in the joints' order; what is welded to a link belongs to it. Links of joints
-    that follow others (mimic) stay as the URDF has them.
+    The links are those that the joints carry, in the joints' order, each with all bodies that are fixed to it. Links of
+    joints that follow others (mimic) stay as the URDF has them.
     """
 
     name = "link_inertia"

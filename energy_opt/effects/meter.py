@@ -1,8 +1,9 @@
 """The effects of the meter: how it distorts the true power.
 
-They explain a log, not an arm, and never belong to an energy. Each is linear in the power, so the same law gives the
-reading and, column by column, its derivatives. `sensitivity` is the exact derivative of the same discrete law by the
-effect's own parameter. Before the first sample of a run, the power is assumed to be that of the first sample.
+They explain a log and are no property of the arm, so no energy includes them. Each is linear in the power, so the same
+law gives the reading and, column by column, its derivatives. `sensitivity` is the exact derivative of the same discrete
+law by the effect's own parameter. Before the first sample of a run, the power is assumed to be that of the first
+sample.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ class MeterEffect(Effect):
 
     @classmethod
     def reading(cls, time: np.ndarray, power: np.ndarray, value: float) -> np.ndarray:
-        """What the meter shows (N, ...) [W] at `time` (N,) [s] when the power there is `power` (N, ...)."""
+        """Readings (N, ...) [W] of the meter at `time` (N,) [s] for a true power of `power` (N, ...) [W]."""
         raise NotImplementedError
 
     @classmethod

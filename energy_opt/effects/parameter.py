@@ -39,7 +39,7 @@ class Parameter:
         size: "scalar", "joint" (one number for all joints or one per joint), the length of a vector, or several such
             dimensions, as ("joint", 3); any other word is a dimension whose length the given values decide, the same
             for all parameters of the effect that name it, as ("joint", "points").
-        shapes: True where the parameter only shapes the effect and cannot switch it off by itself.
+        shapes: True if the parameter only changes the form of the effect and cannot switch it off.
         fit: bounds that a fit keeps to, where they are tighter than the physical ones.
         trials: start values of a search if the effect's size does not determine this parameter.
         steps: the law is discontinuous in it, or it is a grid that is chosen: derivatives by it are useless, so it is

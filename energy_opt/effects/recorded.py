@@ -1,4 +1,4 @@
-"""Effects that follow what was before or what else was recorded: stores, holds, runs, signals, warm windings."""
+"""Effects that depend on the past or on further recorded signals: stores, holds, runs, signals, warm windings."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from energy_opt.effects.parameter import Kinks, Parameter
 from energy_opt.effects.stages import PowerEffect, SoakingEffect, StoreEffect
 from energy_opt.errors import BadInput
 
-ENDLESS = 1e9  # [J] a store of this size takes all negative power, as if that counted in full
+ENDLESS = 1e9  # [J] a store of this size accepts all negative power, as if all of it were used again
 SMALLEST = 0.1  # [J] a smaller store counts as none: regeneration that returns nothing
 HELD = (0.3, 0.6, 1.0, 2.0)  # [s] durations that are tried first
 EDGE = 0.02  # [s] half-width of the smoothed end of a hold
@@ -75,7 +75,7 @@ class DcLink(StoreEffect):
 
 
 class IdleHold(PowerEffect):
-    """`power` for `duration` s after a motion ends: the servo or the brakes take that long to let go."""
+    """`power` for `duration` s after a motion ends, until the servo stage switches off or the brakes engage."""
 
     name = "idle_hold"
     parameters = (
@@ -158,10 +158,10 @@ GAP = 3.0  # steps longer than this multiple of the usual one are gaps between r
 class WindingSelfHeating(SoakingEffect):
     """r_over_kt2 of a joint grows by the factor 1 + rate * theta; dtheta/dt = (c - theta) / time_constant.
 
-    c is the joint's copper loss [W] at the resistance of a cold winding, so that theta is what it has been of late. The
-    one-body thermal model of a motor: rate is the winding's temperature coefficient (0.0039 1/K of copper) times its
-    thermal resistance [K/W]. A set begins cold, and between its runs the arm holds its last pose. A plan is made with
-    cold windings: a move is short beside their time constant.
+    c is the joint's copper loss [W] at the resistance of a cold winding, so that theta is its recent mean with
+    exponential weights. The one-body thermal model of a motor: rate is the winding's temperature coefficient (0.0039
+    1/K of copper) times its thermal resistance [K/W]. A set begins cold, and between its runs the arm holds its last
+    pose. A plan is made with cold windings: a move is short beside their time constant.
     """
 
     name = "winding_self_heating"

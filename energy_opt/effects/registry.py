@@ -99,12 +99,12 @@ Kind = TypeVar("Kind", bound=type[Effect])
 
 
 def register(kind: Kind) -> Kind:
-    """Make an effect of one's own usable by name, in model files and everywhere else; serves as a decorator.
+    """Register your own effect, so that model files and options know its name; also usable as a decorator.
 
     An effect that was registered before from the same place is replaced.
 
     Raises:
-        BadInput: it is not an effect, its name is taken, or it lacks something; says what.
+        BadInput: it is not an effect, its name is taken, or a part is missing; the message names it.
     """
     _check(kind)
     held = BY_NAME.get(kind.name) or _added.get(kind.name)
@@ -133,7 +133,7 @@ def effect_class(name: str) -> type[Effect]:
     """The effect of that name.
 
     Raises:
-        BadInput: there is none; says which come near.
+        BadInput: there is none; the message proposes similar names.
     """
     kinds = known_effects()
     if not isinstance(name, str) or name not in kinds:

@@ -82,9 +82,9 @@ class WindingEffect(Effect):
 
 
 class SoakingEffect(WindingEffect):
-    """Multiplies heat by what the joints' own heat did before: its law runs over time.
+    """Multiplies heat by a factor that depends on the joints' earlier heat: its law runs over time.
 
-    Its last parameter says how long it remembers; the signal `heated` depends on that one alone.
+    Its last parameter is the time constant of this memory; the signal `heated` depends on this parameter only.
     """
 
     follows = ("heated",)
@@ -96,7 +96,7 @@ class SoakingEffect(WindingEffect):
 
 
 class DriveEffect(Effect):
-    """What becomes of the joints' drive power on its way to the bus."""
+    """Converts the joints' drive powers into the power drawn from the bus."""
 
     stage = "drive"
 
@@ -109,8 +109,8 @@ class DriveEffect(Effect):
 class StoreEffect(DriveEffect):
     """Keeps some of the drives' negative power and gives it back: its law runs over time.
 
-    `drawn` replaces it where the past is unknown: nothing comes back, so a plan's energy is never below the
-    truth. Where the motion is known in order, `supplied` is the law.
+    If the past is unknown, `drawn` is the law: nothing comes back, so a plan's energy is never below the true one. If
+    the powers are known in the order of time, `supplied` is the law.
     """
 
     follows = ("returned",)

@@ -25,9 +25,9 @@ SIGNS = {"rad/s^2": "rad/s²", "m/s^2": "m/s²"}
 
 @dataclass(frozen=True)
 class Assumption:
-    """One value: `what` it is, of which joint (None: of the whole arm), in `unit`, and where it comes from.
+    """One value: its quantity `what`, its joint (None: the whole arm), its unit and its source.
 
-    `source` is "urdf", "limits" (the user's file), "published" or "assumed"; `note` says it in words.
+    `source` is "urdf", "limits" (the user's file), "published" or "assumed"; `note` explains it in words.
     """
 
     what: str

@@ -47,7 +47,7 @@ DRY_RANGE, VISCOUS_RANGE = (0.01, 0.06), (0.02, 0.12)
 
 @dataclass(frozen=True)
 class Known:
-    """An effect with where its values come from; `note` says it in words."""
+    """An effect with the source of its values; `note` explains it in words."""
 
     effect: Effect
     source: Literal["published", "assumed"]
@@ -214,7 +214,7 @@ def model_of(word: str | PathLike[str], robot: Robot | str) -> PowerModel:
     """The model of a name, or of a model file.
 
     Raises:
-        BadInput: neither; says which names there are.
+        BadInput: neither; the message lists the known names.
     """
     if is_named(str(word)):
         return named_model(str(word), robot)

@@ -5,9 +5,9 @@
     p     = drawn(d) + sum of power effects
     P     = supply(p)                       at the meter, meter effects aside
 
-If friction `holds`, it bears the load of a joint at rest as far as it can, and the motor bears only the rest. Plans are
-made and judged this way: if friction were zero at v = 0, creeping would be cheaper than resting. This support changes
-only the heat. Friction never does work, and limits on effort apply to tau_m without it.
+If friction `holds`, it bears the load of a joint at rest as far as it can, and the motor bears only the rest. The
+planner and the judge use this rule: if friction were zero at v = 0, slow creeping would cost less than rest. This rule
+changes only the heat. Friction never does work, and limits on effort apply to tau_m without it.
 
 The file also computes signals of the past of a known motion (time since motion ended, power returned by a store), and
 the numeric values of the effects that change the rigid body.

@@ -1,4 +1,4 @@
-"""The weighted mean of several models' powers, for plans that hold under more than one model.
+"""The weighted mean of the powers of several models, for plans under more than one model.
 
 The members differ in values (draws from a covariance) or in effects (rivals). Payload and tilt are the first member's,
 so that the inverse dynamics are evaluated once. Weights are parameters, like all values.

@@ -129,7 +129,7 @@ class PowerModel:
         return PowerModel(self.robot, (*self.effects, *more))
 
     def __sub__(self, other: str | Effect | type[Effect]) -> PowerModel:
-        """The model less the effect of a name or class.
+        """The model without the effect of this name or class.
 
         Raises:
             BadInput: it has none of that name.
@@ -161,7 +161,7 @@ class PowerModel:
         return self
 
     def without(self, name: str) -> PowerModel:
-        """The model less the effect of that name and those that need it."""
+        """The model without the effect of that name and without the effects that need it."""
         return PowerModel(self.robot, tuple(e for e in self.effects if e.name != name and name not in e.needs))
 
     @property

@@ -18,8 +18,8 @@ class PerYear:
 
     Attributes:
         cycles_per_year: how often a year.
-        price: money for a kWh, in the user's currency; None where it does not matter.
-        co2: kg of carbon dioxide for a kWh; None where it does not matter.
+        price: price of one kWh, in the user's currency; None if not asked for.
+        co2: carbon dioxide of one kWh [kg]; None if not asked for.
     """
 
     cycles_per_year: float

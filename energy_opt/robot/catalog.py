@@ -78,7 +78,7 @@ def robot_named(name: str, folder: Path, allow_outside: bool = False) -> str:
     """The robot that a document in `folder` names: a name in the catalogue, or the path of a URDF.
 
     Raises:
-        BadInput: a URDF outside of the folder, which has to be allowed.
+        BadInput: the URDF lies outside of the folder, and `allow_outside` is False.
     """
     if not name or name in CATALOG:
         return name

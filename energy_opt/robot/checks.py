@@ -1,7 +1,7 @@
-"""Two checks of a description. Values that no plan can use are refused; doubtful ones are named.
+"""Checks of a description: unusable values are refused, doubtful values cause a warning.
 
-Are masses and inertias those of an arm? Which effort limits are real? A placeholder shows beside the others, and beside
-what gravity takes.
+Masses and inertias must be plausible for an arm. Effort limits are compared with each other
+and with the gravity torques, to find placeholders.
 """
 
 from __future__ import annotations

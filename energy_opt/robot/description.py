@@ -1,7 +1,7 @@
 """A robot's description, read once and strictly: links, masses, collision bodies and joints of a URDF as plain numbers.
 
-Everything that is known of an arm comes from here. Libraries get these numbers, never the file: they differ in what
-they take, and what one of them drops is lost in silence.
+All data of an arm come from this module. Libraries get these numbers and never the file, because they accept different
+elements and ignore others without a message.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ STRUCTURE = frozenset({"link", "joint", *LINK, *INERTIAL, *COLLISION, *SHAPES, *
 
 @dataclass(frozen=True)
 class Pose:
-    """Where a frame is in another: position [m], and roll, pitch, yaw [rad] about fixed axes."""
+    """Pose of a frame in another one: position [m], and roll, pitch, yaw [rad] about fixed axes."""
 
     xyz: Vector = (0.0, 0.0, 0.0)
     rpy: Vector = (0.0, 0.0, 0.0)
@@ -80,7 +80,7 @@ class JointPart:
     Attributes:
         kind: one of `KINDS`.
         axis: not yet of unit length.
-        bounds: what is stated of lower, upper, velocity, effort.
+        bounds: the stated ones of lower, upper, velocity and effort.
         mimic: joint that leads, multiplier and offset.
     """
 
@@ -96,7 +96,7 @@ class JointPart:
 
 @dataclass(frozen=True)
 class Description:
-    """A robot as its URDF says: a tree of links and joints by name, in the order of the file.
+    """A robot as its URDF describes it: a tree of links and joints by name, in the order of the file.
 
     Attributes:
         base: the link without a parent.
@@ -112,8 +112,8 @@ def read_description(path: Path) -> Description:
     """The description of a robot.
 
     Raises:
-        BadInput: not a tree of links and joints with finite numbers, or something in it would not count; names link or
-            joint, and attribute, and what would be right.
+        BadInput: not a tree of links and joints with finite numbers, or an element would be ignored. The message names
+            the link or joint, the attribute, and a correct form.
     """
     path = Path(path)
     root = read_robot_xml(path)
@@ -288,7 +288,7 @@ def _base(path: Path, links: dict[str, LinkPart], joints: dict[str, JointPart]) 
 
 
 def urdf_text(description: Description, meshes: Mapping[str, Path]) -> str:
-    """The text of the description's file; `meshes` says where the file of each mesh lies, as far as that is known."""
+    """The text of the description's file; `meshes` has the path of each mesh's file, if it is known."""
     root = read_robot_xml(description.path)
     for mesh in root.iter("mesh"):
         name = mesh.get("filename", "").strip()

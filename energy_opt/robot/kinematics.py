@@ -1,4 +1,4 @@
-"""An arm as plain numbers: its links, how joints follow others, and the frames of links at many configurations at once.
+"""An arm as plain numbers: links, laws of followers (mimic joints), and frames of links at many configurations.
 
 With q the positions of the n independent joints, the positions of all L joints are G q + g. G has a row for each joint:
 a unit row for an independent joint, and the ratio in the leader's column for a follower. Velocities and accelerations
@@ -51,14 +51,14 @@ class Link:
 
     Attributes:
         name: the joint's name.
-        prismatic: slides along `axis` where True, else turns about it.
+        prismatic: True if it slides along `axis`, False if it turns about it.
         continuous: a revolute joint without an end.
         parent: index of the parent link, -1 for the base.
         placement: (4, 4) pose of the joint's frame in the parent's at q = 0.
         axis: (3,) unit vector in the joint's frame.
         mass, lever, inertia: kg, (3,) m to the centre of mass, (3, 3) kg m^2 about the centre of mass.
         armature: reflected rotor inertia, kg m^2 (0 unless the model states it).
-        follows: the joint that moves by itself and takes this one along; None where this one is such a joint.
+        follows: law of a follower (mimic joint); None for an independent joint.
     """
 
     name: str
@@ -115,7 +115,7 @@ def pseudo_inertia(mass: float, lever: np.ndarray, inertia: np.ndarray) -> np.nd
 
 
 def outermost(links: Sequence[Link]) -> int:
-    """Index of the link with most joints between it and the base, the last of several: what "the last joint" means.
+    """Index of the link with most joints between it and the base, the last of several: this is "the last joint".
 
     On a chain it is the last one; rods of a linkage besides the chain are not chosen.
     """

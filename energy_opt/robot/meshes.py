@@ -1,4 +1,4 @@
-"""Where the meshes of a description's collision bodies lie on this machine: package:// and model:// paths resolved."""
+"""Finds the mesh files of a description's collision bodies on this machine; resolves package:// and model:// paths."""
 
 from __future__ import annotations
 

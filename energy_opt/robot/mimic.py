@@ -1,6 +1,4 @@
-"""Joints that follow others by a URDF's mimic elements: which they are, and how their limits tighten their leaders'
-limits.
-"""
+"""Followers: joints with a mimic element in the URDF. Their limits tighten the limits of their leaders."""
 
 from __future__ import annotations
 

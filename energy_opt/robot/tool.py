@@ -27,7 +27,7 @@ class Tool:
 
 
 def tool_of(body: RigidBody, words: str | None = None) -> Tool:
-    """The tool that FRAME[,X,Y,Z[,R,P,Y]] describes: a joint's or link's frame, and origin and turn there [m, rad].
+    """The tool from FRAME[,X,Y,Z[,R,P,Y]]: frame of a joint or link, and origin [m] and rotation [rad] in it.
 
     The last joint's frame by default.
 

@@ -1,8 +1,7 @@
 """CasADi functions of one point evaluated over many points at once, straight from and into NumPy memory.
 
-A function that is not compiled is built once over a block of points and shared by all who want it; it has no memory of
-its own. The memory, a batch's arrays, belongs to the one who made the batch: two batches of one function, in two
-threads too, never meet.
+A function that is not compiled is built once over a block of points and is shared; it has no memory of its own. Each
+batch owns its arrays. So two batches of one function do not disturb each other, also in two threads.
 """
 
 from __future__ import annotations

@@ -12,9 +12,9 @@ PATIENCE = 3  # rounds without progress before exchanging one unknown at a time
 def bounded_step(hessian: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """min 1/2 x^T H x - g^T x with low <= x <= high (low <= 0 <= high), by block pivoting.
 
-    All unknowns that break a bound are fixed there, and all fixed ones whose multiplier has the wrong sign are freed,
-    at once, as long as their number falls from time to time; else one at a time, which always ends (Murty's rule;
-    Portugal, Judice and Vicente, Math. Comp. 63, 1994). Unknowns without bounds are eliminated first.
+    In each round, all unknowns that break a bound are fixed there, and all fixed ones whose multiplier has the wrong
+    sign are freed. If their number does not fall for some rounds, one unknown at a time is exchanged, which always ends
+    (Murty's rule; Portugal, Judice and Vicente, Math. Comp. 63, 1994). Unknowns without bounds are eliminated first.
     """
     x = np.zeros(len(gradient))
     bound = np.flatnonzero(np.isfinite(low) | np.isfinite(high))

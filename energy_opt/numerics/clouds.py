@@ -1,4 +1,4 @@
-"""Sets of points in space: which of their points lie lowest along directions, for many sets and directions at once.
+"""Sets of points in space: finds the lowest points along directions, for many sets and directions at once.
 
 Compiled (`clouds.c`) where there is a C compiler, else in NumPy.
 """
@@ -35,7 +35,7 @@ class Clouds:
         return np.asarray(self._columns.T[self._first[which] + vertex])
 
     def lowest(self, which: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Of sets (M,) the point that goes least along directions (M, 3), by its number, and how far it goes."""
+        """For sets (M,), the index (M,) of the lowest point along directions (M, 3), and its coordinate (M,) there."""
         vertex, height, c = np.zeros(len(which), dtype=np.int64), np.zeros(len(which)), native.library()
         if c is None:
             for one, some in _groups(which):

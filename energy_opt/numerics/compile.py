@@ -107,7 +107,7 @@ def compiled(
 
     Args:
         policy: "always" builds now, "never" keeps CasADi's virtual machine, "auto" as the module says.
-        batch: many moves are coming; then "auto" builds now.
+        batch: True if many moves follow; then "auto" builds now.
 
     Raises:
         BadInput: an unknown policy, or "always" without a compiler.

@@ -30,7 +30,7 @@ CPU_LINES = ("vendor_id", "cpu family", "model", "flags", "CPU implementer", "CP
 
 
 class Unusable(Exception):
-    """No cache, or no library in it; says why in one line."""
+    """There is no usable cache, or no library in it; the message states why in one line."""
 
 
 @lru_cache(maxsize=1)

@@ -1,1 +1,1 @@
-"""What each verb can be asked: one dataclass a verb, from which command line, Python and JSON documents are derived."""
+"""Requests: one dataclass for each verb. The command line, Python and JSON documents are derived from it."""

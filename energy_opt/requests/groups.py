@@ -76,7 +76,7 @@ class RobotGroup(Request):
         super().__post_init__()
 
     def document(self) -> dict[str, Any]:
-        """As every request, with locked joints by name."""
+        """See `Request.document`; locked joints by name."""
         return super().document() | ({"lock": self.locked} if self.lock else {})
 
     @property
@@ -116,10 +116,9 @@ class RobustGroup(Request):
     )  # fmt: skip
 
     def document(self) -> dict[str, Any]:
-        """As every request, with `model`, its name, and where several are planned under, all under `robust`.
+        """See `Request.document`; several models are in `robust`.
 
-        Only models that are documents with their names are written so; the first is the one that results are stated
-        under.
+        `model` is the name of the first model, under which results are stated. Only named documents are written so.
         """
         found, models = super().document(), getattr(self, "model", None)
         if not models or not all(isinstance(model, Mapping) for model in models):
@@ -131,7 +130,7 @@ class RobustGroup(Request):
 
     @classmethod
     def read(cls, given: dict[str, Any]) -> dict[str, Any]:
-        """The same read back: all models are `model`, and `robust` is the kind."""
+        """The inverse of `document`: `model` holds all models, and `robust` is the kind."""
         given = super().read(given)
         name, robust = given.pop("model_name", None), given.get("robust")
         if isinstance(robust, Mapping):
@@ -337,7 +336,7 @@ class WorthGroup(Request):
 
     @property
     def worth(self) -> PerYear | None:
-        """What is asked for; None where nothing is."""
+        """The values of `--cycles-per-year`, `--price` and `--co2`; None if none is given."""
         from energy_opt.power.per_year import per_year_of
 
         return per_year_of(self.cycles_per_year, self.price, self.co2)

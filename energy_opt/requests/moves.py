@@ -50,7 +50,7 @@ class MoveRequest(
     )
 
     def document(self) -> dict[str, Any]:
-        """As every request; several goals are `goals`."""
+        """See `Request.document`; several goals are written as `goals`."""
         found = super().document()
         if isinstance(self.goal, Mapping) and "any_of" in self.goal:
             found |= {"goal": None, "goals": found["goal"]["any_of"]}

@@ -27,7 +27,7 @@ RENAMED = {"locked": "lock", "ways": "initial_paths"}  # names of fields in earl
 
 @dataclass(frozen=True)
 class Option:
-    """How a field is explained, spelled on the command line and checked.
+    """Help text, spelling on the command line, and type of a field.
 
     Attributes:
         help: one sentence, with the unit and the default.
@@ -83,10 +83,10 @@ def flag_of(name: str, spelled: Option) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """What is asked of a verb; a value, checked field by field.
+    """The request to a verb: an immutable value whose fields are checked.
 
     Attributes:
-        stopped: asked now and then while the verb works; True ends the work with the best known so far.
+        stopped: called from time to time while the verb works; True ends the work with the best result so far.
     """
 
     verb: ClassVar[str] = ""
@@ -101,7 +101,7 @@ class Request:
                 object.__setattr__(self, name, _checked(flag_of(name, spelled), spelled, value))
 
     def document(self) -> dict[str, Any]:
-        """The request written down: fields that are not as usual, and those in `always`; values of JSON."""
+        """The request as JSON values: the fields that differ from their defaults, and those in `always`."""
         out: dict[str, Any] = {"verb": self.verb}
         for name, (declared, spelled) in options_of(type(self)).items():
             if not spelled.written:
@@ -117,7 +117,7 @@ class Request:
         """The request that a document describes.
 
         Raises:
-            BadInput: an unknown key, or a value of another kind; says which.
+            BadInput: an unknown key, or a value of another type; the message names it.
         """
         given = {key: value for key, value in document.items() if key not in (*STAMP, *NESTED)}
         for table in NESTED:
@@ -135,7 +135,7 @@ class Request:
 
     @classmethod
     def read(cls, given: dict[str, Any]) -> dict[str, Any]:
-        """The keys of a document as fields; verbs whose documents say more than their fields change this."""
+        """The keys of a document as fields. Requests whose documents differ from their fields override this."""
         return given
 
     @classmethod

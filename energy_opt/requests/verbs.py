@@ -98,7 +98,7 @@ class DiagnoseRequest(PlannedCellGroup, SeedGroup, PayloadGroup, RobotGroup):
 
 @dataclass(frozen=True)
 class ImportRequest(RobotGroup):
-    """Logs as labs have them to a measured set."""
+    """Convert a lab's logs to a measured set."""
 
     verb: ClassVar[str] = "import"
 
@@ -159,7 +159,7 @@ class SimulateRequest(CellGroup, SeedGroup, PayloadGroup, PrefixGroup, RobotGrou
 
 @dataclass(frozen=True)
 class EvaluateRequest(CellGroup, SeedGroup, WriteGroup, PayloadGroup, PrefixGroup, RobotGroup):
-    """Motions as they are: energy under models, limits, clearance, baselines."""
+    """Given motions: energy under models, limits, clearance, baselines."""
 
     verb: ClassVar[str] = "evaluate"
     always: ClassVar[tuple[str, ...]] = ("files", "robot", "payload", "limits")
@@ -174,7 +174,7 @@ class EvaluateRequest(CellGroup, SeedGroup, WriteGroup, PayloadGroup, PrefixGrou
     )
 
     def document(self) -> dict[str, Any]:
-        """As every request; models are `models`."""
+        """See `Request.document`; the models are written as `models`."""
         found = super().document()
         return found | {"models": found.pop("model", [])}
 
@@ -207,7 +207,7 @@ class PassportRequest(Request):
 
     @classmethod
     def read(cls, given: dict[str, Any]) -> dict[str, Any]:
-        """Without `contents`, what the files held."""
+        """The inverse of `document`; `contents` (the text of the files) is left out."""
         return {key: value for key, value in given.items() if key != "contents"}
 
 
@@ -246,7 +246,7 @@ class EffectsRequest(Request):
 
 @dataclass(frozen=True)
 class RunRequest(Request):
-    """Repeats a request that was written down."""
+    """Repeats a request from a file."""
 
     verb: ClassVar[str] = "run"
 

@@ -16,8 +16,8 @@ from energy_opt.diagnosis.search import FREE_ODDS, Search, buildable, moved, roo
 from energy_opt.effects import StoreEffect
 from energy_opt.power import PowerModel
 
-CLAIM = 7.0  # log odds from which an effect is claimed: a thousand to one
-DETAIL = 0.01  # share of the largest log odds, added to CLAIM: a form that errs by 10 % explains 1 % of its evidence
+CLAIM = 7.0  # least log odds for claiming an effect: a thousand to one
+DETAIL = 0.01  # share of the largest log odds, added to CLAIM: a law with an error of 10 % leaves 1 % of its evidence
 RIVAL = 3.0  # log odds within which another set explains the data equally well: twenty to one
 TURNS = 3
 SURE = 2.0  # standard deviations added to a time constant to get the longest plausible one
@@ -54,9 +54,9 @@ def alike(a: Noise, b: Noise) -> bool:
 
 
 def claimed(found: Search, best: Fit) -> tuple[Fit, tuple[Claim, ...]]:
-    """The hypothesis without its uncertain effects, removed from the least sure on, and the remaining claims.
+    """The hypothesis without its uncertain effects (the least certain is removed first), and the remaining claims.
 
-    No law holds in every detail; beside one that is very sure, what it lacks must not be taken for another effect.
+    No law holds in every detail. So the error of a very certain effect must not be claimed as another effect.
     """
     while True:
         claims = []
@@ -85,7 +85,7 @@ def is_a_step(f: Fit, claim: Claim) -> bool:
 
 
 def is_a_line(f: Fit, claim: Claim) -> bool:
-    """True if the claim is a change of level whose time constant may exceed the set's duration, as a meter's drift."""
+    """True if the claim is a change of level whose time constant may exceed the set's duration: meter drift."""
     k = next(k for k, name in enumerate(f.names) if name not in claim.without.names)
     effect, samples = f.model.get(f.names[k]), f.world.samples
     if effect is None or not (effect.drifts and effect.overhead):
@@ -96,9 +96,9 @@ def is_a_line(f: Fit, claim: Claim) -> bool:
 
 
 def is_beyond_bounds(f: Fit, claim: Claim) -> bool:
-    """True if the data ask for a number of the claimed effect beyond its bound, as for a negative resistance.
+    """True if the best value of a parameter of the claimed effect is beyond its bound, e.g. a negative resistance.
 
-    Another law rules then: to leave the bound, the number's log likelihood would gain more than `RIVAL`.
+    Another law is then the cause. The test: beyond the bound, the log likelihood would be larger by more than `RIVAL`.
     """
     k = next(k for k, name in enumerate(f.names) if name not in claim.without.names)
     if not _at_bounds(f.charts[k], f.numbers[k]).any():
@@ -182,7 +182,7 @@ def shaped_otherwise(found: Search, f: Fit) -> int | None:
 
 
 def trifling(found: Search, named: Fit, best: Fit) -> bool:
-    """True if free functions remove little compared with effects: they are smoothing errors then, not structure."""
+    """True if free functions explain little compared with the effects. They then represent smoothing errors."""
     if not best.free or not named.charts:
         return False
     start = root(found.world, best.nuisance)
@@ -191,12 +191,12 @@ def trifling(found: Search, named: Fit, best: Fit) -> bool:
 
 
 def other_drives(found: Search, f: Fit) -> list[Fit]:
-    """Every other law of what becomes of negative power, for the one that there is and alone in place of all.
+    """Fits with each other law of negative power: in place of the present one, and as the only effect.
 
-    Stores are no straight step away, and what is beside the wrong law may only make up for it. Readings bend in a
-    store's size, so its fit starts at the likeliest of many, also that of a store that there is: its size may be that
-    of a local optimum. Alone, a law starts at the URDF's links, as links that were fitted without it make up for it,
-    too.
+    The search does not reach these fits by single steps, because other effects may compensate for a wrong law. The
+    readings are nonlinear in the size of a store. So the fit starts at the likeliest of many sizes, also for a store
+    of the present fit, whose size may be a local optimum. The law alone starts with the URDF's links, because links
+    that were fitted without it also compensate for it.
     """
     at = next((k for k, c in enumerate(f.charts) if c.term.kind.stage == "drive"), None)
     if at is None or f.charts[at].term.declared:
@@ -265,7 +265,7 @@ def alternatives(found: Search, accepted: Fit, reach: float) -> tuple[Fit, ...]:
 
 
 def instead_of_links(found: Search, start: Fit) -> list[Fit]:
-    """Fits of single effects that are as likely as deviating links, e.g. a payload for a heavier link."""
+    """Fits of single effects that are as likely as deviating links, e.g. a payload in place of a heavier link."""
     bank = found.bank(start)
     here = found.whole(bank)
     value = bank.weigh(here).value

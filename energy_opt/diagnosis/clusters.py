@@ -19,7 +19,7 @@ POINTS = 24  # points of a run's path at which motions are compared
 SAME = 0.05  # [rad] runs whose paths differ by less at all points are repeats of one motion
 PACE = 0.1  # relative difference of durations up to which runs are repeats
 SHARE = 0.25  # share of the motions of each kind that is held out
-DRAWS = 100  # random draws of the motions to hold out
+DRAWS = 100  # number of random selections of held-out motions
 FEWEST = 3  # least motions of a kind for holding one out
 BY_TIME = 4  # pieces into which a recording without standstills is cut
 KNOTS, MOST_KNOTS = 0.3, 40  # [s] distance of the knots of a motion's discrepancy function; most knots
@@ -49,9 +49,10 @@ def clusters(samples: Samples) -> list[list[int]]:
 def split(samples: Samples, seed: int = 0) -> tuple[list[int], list[int]]:
     """Indices of training and holdout runs; repeats of a motion stay together.
 
-    Of `DRAWS` drawings the one is taken whose motions resemble all of their kind most, by the means of every joint's
-    speed, torque squared, and power given and taken: what is held out can then tell of the same effects as the rest.
-    Neither the order of the log nor the files' names matter. A kind with fewer than `FEWEST` motions is not split.
+    Of `DRAWS` random selections, the one is used whose motions resemble all motions of their kind most, by the means of
+    every joint's speed, squared torque, and positive and negative power. So the held-out motions excite the same
+    effects as the others. The order of the log and the names of the files have no influence. A kind with fewer than
+    `FEWEST` motions is not split.
     """
     rng = np.random.default_rng(seed)
     torque = samples.body.torque(samples.q, samples.v, samples.a)

@@ -1,4 +1,4 @@
-"""A diagnosis: a measured set and a declared model in; verdict, effects, calibrated model and errors out."""
+"""Diagnosis of a measured set: from the set and a declared model to verdict, effects, calibrated model and errors."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def diagnose(
         stopped: called during the search; True ends it: the result is "interrupted" and has no verdict.
 
     Raises:
-        BadInput: the model does not fit the robot, or the set is too small to say anything.
+        BadInput: the model does not fit the robot, or the set has too few readings for a diagnosis.
     """
     declared.check(measured.robot.n)
     if measured.payload is not None and declared.get(Payload.name) is None:
@@ -108,7 +108,7 @@ def diagnose(
     before = {"train": errors(declared, samples, train), "holdout": errors(declared, samples, holdout)}
     after = {"train": errors(model, samples, train), "holdout": errors(model, samples, holdout)}
     effects, left = findings_of(found), _attributions(found, joints)
-    # where more than noise is left, it may be in errors of energy, in levels and in the noise that was found
+    # if the residual is more than noise, it may affect errors of energy, levels and the estimated noise
     noise = None if found.verdict in ("partly", "unexplained") else found.noise
     best, drift = found.best, drift_of(found.best, samples, centred=True)
     offset = float(np.hypot(best.nuisance.offset, best.nuisance.drift))

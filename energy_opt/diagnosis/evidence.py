@@ -156,10 +156,10 @@ class Bank:
         return worth + odds + value + determinant - float(np.log(np.diag(lower)).sum()), x
 
     def glance(self, chosen: Subset) -> float:
-        """Quick log evidence of a set, to compare many: under the nuisance that is likeliest for the fit itself.
+        """Quick log evidence of a set, for comparing many: under the nuisance that is likeliest for the fit itself.
 
-        Or, if larger, with the same link spread and the least meter drift: the fit without an effect may take it for a
-        drift of the meter.
+        If it is larger, the value with the same link spread and the least meter drift is used: a fit without an effect
+        may explain the effect by a drift of the meter.
         """
         if chosen not in self.glanced:
             first = self.likely[0]
@@ -234,9 +234,10 @@ def foresight(f: Fit, held: Samples, noise: Noise) -> list[tuple[np.ndarray, np.
 
 
 def noise_of(f: Fit) -> Noise:
-    """The noise under which a fit's residual is likeliest, its numbers integrated out (empirical Bayes).
+    """The noise with the largest evidence for a fit's residual (empirical Bayes); its parameters are integrated out.
 
-    First the wave and its memory are found with the old discrepancy, then the discrepancy.
+
+    First the correlated noise is found with the old discrepancy, then the discrepancy.
     """
     s, count = f.world.samples, len(f.residual)
     times = [s.at[p] for p in s.parts]

@@ -294,7 +294,7 @@ def pushes(side: JointSide, measured: MeasuredSet) -> list[Push]:
 
 
 def _led(side: JointSide, limits: Limits) -> tuple[int, float] | None:
-    """A joint whose fitted friction is negative, and by how much [N m]: a hand that guides the arm does its work."""
+    """A joint whose fitted friction is negative, and by how much [N m]: a hand that guides the arm causes this."""
     for j in np.flatnonzero(side.known):
         friction, deviation = side.friction(int(j), float(side.usual[j]))
         if friction + SURELY * deviation < -LED * limits.effort[j]:

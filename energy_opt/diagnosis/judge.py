@@ -26,7 +26,8 @@ class Judge:
     """The error of fits on the motions held out; without any, on training motions left out one by one.
 
     Attributes:
-        held: runs never fitted. noise, most: of the meter at standstill, the likeliest and the largest plausible one.
+        held: runs never fitted. noise, most: of the meter at standstill, the likeliest one and the largest plausible
+            one.
         drifts: the likeliest fit, whose levels show how far the meter drifts.
     """
 
@@ -62,7 +63,8 @@ class Judge:
     def expected(self, more: Fit, claim: Claim, less: Fit) -> float:
         """Expected sum of `gains` if the law of a claim holds.
 
-        Half of the squares by which both fits' predictions differ, beside what the numbers of `less` leave open.
+        Half of the squared difference of both fits' predictions, weighted by the uncertainty of the parameters of
+        `less`.
         """
         if self.held is None:
             return claim.odds
@@ -108,8 +110,8 @@ def contradicted(gains: Sequence[float]) -> bool:
 def left_out(f: Fit) -> np.ndarray:
     """Logarithm (C,) of the density that the other runs foresee for the readings of each cluster of runs.
 
-    The fit is repeated without the cluster, around the same linearisation. What its numbers leave open counts: an error
-    that they allow for is none.
+    The fit is repeated without the cluster, around the same linearisation. The density includes the uncertainty of the
+    parameters, so an error within this uncertainty is no evidence against the fit.
     """
     return np.array([density(white - own @ step, own, before) for white, own, before, step in _without_clusters(f)])
 
@@ -117,8 +119,7 @@ def left_out(f: Fit) -> np.ndarray:
 def scattered(f: Fit) -> Fit:
     """The fit with the covariance of `jackknifed` over clusters of runs.
 
-    Readings of a motion share the errors of a law that does not hold in detail: beside these, the noise alone
-    understates by how much the numbers may be off.
+    All readings of a motion share the error of an inexact law. So a covariance from the noise alone is too small.
     """
     steps = np.array([step for *_, step in _without_clusters(f)])
     return replace(f, spread=jackknifed(f.covariance, f.precision, steps))

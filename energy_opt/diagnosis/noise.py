@@ -117,11 +117,12 @@ MISFITS = (0.0, 0.3, 0.7, 1.5, 3.0, 6.0, 12.0)  # grid of the misfit over the wh
 
 
 def standing_noise(*sets: Samples) -> tuple[Noise, Noise]:
-    """The meter's noise at rest, each stretch's own mean taken out: the likeliest, and as much as may be.
+    """The meter's noise at rest: the likeliest one, and the largest plausible one.
 
-    A stretch begins `SETTLED` after the arm stopped, where some are that long, and ends where the power jumps or a
-    logged signal switches: brakes that fall and fans that switch are no noise with memory. The second has a larger
-    wave, so that the whole is one standard deviation more: some standstills tell little of noise with a long memory.
+    It is estimated from intervals at rest, each without its mean. An interval begins `SETTLED` after the arm stopped
+    (if some standstills are long enough). It ends where the power jumps or a logged signal switches, because brakes
+    and fans are not noise. The largest plausible noise has more correlated noise, so that its total is one standard
+    deviation higher: a few standstills determine noise with a long memory only roughly.
     """
     single = sets[0].noise
     stretches = [x for samples in sets for x in _standing(samples, SETTLED)]

@@ -66,7 +66,7 @@ def goes_with(f: Fit, free: Sequence[Free], joints: Sequence[str]) -> list[Attri
 
 
 def wandering(f: Fit) -> bool:
-    """True if the runs' levels differ by more than a meter drifts."""
+    """True if the levels of the runs differ by more than the drift of a meter."""
     apart = float(np.ptp(f.levels))
     return apart > LEVELS * (f.world.scale.level + STEADY) and apart > 6 * float(np.median(f.level_deviations))
 

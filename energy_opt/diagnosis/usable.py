@@ -1,8 +1,8 @@
 """Fitness of a model for planning: how well it predicts the difference of energy between two motions.
 
-Motions between the same ends in the same time T are compared: evenly through the whole of it, or `SLOWER` times as
-fast, then waiting. Let d_c [J] be this difference under the model for the set's distinct motion c. The error is stated
-relative to rms(d),
+Motions between the same ends in the same time T are compared: one takes all of T, the other is `SLOWER` times as fast
+and then waits. Let d_c [J] be the difference of their energies under the model, for distinct motion c of the set. The
+error is stated relative to rms(d),
 
     sqrt(2 e^2 + h + a) / rms(d)
 
@@ -34,7 +34,7 @@ STATED = 0.7  # share of further motions whose error does not exceed the stated 
 SURE = 2.0  # standard deviations above the noise from which energy errors are more than noise
 OPEN = ("coulomb_friction", "viscous_friction", "copper_loss")  # effects that may hide below the noise
 DIFFERENCE = 20.0  # [%] largest error of the energy difference of two motions for a model that can plan
-# a torque that follows the position alone takes the same work between the same ends; a meter's drift follows the time
+# a torque that depends on position alone does the same work between the same ends; a meter's drift depends on time
 HARMLESS = ("position", "time")
 
 
@@ -45,7 +45,7 @@ class Foreseen:
     Attributes:
         percent: the error of a difference over the difference, %; None where the set has no motion.
         motions: how many distinct ones the set has.
-        reason: why nothing can be said of other motions, "" where something can.
+        reason: why no statement about other motions is possible; "" if one is possible.
     """
 
     percent: float | None

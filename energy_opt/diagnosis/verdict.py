@@ -1,7 +1,7 @@
 """From samples and a declared model to a verdict: which effects, which alternatives, judged on motions held out.
 
-The search finds likely effects; motions that were never fitted decide. A claim must lower the error there. `explained`
-and `nothing_missing` ask for an error of the noise's own size there, in motion and at rest.
+The search finds likely effects. Then the error on held-out motions, which were never fitted, decides: a claim must
+lower it. For `explained` and `nothing_missing` it must be no larger than the noise, in motion and at rest.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ from energy_opt.robot import Limits
 
 log = logging.getLogger(__name__)
 
-NO_CLAIM = (is_a_step, is_a_line, is_beyond_bounds)  # an effect for which one of these holds is not claimed
+NO_CLAIM = (is_a_step, is_a_line, is_beyond_bounds)  # an effect is not claimed if one of these is true
 ALIKE = 1.1  # factor on the held-out error within which a set predicts equally well
 BESIDE = 0.3  # share of the explained log odds that a claimed effect must have if more than noise is left
 NOISE = 1.2  # factor on the noise below which a model's held-out error counts as noise
@@ -70,8 +70,8 @@ class Inference:
         accepted: its claimed part. claims: of its effects, in order. rivals: sets that explain as well, the
             accepted one first. noise, still: of the readings, in the fit and at standstill.
         before, after: errors of the declared model and of the one that is written, on motions held out.
-        links: True where the URDF's links are the cause that is claimed.
-        idle: joints (indices) that never move. follows: False where power does not go with the motion.
+        links: True if deviating links are claimed as the cause.
+        idle: joints (indices) that never move. follows: False if the power does not depend on the motion.
         verdict: as in diagnosis.json; "" where the search was stopped before it had one.
         blind: True if no cause was sought. unknown: True if a law that the library lacks may rule beside the claims.
         misspecified: True if one surely rules: effects imitated it, or more is left in motion than any noise.
@@ -175,15 +175,15 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
     rivals: tuple[Fit, ...] = (accepted,)
     odd = bool(claims and structures(found, accepted)) or any(g.signal != "time" for g in accepted.free)
     unknown = odd or bool(accepted.free) or judge.of(accepted).ratio >= NOISE
-    imitated = found.score(sure) - found.score(accepted) > CLAIM  # sure by motions fitted, not borne out by others
-    loud = judge.under_most_noise().of(accepted)  # noise that is louder than it was known is so at rest, too
+    imitated = found.score(sure) - found.score(accepted) > CLAIM  # not confirmed by held-out motions
+    loud = judge.under_most_noise().of(accepted)  # if the noise is larger than estimated, it is larger at rest, too
     misfit = loud.motion / loud.noise_motion >= NOISE * max(1.0, loud.rest / loud.noise_rest)
     misspecified = odd or imitated or misfit
     if accepted.free:
         accepted = plain_fit(found, accepted)
         claims = tuple(Claim(c.odds, plain_fit(found, c.without)) for c in claims)
     if claims:
-        rivals = alternatives(found, accepted, 2 * RIVAL)  # motions held out may make a less likely set likelier
+        rivals = alternatives(found, accepted, 2 * RIVAL)  # held-out motions may change the likeliest set
         best = max((best, *rivals), key=found.score)
     start = root(found.world, best.nuisance)
     if claims:
@@ -268,9 +268,9 @@ def _links_are_off(found: Search, judge: Judge, start: Fit, declared: Quality) -
 
 
 def _as_good(found: Search, judge: Judge, accepted: Fit) -> tuple[Fit, ...]:
-    """If some law is not in the library: all sets that predict held-out motions as well, by prior odds, highest first.
+    """If a law is not in the library: all sets that predict held-out motions as well, highest prior odds first.
 
-    Evidence compares laws in detail, and here no law holds in detail.
+    Evidence compares the details of laws. It decides nothing here, because no law holds in detail.
     """
     most = ALIKE * judge.of(accepted).rmse
     rivals = [f for f in alternatives(found, accepted, np.inf) if f is accepted or judge.of(f).rmse <= most]
@@ -278,9 +278,9 @@ def _as_good(found: Search, judge: Judge, accepted: Fit) -> tuple[Fit, ...]:
 
 
 def _in_all(found: Search, judge: Judge, rivals: tuple[Fit, ...]) -> tuple[Fit, tuple[Claim, ...]]:
-    """The claims that all of several sets share which predict as well beside an unknown law, where they hold alone.
+    """The claims that all equally good sets contain and that hold alone; used if an unknown law is present.
 
-    In the place in which the sets differ the unknown law may stand for any of them, and for none.
+    If the sets differ in an effect, this effect may only imitate the unknown law.
     """
     shared = set.intersection(*(set(f.names) for f in rivals))
     return _borne_out(found, judge, *claimed(found, only(found, rivals[0], shared)), shaped=False)
@@ -303,11 +303,13 @@ def _borne_out(
 ) -> tuple[Fit, tuple[Claim, ...]]:
     """Keep the claims that held-out motions support: each lowers the error there.
 
-    If more than noise is left, several effects may imitate an unknown law. Then each must explain a good part, and all
-    together most of the excess over the largest plausible noise, whichever motion is left out.
+    If the error is larger than the noise, several effects may imitate an unknown law. Then each claim must explain a
+    good part, and all together most of the excess over the largest plausible noise. This must also hold if any single
+    motion is left out.
 
     Args:
-        shaped: True if effects must have the library's shape. Beside an unknown law no rival's shape is right.
+        shaped: True if the effects must have the form of the library's laws. If an unknown law is present, no rival's
+            form is exact.
     """
     moving = sum(accepted.world.samples.kinds[g[0]] == "motion" for g in clusters(accepted.world.samples))
     blind = judge.held is None and moving < FEWEST  # too few motions to leave one out

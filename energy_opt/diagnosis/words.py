@@ -175,7 +175,7 @@ def _borrowed(f: Fit, joints: Sequence[str]) -> list[str]:
 
 
 def speeds_seen(found: Inference, joints: Sequence[str]) -> list[str]:
-    """If friction laws cannot be separated: their sum at the usual speed, which the data determine."""
+    """Sum of the friction laws at the usual speed, which the data determine even if the laws cannot be separated."""
     f = found.accepted
     names = set().union(*(set(r.names) for r in found.rivals))
     if (

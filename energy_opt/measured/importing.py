@@ -214,7 +214,7 @@ def _kinds(document: dict[str, Any], runs: Sequence[Run], words: list[str]) -> N
 
 
 def _at_home(fault: str, folder: Path, tables: Sequence[Table]) -> str:
-    """A fault of a copied file, with the path of the original."""
+    """A fault of a copied file, in the name of the original file."""
     for table in tables:
         fault = fault.replace(str(folder / table.path.name), str(table.path))
     return fault.replace(str(folder / NAME), "import")

@@ -13,11 +13,11 @@ COARSEST = 1.0  # [s] largest step of a motion; with a larger one, the stamps' u
 FINEST = 1e-5  # [s] least plausible step
 FASTER = 5.0  # multiple of a velocity limit that no joint reaches from one sample to the next and back
 JUMP = 0.05  # [rad, m] least change between two samples that may be a damaged row; noise of encoders is far below
-LEAP = 0.5  # [rad, m] the same for a position that stays where it jumped to
+LEAP = 0.5  # [rad, m] the same for a position that stays at the new value
 
 
 def spikes(time: np.ndarray, position: np.ndarray, robot: Robot) -> np.ndarray:
-    """Mask (N,) of single samples of which a position is far from both neighbours, which are near each other."""
+    """Mask (N,) of single samples whose position is far from both neighbours, which are near each other."""
     out = np.zeros(len(time), dtype=bool)
     step = np.maximum(np.diff(time), np.ptp(time) / (len(time) - 1))[:, None]  # stamps may repeat
     change, most = np.diff(position, axis=0), np.maximum(JUMP, FASTER * robot.limits.velocity * step)
@@ -28,9 +28,9 @@ def spikes(time: np.ndarray, position: np.ndarray, robot: Robot) -> np.ndarray:
 
 
 def leaps(time: np.ndarray, position: np.ndarray, robot: Robot) -> np.ndarray:
-    """Indices (K,) of samples after which a position (N, n) is elsewhere at once, faster than any joint; few if any.
+    """Indices (K,) of samples after which a position (N, n) jumps, faster than any joint can move.
 
-    Many of them are no jumps of single samples: `step_fault` then names the unit of the stamps.
+    Empty if there are many: then the unit of the stamps is wrong, which `step_fault` reports.
     """
     step = np.maximum(np.diff(time), np.ptp(time) / (len(time) - 1))[:, None]
     far = np.abs(np.diff(position, axis=0)) > np.maximum(LEAP, TOO_FAST * robot.limits.velocity * step)

@@ -28,7 +28,7 @@ TICKS = 0.3  # share of samples with an unchanged counter above which only its s
 
 @dataclass(frozen=True)
 class Readings:
-    """Readings (M,) [W], their stamps (M,) as the file counts them [s], how far back each mean reaches (M,) [s]."""
+    """Readings (M,) [W], stamps (M,) [s] as in the file, and lengths (M,) [s] of the intervals that they average."""
 
     time: np.ndarray
     power: np.ndarray

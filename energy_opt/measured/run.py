@@ -50,11 +50,12 @@ class Run:
         velocity, acceleration, effort, temperature, current: (N, n) rad/s, rad/s^2, N m, degC, A, or None where not
             logged.
         power_time, power: (M,) s on the run's clock, and W.
-        window: (M,) s, how long a reading's mean reaches back from its stamp; 0 is the power at the stamp.
+        window: (M,) s, length of the interval before its stamp over which a reading is a mean; 0: the power at the
+            stamp.
         meter: "power", "energy" (differences of a counter) or "total" (one reading).
         clock: "shared" with the joints, "stated" in log.toml, or "estimated" by correlation; an estimated clock is
-            known to a fraction of a reading, so a delay found on it says nothing of the meter.
-        logged: by name what else was recorded at the joints' stamps, (N,): 0 and 1 of digital signals, or numbers.
+            known to a fraction of a reading, so a delay that is found with it is no property of the meter.
+        logged: further signals by name, at the joints' stamps, (N,): 0 and 1 of digital signals, or numbers.
         lines: (N,) lines of the file (its first is 1), where the run comes from one.
     """
 

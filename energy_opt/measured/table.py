@@ -173,7 +173,7 @@ class Table:
             self.faults.append(f"{self.path}: {len(ragged) - MAX_FAULTS} more rows of another width than the header")
 
     def _lost_lines(self, read: int) -> None:
-        """Add a fault if a quotation mark that does not close has swallowed lines."""
+        """Add a fault if lines are missing because a quotation mark is not closed."""
         content = self.layout.content
         if content.find(b'"', self.layout.first) < 0:
             return

@@ -14,7 +14,7 @@ from energy_opt.power.law import rigid_torque
 from energy_opt.robot import RigidBody, Tool
 
 LONG = 50_000  # largest grid [places] that is kept: 20 MB for seven joints
-KEPT = 8  # grids that are kept: those of a move's candidates and baselines, which several models judge
+KEPT = 8  # number of cached grids: of a move's candidates and baselines, which are judged under several models
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class Grid:
 
 
 def grid_of(trajectory: Trajectory, factor: int) -> Grid:
-    """A grid `factor` times denser than the samples; if it is short, the last ones asked for are kept."""
+    """A grid `factor` times denser than the samples; short grids are cached."""
     if factor * len(trajectory.time) > LONG:
         return _denser(trajectory, factor)
     return _kept(_Held(trajectory), factor)

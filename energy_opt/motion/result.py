@@ -148,8 +148,8 @@ class Result:
     def saving(self) -> dict[str, float | None] | None:
         """Against "scaled", which has the same duration: percent of its total, percent of its loss, and joules.
 
-        None if there is no such baseline within limits. A percentage is None if it would be of nothing but rounding, as
-        in a model without losses.
+        None if there is no such baseline within limits. A percentage is None if its base is only rounding error, as in
+        a model without losses.
         """
         baseline = self.baseline("scaled")
         if baseline is None or not baseline.valid:

@@ -123,7 +123,7 @@ def certify(
 def looked_at(
     trajectory: Trajectory, scorer: Scorer, limits: Sequence[Limit]
 ) -> tuple[Certificate, Energy, Trajectory]:
-    """Certificate, energy, and the trajectory with effort and power, in one pass that keeps nothing else."""
+    """Certificate, energy, and the trajectory with effort and power, in one pass with bounded memory."""
     spent: list[tuple[float, dict[str, float]]] = []
     effort: list[np.ndarray] = []
     power: list[np.ndarray] = []

@@ -196,7 +196,7 @@ class Scorer:
         return self.together(dense.trajectory, [self.spent(dense)])
 
     def together(self, trajectory: Trajectory, spent: Sequence[tuple[float, dict[str, float]]]) -> Energy:
-        """The energy of a trajectory from that of its pieces."""
+        """The energy of a trajectory, from the energies of its pieces."""
         total = sum(whole for whole, _ in spent)
         by_effect = {name: sum(parts[name] for _, parts in spent) for name in spent[0][1]}
         standby = sum(by_effect[name] for name in dict.fromkeys(e.name for e in self.model.effects if e.overhead))

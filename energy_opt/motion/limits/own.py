@@ -26,7 +26,7 @@ from energy_opt.numerics.batch import Batch
 from energy_opt.robot import Robot
 
 STEP = 1e-5  # relative step of difference quotients
-ONE_SIDED = 20.0  # a retiming bounds a one-sided value, such as power that flows back, below by minus so many bounds
+ONE_SIDED = 20.0  # in a retiming, a one-sided value (e.g. power) is also at least minus this multiple of its bound
 
 
 class OwnLimit(Limit):

@@ -21,7 +21,7 @@ ASKED: tuple[type[Limit], ...] = (
 
 
 def joint_limits(bounds: Limits) -> tuple[Limit, ...]:
-    """The limits of a robot's numbers, in the order in which they are reported."""
+    """The limits from a robot's bounds, in the order in which they are reported."""
     return (
         Position(bounds.lower, bounds.upper),
         Velocity(bounds.velocity),

@@ -98,8 +98,8 @@ def _in_one(context: Context, move: Move, duration: float) -> Trajectory:
 def small_enough(move: Move, line: RetimeSolution | None, curve: Candidate) -> Candidate:
     """The curve, marked as converged if the move is so small that the best timing of its line is as good.
 
-    On a few milliradians, inertia and gravity are constant, so another path saves nothing, and the solver's steps are
-    lost in rounding.
+    Over a few milliradians, inertia and gravity are constant, so another path saves nothing, and rounding errors are
+    larger than the solver's steps.
     """
     if move.via or np.abs(move.goal - move.start).max() >= SMALL or line is None or not line.converged:
         return curve
@@ -110,8 +110,8 @@ def small_enough(move: Move, line: RetimeSolution | None, curve: Candidate) -> C
 def in_tube(context: Context, move: Move, line: RetimeSolution | None, curve: Candidate) -> Candidate:
     """The curve, marked as converged if a tube is asked for and the best timing of its path is valid.
 
-    In a tube of a tenth of a millimetre the solver's steps are lost in rounding; but the path itself is known, and the
-    answer costs no more than its best timing.
+    In a tube of a tenth of a millimetre, rounding errors are larger than the solver's steps. But the path itself is
+    known, and the answer costs no more than its best timing.
     """
     if context.settings.tube is None or line is None or not line.converged:
         return curve
@@ -125,7 +125,7 @@ def in_line(context: Context, move: Move, retimed: Callable[[], RetimeSolution |
     """The least-energy timing of the straight line if the move is so small that no path costs less; None otherwise.
 
     Torque is then M a + g with constant M and g. Between ends at rest, its mean square is least if all joints have the
-    same profile of acceleration, which gives a straight line. IPOPT's steps would be lost in rounding.
+    same profile of acceleration, which gives a straight line. Rounding errors would be larger than IPOPT's steps.
     """
     small = np.abs(move.goal - move.start).max() < SMALL and move.path is None
     if not small or move.via or np.any(move.end_velocities) or context.settings.objective != "energy":

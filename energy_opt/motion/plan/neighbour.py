@@ -1,11 +1,11 @@
 """Solve one move at several durations, each as a single move or from the optimum of a neighbouring duration.
 
 Fronts of energy against duration consist of such steps. The first duration is solved as a single move; every other one
-starts at the optimum of its neighbour. At durations that differ by a factor of `ALONE`, all optima are compared again:
-they are continued from those of the neighbouring duration instead of from random starts, and if another one is now the
-best, the move is solved there as a single move. All durations share first paths and their timings. Then the search
-continues a neighbour's curve if this may lead to less energy, and the better result counts. A retimed path needs no
-start: it is solved anew.
+starts at the optimum of its neighbour. At durations that differ by a factor of `ALONE`, all optima are compared again.
+They are continued from those of the neighbouring duration, not from random starts. If another one is now the best, the
+move is solved there as a single move. All durations share first paths and their timings. Then the search continues a
+neighbour's curve if this may lead to less energy, and the better result counts. A retimed path needs no start: it is
+solved anew.
 """
 
 from __future__ import annotations

@@ -59,9 +59,9 @@ class Planner:
     `under` and `around` give planners for another model and another cell that share it too.
 
     Args:
-        batch: many moves are coming, so that compiling at once pays.
+        batch: True if many moves follow, so that compiling at once is worth its time.
         cell: the arm's body and the bodies around it, to be kept clear of; None for nothing.
-        stopped: called between solves; True ends the work with the best known so far.
+        stopped: called between solves; True ends the work with the best result so far.
     """
 
     def __init__(

@@ -1,15 +1,16 @@
-"""Moves that hold under more than one model: the mean of their energies is minimised, or the largest of them.
+"""Moves planned under more than one model: the mean of their energies is minimised, or the largest of them.
 
 The mean is one program, with the mean of the models' powers as its cost. No answer may cost more than a valid evenly
-slowed move under any of the models; where one does, that model's weight grows and the move is solved again in the same
-duration, until the weight was too much; the best mean of these motions that holds under all models (`blend`) ends it.
-The largest energy is minimised in the same way, by weights that move towards the models under which the move costs
-most: at its minimum, a mixture of the models is minimised (the minimax theorem, where energies are convex).
+slowed move under any of the models; If one does, the weight of that model is increased and the move is solved again in
+the same duration, until the weight is too large. The answer is then the best mean of these motions that is valid under
+all models (`blend`). The largest energy is minimised in the same way, by weights that move towards the models under
+which the move costs most: at its minimum, a mixture of the models is minimised (the minimax theorem, where energies are
+convex).
 
 Where a model's friction is assumed, the corners of its range (`power.known.friction_range`) are held in the same way:
-they take no part in the mean, but the answer costs no more than the evenly slowed move under any of them, and the
-largest energy is taken over them too. A corner under which a move costs too much takes its model's place in the next
-solve: it has the same effects, so that nothing is built again.
+they are not part of the mean, but the answer costs no more than the evenly slowed move under any of them, and the
+largest energy includes them. A corner under which a move costs too much takes its model's place in the next solve: it
+has the same effects, so that nothing is built again.
 """
 
 from __future__ import annotations

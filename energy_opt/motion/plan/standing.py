@@ -1,4 +1,4 @@
-"""Rest in place of creeping: under dry friction, a joint that need not move costs least at rest.
+"""Rest instead of creeping: under dry friction, a joint that does not have to move takes least energy at rest.
 
 A curve of few parameters never leaves a joint exactly at rest, and the friction smoothed for the solver makes creeping
 nearly free. So the joints of a move that end where they began, and hardly left it, are also judged at rest.

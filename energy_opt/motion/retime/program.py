@@ -37,7 +37,7 @@ from energy_opt.robot import Robot
 
 
 def largest_price(k: np.ndarray, upper: np.ndarray) -> float:
-    """The largest price [W] at which every point's share is convex on 0 < b <= upper; -inf if there is none.
+    """The largest price [W] at which every point's cost is convex on 0 < b <= upper; -inf if there is none.
 
     Args:
         k: (9, M) coefficients of the power's monomials.

@@ -139,15 +139,34 @@ def read_text(path: Path, most: int = LARGEST_TEXT) -> str:
 LONG_KEY = re.compile(r"""(?<![\w"'.-])(?:[\w"'-]++\s*+\.\s*+){64}""")
 
 
-def read_toml(path: Path) -> dict[str, Any]:
-    """A TOML document; BadInput with line and column where it is malformed, or a key has too many parts."""
+KINDS = {"model": ("model/1",), "log": ("log/1",), "suite": ("suite/1",), "job": ("job/1", "job/2")}  # formats of files
+
+
+def read_toml(path: Path, *kinds: str) -> dict[str, Any]:
+    """A TOML document.
+
+    Args:
+        path: the file. kinds: of `KINDS`, those that are expected: the document then states a format.
+
+    Raises:
+        BadInput: it is malformed (line and column), a key has too many parts, or the format is missing; says what is
+            expected.
+    """
     text = read_text(path, LARGEST_DOCUMENT)
+    forms = ['"energy-opt/' + '" or "energy-opt/'.join(KINDS[kind]) + f'" (a {kind})' for kind in kinds]
+    example = kinds[0] if len(kinds) == 1 else "KIND"
+    wanted = f"; expected TOML, format = {', '.join(forms)}: see `energy-opt --example {example}`" if kinds else ""
+    if text.lstrip().startswith("<"):
+        raise BadInput(f"{path}: {'a URDF' if '<robot' in text else 'XML'}, not TOML{wanted}")
     if LONG_KEY.search(text):
         raise BadInput(f"{path}: not valid TOML: a key of more than {DEEPEST} parts")
     try:
-        return tomllib.loads(text)
+        document = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # ValueError also for numbers with thousands of digits
-        raise BadInput(f"{path}: not valid TOML: {_reason(error)}") from None
+        raise BadInput(f"{path}: not valid TOML: {_reason(error)}{wanted}") from None
+    if kinds and "format" not in document:
+        raise BadInput(f"{path}: {'format is missing' if document else 'an empty file'}{wanted}")
+    return document
 
 
 def read_json(path: Path) -> Any:

@@ -42,9 +42,9 @@ Name = Annotated[str, StringConstraints(strict=True, min_length=1, max_length=12
 # Expected values by pydantic's name of a fault, if its own words are long.
 PLAIN = {
     "string_type": "text", "string_too_short": "text that is not empty", "string_pattern_mismatch": "text in one line",
-    "list_type": "a list", "dict_type": "a table", "model_type": "a table", "bool_type": "true or false",
-    "greater_than": "a number above {gt:g}", "greater_than_equal": "{ge:g} or more", "less_than": "less than {lt:g}",
-    "less_than_equal": "{le:g} or less", "too_short": "{min_length} or more entries",
+    "list_type": "a list", "tuple_type": "a list", "dict_type": "a table", "model_type": "a table",
+    "bool_type": "true or false", "greater_than": "a number above {gt:g}", "greater_than_equal": "{ge:g} or more",
+    "less_than": "less than {lt:g}", "less_than_equal": "{le:g} or less", "too_short": "{min_length} or more entries",
     "too_long": "{max_length} entries at most",
 }  # fmt: skip
 
@@ -92,7 +92,7 @@ def _line(model: type[Table], document: Mapping[str, Any], fault: Any) -> str:
         known = _keys(model, fault["loc"][:-1])
         return f"{_joined(place[:-1])}unknown key {key!r}{near(key, known)}; known: {', '.join(known)}"
     if fault["type"] == "missing":
-        return f"{_joined(place[:-1])}{key} is missing"
+        return f"{': '.join(place) if isinstance(fault['loc'][-1], int) else _joined(place[:-1]) + key} is missing"
     text = str(fault["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
     if fault["type"] in PLAIN:
         text = f"expected {PLAIN[fault['type']].format(**fault.get('ctx', {}))}"
@@ -119,7 +119,8 @@ def _place(document: Any, loc: tuple[Any, ...]) -> list[str]:
                 continue
             at = at[part] if part < len(at) else None
             named = at.get("name") if isinstance(at, Mapping) else None
-            out[-1] = f"{out[-1]} {part + 1}" + (f" ({named})" if isinstance(named, str) else "")
+            shown = isinstance(named, str) and named.isprintable()
+            out[-1] = f"{out[-1]} {part + 1}" + (f" ({named})" if shown else "")
         elif not isinstance(at, Mapping) or part in at or part == loc[-1]:
             if isinstance(at, Mapping) or not out:  # else: the name of a type in a union
                 out.append(str(part))

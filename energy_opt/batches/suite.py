@@ -166,13 +166,12 @@ class _Reading:
 
     def suite(self) -> Suite:
         """The suite, as far as it is valid."""
-        document = read_toml(self.path)
+        document = read_toml(self.path, "suite")
         name, groups = document.pop("name", self.path.stem), document.pop("groups", [])
         given = document.pop("format", None)
         if given != FORMAT:
             self.faults[f"format: {given!r}; expected {FORMAT!r}"] = None
-            if given is not None:  # a file of another kind: its other faults say nothing
-                return Suite(str(name), self.path, ())
+            return Suite(str(name), self.path, ())  # a file of another kind: its other faults say nothing
         with self.at("name"):
             if not isinstance(name, str) or not NAME.fullmatch(name) or len(name) > 100:
                 raise BadInput(f"{name!r}; expected letters, digits, spaces and . _ + - (it names a folder)")

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from energy_opt.errors import BadInput, EnergyOptError
-from energy_opt.files import read_json, read_toml, read_yaml_documents
+from energy_opt.files import KINDS, read_json, read_toml, read_yaml_documents
 from energy_opt.folders import faults_of_results
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, model_from, payload_from, refuse_degrees, robot_from, robot_of
@@ -152,7 +152,7 @@ def _set(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
 
 def _toml(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
     """Faults of a TOML file: a model, a log, a job or a suite, by its `format`."""
-    document = read_toml(file)
+    document = read_toml(file, *KINDS)
     kind = str(document.get("format", ""))
     if kind.startswith("energy-opt/model/"):
         model = model_from_document(document, str(file))

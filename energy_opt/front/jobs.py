@@ -36,7 +36,7 @@ def content_of(request: JobRequest | TradeoffRequest | PlaceRequest) -> tuple[di
     if isinstance(request.job, Mapping):
         return dict(request.job), Path(request.folder or ".") / "job.toml"
     path = Path(str(request.job))
-    return read_toml(path), path
+    return read_toml(path, "job"), path
 
 
 def job_from(

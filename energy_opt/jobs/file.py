@@ -113,7 +113,7 @@ class JobTable(Table):
 
 def load_job(path: Path, load: Callable[[str], Robot], **more: Any) -> Job:
     """Read the job file `path`; further arguments and errors are those of `job_of`."""
-    return job_of(read_toml(Path(path)), Path(path), load, **more)
+    return job_of(read_toml(Path(path), "job"), Path(path), load, **more)
 
 
 def job_of(

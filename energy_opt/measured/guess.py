@@ -186,12 +186,18 @@ def guess_meter(table: Table, span: float | None, hand: ByHand) -> Guess:
 
 def _guess_time(table: Table, out: Guess, key: str, hand: ByHand, span: float | None = None) -> np.ndarray:
     """Find the column of stamps: the likeliest name whose values never decrease, and increase overall."""
-    named = [hand.time] if hand.time in table.header else []
+    named, back = [hand.time] if hand.time in table.header else [], ""
     for name in named or time_columns(table.header):
-        values = table.column(name)
-        values = values[np.isfinite(values)]
+        stamps = table.column(name)
+        rows = np.flatnonzero(np.isfinite(stamps))
+        values = stamps[rows]
         table.faults = [fault for fault in table.faults if f"column {name}:" not in fault]
-        if len(values) < 2 or (np.diff(values) < 0).any() or values[-1] <= values[0]:
+        falls = np.flatnonzero(np.diff(values) < 0)
+        if len(falls) and not back:
+            k = int(falls[0])
+            back = f"row {table.row_number(int(rows[k + 1]))}, column {name}: {values[k + 1]:.10g} comes after "
+            back += f"{values[k]:.10g}; expected times that never decrease"
+        if len(values) < 2 or len(falls) or values[-1] <= values[0]:
             continue
         out.dated = table.is_date(name)
         unit = _named_unit("time", name, table)
@@ -202,7 +208,7 @@ def _guess_time(table: Table, out: Guess, key: str, hand: ByHand, span: float | 
         out.words.append(f"{key}: {name} [{'date' if out.dated else unit or 's'}]")
         return table.column(name)[:LOOKED_AT] * factor
     what = f"--time {named[0]}: its values do not increase" if named else "no column of times that increase"
-    raise BadInput(f"{table.path}: {what}; {understood(table, out.columns)}")
+    raise BadInput(f"{table.path}: {what}; {back or understood(table, out.columns)}")
 
 
 def _named_unit(kind: str, column: str, table: Table) -> str | None:

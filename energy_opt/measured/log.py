@@ -116,7 +116,7 @@ def read_log(folder: str | Path, allow_outside: bool = False) -> LogFile:
         if not (path / NAME).is_file():
             raise BadInput(_missing(path))
         path = path / NAME
-    found = parse(LogTable, read_toml(path), str(path))
+    found = parse(LogTable, read_toml(path, "log"), str(path))
     if not found.run:
         raise BadInput(f"{path}: no [[run]] table; a set has one for every run")
     files = [run.file for run in found.run]

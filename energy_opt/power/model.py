@@ -292,4 +292,4 @@ def load_model(path: str | PathLike[str]) -> PowerModel:
     Raises:
         BadInput: names the file, the effect and the parameter at fault.
     """
-    return model_from_document(read_toml(Path(path)), str(path))
+    return model_from_document(read_toml(Path(path), "model"), str(path))

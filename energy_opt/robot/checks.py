@@ -13,7 +13,7 @@ import numpy as np
 from energy_opt.errors import BadInput
 from energy_opt.robot.description import MOVING, Description, Pose
 from energy_opt.robot.kinematics import Link, pose_of
-from energy_opt.robot.limits import unit_of
+from energy_opt.robot.limits import Limits, unit_of
 
 
 def placed(pose: Pose) -> np.ndarray:
@@ -37,6 +37,33 @@ def carriers(description: Description, still: Collection[str] = ()) -> dict[str,
     return out
 
 
+def unused_values(description: Description, joints: Sequence[str], limits: Limits) -> list[str]:
+    """Remarks on values of the URDF that no plan uses: damping and friction, and soft limits within the limits.
+
+    Args:
+        joints: those that move, in the order of the limits.
+    """
+    rubbing, narrower = [], []
+    for joint, lower, upper in zip(joints, limits.lower, limits.upper, strict=True):
+        stated = description.joints[joint].unused
+        if stated.get("damping") or stated.get("friction"):
+            rubbing.append(joint)
+        low, high = stated.get("soft_lower_limit", -np.inf), stated.get("soft_upper_limit", np.inf)
+        if low < high and (low > lower + SLACK or high < upper - SLACK):
+            narrower.append(f"{joint} [{low:g}, {high:g}]")
+    remarks = {
+        "damping and friction of <dynamics> are not used; give --model with friction": rubbing,
+        "soft limits of <safety_controller> are narrower than the limits and are not held; give --limits": narrower,
+    }
+    return [f"{_few(found)}: {text}" for text, found in remarks.items() if found]
+
+
+def _few(names: Sequence[str]) -> str:
+    """The first names, and how many more there are."""
+    return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
+
+
+SLACK = 1e-6  # [rad, m] smaller differences of limits are rounding
 MASSLESS = 1e-6  # [kg] an arm with a smaller moving mass has no masses
 FARTHEST = 50.0  # [m] an arm whose joints lie farther apart is in another unit: small arms in mm have 200 and more
 LIGHTEST = 0.1  # [kg] a smaller moving mass of an arm causes a warning
@@ -93,8 +120,7 @@ def check_masses(description: Description, still: Collection[str], links: Sequen
                 "largest exceeds the sum of the others (ixx … izz)"
             )
     if odd:
-        shown = ", ".join(odd[:6]) + (f" and {len(odd) - 6} more" if len(odd) > 6 else "")
-        said.append(f"{shown}: inertia of no body, too slight, too light or too still to matter; used as it is")
+        said.append(f"{_few(odd)}: inertia of no body, too slight, too light or too still to matter; used as it is")
     return [*said, *_doubtful(links)]
 
 

@@ -7,6 +7,7 @@ elements and ignore others without a message.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree.ElementTree import Element, tostring
@@ -27,6 +28,8 @@ HEAVIEST = 1e6  # [kg, kg m^2] largest mass or moment
 LINK, JOINT = ("inertial", "collision", "visual"), ("origin", "parent", "child", "axis", "limit", "mimic")
 INERTIAL, COLLISION, SHAPES = ("origin", "mass", "inertia"), ("origin", "geometry"), (*SIZES, "mesh")
 BOUNDS = ("lower", "upper", "velocity", "effort")
+UNUSED = (("dynamics", "damping"), ("dynamics", "friction"), ("safety_controller", "soft_lower_limit"),
+          ("safety_controller", "soft_upper_limit"))  # fmt: skip
 # Tags that are read in one place only: elsewhere they would be ignored
 STRUCTURE = frozenset({"link", "joint", *LINK, *INERTIAL, *COLLISION, *SHAPES, *JOINT} - {"visual"})
 
@@ -82,6 +85,7 @@ class JointPart:
         axis: not yet of unit length.
         bounds: the stated ones of lower, upper, velocity and effort.
         mimic: joint that leads, multiplier and offset.
+        unused: what is stated of damping, friction, soft_lower_limit and soft_upper_limit, which no plan uses.
     """
 
     name: str
@@ -92,6 +96,7 @@ class JointPart:
     axis: Vector
     bounds: dict[str, float]
     mimic: tuple[str, float, float] | None
+    unused: dict[str, float]
 
 
 @dataclass(frozen=True)
@@ -236,7 +241,11 @@ def _joint(where: str, name: str, joint: Element, links: dict[str, LinkPart]) ->
         at = f"{where}, mimic"
         refuse_unread(at, law, (), ("joint", "multiplier", "offset"))
         mimic = law.get("joint", ""), number_in(at, law, "multiplier", 1.0), number_in(at, law, "offset", 0.0)
-    return JointPart(name, kind, ends[0], ends[1], _pose(where, joint), axis, bounds, mimic)
+    unused = {}
+    for tag, attribute in UNUSED:
+        with suppress(BadInput):  # missing, or an expression that xacro has left
+            unused[attribute] = number_in(where, joint.find(tag), attribute)
+    return JointPart(name, kind, ends[0], ends[1], _pose(where, joint), axis, bounds, mimic, unused)
 
 
 def _bounds(where: str, kind: str, limit: Element | None) -> dict[str, float]:

@@ -17,7 +17,7 @@ import numpy as np
 from energy_opt.errors import BadInput, near
 from energy_opt.files import write_text
 from energy_opt.robot.catalog import CATALOG, DATA, urdf_of
-from energy_opt.robot.checks import believed_efforts, check_masses, doubtful_masses
+from energy_opt.robot.checks import believed_efforts, check_masses, doubtful_masses, unused_values
 from energy_opt.robot.description import BOUNDS, Description, read_description, urdf_text
 from energy_opt.robot.kinematics import Link
 from energy_opt.robot.limits import (
@@ -35,6 +35,7 @@ from energy_opt.robot.rigid_body import RigidBody
 
 POSES = 64  # postures for estimating the efforts of an arm without limits
 ROOM = 1.5  # estimated effort over the largest torque to hold and accelerate; strongest joints have 0.9 to 3.3
+ROUNDING = 1e-3  # [rad, m] a locked joint may lie outside its limits by this much: positions are typed by hand
 WEAKEST = 0.1  # least rating of a joint over that of the strongest one; a UR5e's wrist has 0.19, a Panda's 0.14
 
 
@@ -198,7 +199,7 @@ def load_robot(
         prefix: what is before the joints' names in the limits file.
 
     Raises:
-        BadInput: unknown name, unreadable file, unknown joint.
+        BadInput: unknown name, unreadable file, unknown joint, a joint locked outside its limits.
     """
     name_or_urdf, limits = str(name_or_urdf), None if limits is None else Path(limits)
     entry = CATALOG.get(name_or_urdf)
@@ -212,6 +213,7 @@ def load_robot(
         path, name = urdf_of(entry), name_or_urdf
         published, usual = DATA / "limits" / f"{name}.yaml", dict(entry.lock)
     description = read_description(path)
+    _check_lock(description, lock or {})
     body, locked = _body(description, {**usual, **(lock or {})})
     unlocked = _body(description, usual)[0].joints if lock else body.joints
     links = body.tree()
@@ -231,6 +233,8 @@ def load_robot(
     own = known[0][0]
     rated = rating_of(own, own.velocity == reduced[1].velocity, held, body)
     sources = _sources([*reduced, held])
+    if entry is None:  # what is known of the arms by name takes these values' place
+        doubtful += unused_values(description, body.joints, held)
     return Robot(name, held, body, description, rated, sources, locked, (*scaled, *led, *warnings, *doubtful), unlocked)
 
 
@@ -252,6 +256,18 @@ def _sources(steps: Sequence[Limits]) -> dict[str, tuple[str, ...]]:
             names[before != after] = source
         out[kind] = tuple(names.tolist())
     return out
+
+
+def _check_lock(description: Description, lock: Mapping[str, float]) -> None:
+    """Refuse positions of locked joints [rad or m] outside of the description's limits."""
+    for name, value in lock.items():
+        joint = description.joints.get(name)
+        if joint is None or joint.kind == "continuous":  # unknown names are refused where the body is built
+            continue
+        low, high = joint.bounds.get("lower", 0.0), joint.bounds.get("upper", 0.0)
+        if low < high and not low - ROUNDING <= value <= high + ROUNDING:
+            unit = unit_of("position", joint.kind == "prismatic")
+            raise BadInput(f"--lock {name}={value:g}: outside its limits [{low:g}, {high:g}] {unit}")
 
 
 def _body(description: Description, lock: Mapping[str, float]) -> tuple[RigidBody, dict[str, float]]:

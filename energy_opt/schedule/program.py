@@ -73,7 +73,8 @@ class Program:
         """Solve the present program with HiGHS, within `seconds` [s], to a relative `gap`."""
         import highspy
 
-        solver = highspy.Highs()
+        # the base, as Highs itself prints a banner to standard output when it is made (1.16)
+        solver = highspy.Highs.__mro__[1]()
         solver.setOptionValue("output_flag", False)
         solver.setOptionValue("time_limit", max(seconds, 0.1))
         solver.setOptionValue("mip_rel_gap", gap)

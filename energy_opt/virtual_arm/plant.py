@@ -195,7 +195,7 @@ def load_plant(path: str | Path) -> Plant:
     Raises:
         BadInput: names the file, the table and the parameter at fault.
     """
-    document = read_toml(Path(path))
+    document = read_toml(Path(path), "model")
     records = document.pop("special", [])
     if not isinstance(records, list):
         raise BadInput(f"{path}: special is not a list of [[special]] tables")

@@ -8,7 +8,7 @@ from itertools import combinations
 
 from energy_opt.errors import BadInput
 from energy_opt.schedule import Exclusion, Lag, Mode, Move, Polynomial, Problem, Ring, Run, Wait
-from energy_opt.workcell.file import ModeTable, RobotTable, StepTable, WorkCell, groups_of, step_name
+from energy_opt.workcell.file import MOST, ModeTable, RobotTable, StepTable, WorkCell, groups_of, step_name
 
 ADDED = "wait after {}"
 SHORTEST = 1e-3  # [s] shorter durations are not evaluated, because a curve may have negative powers of the duration
@@ -53,6 +53,12 @@ def ring_of(cell: WorkCell, robot: RobotTable) -> Ring:
             continue
         curve = Polynomial(tuple(step.curve or ()))
         least = max(least, SHORTEST)
+        ends = [curve.value(d) for d in (least, max(least, most))]
+        if not max(map(abs, ends)) <= MOST:
+            raise BadInput(
+                f"robot {robot.name}: step {name}: its curve gives {ends[0]:g} J at {least:g} s and {ends[1]:g} J at "
+                f"{most:g} s; expected {MOST:g} J at most"
+            )
         if not curve.is_convex(least, max(least, most)):
             raise BadInput(
                 f"robot {robot.name}: step {name}: its curve is not convex between {least:g} and {most:g} s; "

@@ -19,9 +19,14 @@ from energy_opt.schema import Name, Number, Table, parse
 
 FORMAT = "energy-opt/job/2"
 LONGEST = 1e7  # [s] longest cycle and wait: longer ones are probably in wrong units
+MOST = 1e12  # [W, J] largest power and energy of a step: published cells have up to 1e6
+STEEPEST = 20  # largest exponent of a duration, of either sign: published curves have 1
 
 Seconds = Annotated[Number, Field(ge=0, le=LONGEST)]
 Span = tuple[Seconds, Seconds]
+Watts = Annotated[Number, Field(ge=0, le=MOST)]
+Joules = Annotated[Number, Field(ge=-MOST, le=MOST)]
+Exponent = Annotated[int, Field(strict=True, ge=-STEEPEST, le=STEEPEST)]
 MOTORS = "motors"  # the mode of being held by a known arm's motors; its power follows from the power model
 OF_ARMS = {"free", "pose_tolerance", "mode", "min_duration", "max_duration", "stop"}  # keys of a known arm's moves
 FOREIGN = {  # keys that do not belong to a step, by its kind
@@ -38,10 +43,10 @@ class ModeTable(Table):
     """A mode in which a robot waits: power [W], shortest duration [s], seconds [s] and energy [J] of entry and exit."""
 
     name: Name
-    power: Number
+    power: Watts
     least: Seconds = 0.0
-    enter: tuple[Seconds, Number] = (0.0, 0.0)
-    leave: tuple[Seconds, Number] = (0.0, 0.0)
+    enter: tuple[Seconds, Joules] = (0.0, 0.0)
+    leave: tuple[Seconds, Joules] = (0.0, 0.0)
     posture: Literal["any"] | Annotated[list[Name], Field(min_length=1)] = "any"
 
 
@@ -69,8 +74,8 @@ class StepTable(Table):
     pose_tolerance: Name | None = None
     wait: Seconds | Span | None = None
     duration: Seconds | Span | None = None
-    curve: list[tuple[int, Number]] | None = None
-    power: dict[Name, Number] = {}
+    curve: Annotated[list[tuple[Exponent, Number]], Field(min_length=1)] | None = None
+    power: dict[Name, Watts] = {}
     modes: list[Name] | None = None
     mode: Literal["retime", "reshape"] | None = None
     min_duration: Seconds = 0.0
@@ -237,7 +242,7 @@ def load_workcell(path: Path) -> WorkCell:
     Raises:
         BadInput: names every fault, one a line, with robot and step.
     """
-    return workcell_of(read_toml(Path(path)), Path(path))
+    return workcell_of(read_toml(Path(path), "job"), Path(path))
 
 
 def workcell_of(document: Mapping[str, Any], path: Path) -> WorkCell:

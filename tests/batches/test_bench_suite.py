@@ -126,7 +126,7 @@ def test_no_duration(value):
 @pytest.mark.parametrize(
     ("text", "named"),
     [
-        ('robots = ["panda"]\nrandom = { count = 1 }\n', "format: None"),
+        ('robots = ["panda"]\nrandom = { count = 1 }\n', "format is missing"),
         ('format = "energy-opt/suite/1"\nrandom = { count = 1 }\n', "robots is missing"),
         (HEAD, "moves: none"),
         (HEAD + "random = { count = 0 }\n", "random: count = 0"),

@@ -48,6 +48,25 @@ def test_the_name_that_was_meant_in_one_line_and_one_document(capsys, words, say
     assert found["status"] == "bad_input" and says in found["message"]
 
 
+@pytest.mark.parametrize(
+    ("verb", "kind"),
+    [("passport", "model"), ("bench", "suite"), ("job", "job"), ("tradeoff", "job"), ("check", "KIND")],
+)
+def test_a_file_that_is_no_toml_of_a_kind_says_which_kind_is_read(tmp_path, capsys, verb, kind):
+    file = tmp_path / "x.toml"
+    for text, what in (
+        ("# nothing", "an empty file"),
+        ("a = 1", "format is missing"),
+        ("<?xml?><robot/>", "a URDF, not"),
+    ):
+        file.write_text(text)
+        assert main([verb, str(file)]) == 2
+        said = capsys.readouterr().err
+        assert said.count("\n") == 1 and f"{file}: {what}" in said
+        assert f"(a {kind})" in said or (kind == "KIND" and '"energy-opt/log/1" (a log)' in said)
+        assert said.rstrip().endswith(f"see `energy-opt --example {kind}`")
+
+
 def test_unknown_effects_come_with_a_suggestion(tmp_path, capsys):
     (tmp_path / "m.toml").write_text(
         'format = "energy-opt/model/1"\nrobot = "z1"\n[[effect]]\nname = "coulomb_fricton"\ntau_c = 1\n'

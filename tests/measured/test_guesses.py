@@ -117,6 +117,11 @@ def test_files_that_make_no_set_are_refused(tmp_path: Path) -> None:
             "no column of power, energy, currents or torques",
         ),
         ([put(tmp_path / "c.csv", lines("t,x,power", [t, t, p]))], None, "no joints' positions in any file"),
+        (
+            [put(tmp_path / "d.csv", lines(f"t,{JOINTS},power", [np.where(t > t[50], t - 0.3, t), q, p]))],
+            Z1,
+            f"row 53, column t: {t[51] - 0.3:.10g} comes after {t[50]:.10g}",
+        ),
     ):
         with pytest.raises(BadInput, match=expected):
             import_files(files, tmp_path / "set", robot)

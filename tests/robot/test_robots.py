@@ -222,6 +222,8 @@ def test_bad_robots_are_refused(tmp_path: Path) -> None:
         load_robot("r2d2")
     with pytest.raises(BadInput, match="cannot lock 'third'"):
         load_robot(two_joints(tmp_path), lock={"third": 0.0})
+    with pytest.raises(BadInput, match=r"lock second=1.5: outside its limits \[-1, 1\] rad"):
+        load_robot(two_joints(tmp_path), lock={"second": 1.5})
     with pytest.raises(BadInput, match="no joint is left"):
         load_robot(two_joints(tmp_path), lock={"first": 0.0, "second": 0.0})
     broken = tmp_path / "broken.urdf"

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from test_description import ball, chain
+from two_joints import two_joints
 
 from energy_opt.cli.main import main
 
@@ -82,3 +83,23 @@ def test_inertias_of_no_body_are_refused_where_they_matter(
     if refused:  # on a link that does not move against the one before it does not matter: both together are a body
         path.write_text(path.read_text().replace('"j2" type="revolute"', '"j2" type="fixed"'))
         assert checked(path, capsys)[0] == 0
+
+
+def test_values_of_the_urdf_that_no_plan_uses_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = Path(two_joints(tmp_path))
+    plain = path.read_text()
+    soft = '<safety_controller soft_lower_limit="{}" soft_upper_limit="{}"/>'
+    zero = '<dynamics damping="0.0" friction="0"/>' + soft.format(-1, 2) + "</joint>"
+    path.write_text(plain.replace("</joint>", zero, 1))
+    assert not any("<" in remark for remark in checked(path, capsys)[2])
+    unused = '<dynamics damping="0.5"/>' + soft.format("${-eps}", 1.5) + "</joint>"
+    path.write_text(plain.replace("</joint>", unused, 1))
+    with_xacro = checked(path, capsys)
+    assert with_xacro[0] == 2 and "xacro" in with_xacro[1][0]
+    path.write_text(plain.replace("</joint>", unused.replace("${-eps}", "half"), 1))
+    rubbing, narrower = (remark for remark in checked(path, capsys)[2] if "<" in remark)
+    assert rubbing == "first: damping and friction of <dynamics> are not used; give --model with friction"
+    assert narrower.startswith("first [-inf, 1.5]: soft limits") and narrower.endswith("give --limits")
+    limits = tmp_path / "limits.yaml"
+    limits.write_text("joint_limits: {first: {max_position: 1.5}}")
+    assert len([remark for remark in checked(path, capsys, "--limits", str(limits))[2] if "<" in remark]) == 1

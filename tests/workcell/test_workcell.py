@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -153,6 +155,42 @@ def test_a_key_of_another_kind_of_step_is_a_fault(
     document["robot"][0]["step"][step] |= more
     assert run(tmp_path, document)[0] == 2
     assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("step", "says"),
+    [
+        (
+            {"curve": [[-1, 1e300]]},
+            "its curve gives 1e+300 J at 1 s and 1.11111e+299 J at 9 s; expected 1e+12 J at most",
+        ),
+        ({"curve": [[900, 1.0]]}, "curve 1 1 = 900; expected 20 or less"),
+        ({"curve": []}, "curve: expected 1 or more entries"),
+        ({"curve": [3]}, "curve 1 = 3; expected a list"),
+        ({"duration": [1.0]}, "step 1 (move): duration 2 is missing"),
+        (
+            {"duration": None, "curve": None, "wait": 1.0, "power": {"motors": -3.0}},
+            "motors = -3.0; expected 0 or more",
+        ),
+        ({"name": "two\nlines", "stop": 3}, "step 1: stop = 3"),
+    ],
+)
+def test_a_value_of_a_step_that_cannot_be(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], step: dict, says: str
+) -> None:
+    document = two_robots()
+    changed = {**document["robot"][0]["step"][0], **step}
+    document["robot"][0]["step"][0] = {key: value for key, value in changed.items() if value is not None}
+    assert run(tmp_path, document)[0] == 2
+    assert says in capsys.readouterr().err
+
+
+def test_standard_output_holds_one_document(tmp_path: Path) -> None:
+    file = tmp_path / "cell.toml"
+    file.write_bytes(tomli_w.dumps(two_robots()).encode())
+    words = [sys.executable, "-m", "energy_opt", "job", str(file), "--json", "--out", str(tmp_path / "out")]
+    printed = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+    assert json.loads(printed)["status"] == "solved"
 
 
 def test_a_mode_is_named_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -79,6 +79,7 @@ def run_workcell_job(request: JobRequest, desk: Desk) -> CellAnswer:
         BadInput: an option of one robot, or a fault of the file.
         Infeasible: no schedule keeps cycle time, lags, zones, limits of the supply, and arms apart.
     """
+    from energy_opt.workcell.as_job import model_named
     from energy_opt.workcell.file import workcell_of
     from energy_opt.workcell.program import formats_of
     from energy_opt.workcell.run import run_workcell
@@ -98,9 +99,8 @@ def run_workcell_job(request: JobRequest, desk: Desk) -> CellAnswer:
     formats = formats_of(cell, list(request.write), path, load, request.allow_outside)
 
     def model_of(name: str | None, robot: Robot) -> PowerModel:
-        beside = None if name is None else path.parent / name
-        own = beside if beside is not None and beside.is_file() else name
-        return mean_of(rivals_from(several(request.model) or ([] if own is None else [own]), kind, robot)[0])
+        own = [] if name is None else [model_named(name, path)]
+        return mean_of(rivals_from(several(request.model) or own, kind, robot)[0])
 
     asked = replace(request, job=content, folder=str(path.parent.resolve()))
     _ = request.worth  # refuses invalid numbers before the work

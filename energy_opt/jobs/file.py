@@ -252,6 +252,11 @@ class _Reading:
             self.fault(f"{where}: expected either `to` or `pose`")
             return None
         value = row.to if row.pose is None else row.pose
+        if row.pose is None and not isinstance(value, (str, Mapping)):
+            self.fault(
+                f"{where}: {given[0]} belongs to a pose of the tool; `to` is joint positions: expected `pose = ...`"
+            )
+            return None
         if isinstance(value, str) and isinstance(self._poses.get(value), np.ndarray):
             self.fault(f"{where}: {value!r} is joint positions; {given[0]} belongs to a pose of the tool")
             return None

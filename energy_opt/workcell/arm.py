@@ -28,7 +28,7 @@ from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 from energy_opt.schedule import Hull, Mode, Move, Ring, Wait
 from energy_opt.schedule.problem import SAME
-from energy_opt.workcell.as_job import at_positions, explicit_steps, job_of
+from energy_opt.workcell.as_job import at_positions, explicit_steps, job_of, request_of
 from energy_opt.workcell.curves import ADDED, mode_of
 from energy_opt.workcell.file import MOTORS, RobotTable, StepTable, WorkCell, step_name
 from energy_opt.workcell.motion import ArmMove, Part, at_rest, nearest
@@ -67,8 +67,7 @@ class Arm:
         stopped: Callable[[], bool],
     ) -> None:
         self.table, self.name = table.model_copy(update={"step": explicit_steps(table)}), table.name
-        scene = request.scene or (None if cell.scene is None else path.parent / cell.scene)
-        self.request = replace(request, base=tuple(table.base), scene=scene, tool=table.tool or request.tool)
+        self.request = request_of(cell, table, path, request)
         named = poses_of_request(self.request)
         self._read = partial(job_of, cell, path=path, allow_outside=request.allow_outside, named=named)
         self.job: Job = self._read(self.table, load)

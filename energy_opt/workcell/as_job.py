@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,10 @@ from energy_opt.jobs.file import Job
 from energy_opt.jobs.file import job_of as read_job
 from energy_opt.poses.given import poses_of_request
 from energy_opt.poses.pose import Pose
+from energy_opt.power.known import model_of
 from energy_opt.robot import Robot
+from energy_opt.robot.tool import tool_of
+from energy_opt.workcell.curves import ring_of
 from energy_opt.workcell.file import PoseTable, RobotTable, StepTable, WorkCell, load_workcell, step_name
 
 
@@ -83,16 +87,41 @@ def check_workcell(path: Path, load: Callable[[str], Robot], allow_outside: bool
         cell = load_workcell(path)
     except BadInput as error:
         return str(error).splitlines()
-    scene = CellRequest(scene=None if cell.scene is None else path.parent / cell.scene, allow_outside=allow_outside)
     faults: list[str] = []
     for table in cell.robot:
         try:
-            named = poses_of_request(scene)
-            if table.robot is not None:
-                job_of(cell, table.model_copy(update={"step": explicit_steps(table)}), load, path, allow_outside, named)
+            if table.robot is None:
+                ring_of(cell, table)
+                continue
+            request = request_of(cell, table, path, CellRequest(allow_outside=allow_outside))
+            explicit = table.model_copy(update={"step": explicit_steps(table)})
+            robot = job_of(cell, explicit, load, path, allow_outside, poses_of_request(request)).robot
+            tool_of(robot.body, table.tool)
+            if table.model is not None:
+                model_of(model_named(table.model, path), robot).check(robot.n)
         except BadInput as error:
-            faults += [line for line in str(error).splitlines() if line not in faults]
+            lines = (line if line.startswith(f"{path}: ") else f"{path}: {line}" for line in str(error).splitlines())
+            faults += [line for line in lines if line not in faults]
     return faults
+
+
+def request_of(cell: WorkCell, table: RobotTable, path: Path, request: CellRequest) -> CellRequest:
+    """Body and cell of a robot: the request with the robot's base and tool, and the file's scene where it has none.
+
+    Raises:
+        BadInput: the base is none.
+    """
+    scene = request.scene or (None if cell.scene is None else path.parent / cell.scene)
+    try:
+        return replace(request, base=tuple(table.base), scene=scene, tool=table.tool or request.tool)
+    except BadInput as error:
+        raise BadInput(f"{path}: robot {table.name}: {error}") from None
+
+
+def model_named(name: str, path: Path) -> str:
+    """A model's name in the job file `path`, or the path of the model file beside it."""
+    beside = path.parent / name
+    return str(beside) if beside.is_file() else name
 
 
 def _step(k: int, step: StepTable) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, StrictBool, model_validator
 
 from energy_opt.errors import BadInput, near
 from energy_opt.files import read_toml
@@ -82,11 +82,11 @@ class StepTable(Table):
     max_duration: Seconds | None = None
     as_is: Seconds | None = None
     payload: Number | tuple[Number, Number, Number, Number] | None = None
-    stop: bool = True
+    stop: StrictBool = True
     zone: Name | None = None
     after: Name | None = None
     lag: Annotated[tuple[Number, Number], Field()] | None = None
-    any_order: bool = False
+    any_order: StrictBool = False
 
     @model_validator(mode="after")
     def _one_kind(self) -> StepTable:
@@ -152,9 +152,9 @@ class LagTable(Table):
 class SupplyTable(Table):
     """The supply that the robots share: link capacity [J], a braking resistor, bound of the sum of powers [W]."""
 
-    shared: bool = True
+    shared: StrictBool = True
     capacity: Annotated[Number, Field(ge=0)] = 0.0
-    resistor: bool = True
+    resistor: StrictBool = True
     max_power: Annotated[Number, Field(gt=0)] | None = None
 
 

@@ -185,6 +185,31 @@ def test_a_value_of_a_step_that_cannot_be(
     assert says in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("table", "says"),
+    [
+        ({"base": [0, 0, 0, 0, 0, 90]}, "robot arm: --base 0,0,0,0,0,90: R,P,Y in degrees?"),
+        ({"base": [500, 0, 0, 0, 0, 0]}, "robot arm: --base 500,0,0,0,0,0: expected X,Y,Z [m]"),
+        ({"model": "nope"}, "--model nope: neither a model file nor a name"),
+        ({"model": "cell.toml"}, "cell.toml: format = 'energy-opt/job/2'; expected 'energy-opt/model/1'"),
+        ({"tool": "nowhere"}, "--tool nowhere: no frame 'nowhere'"),
+        ({"step": [{"to": [0, 1, -1, 0, 0, 0], "free": ["rz"]}]}, "free belongs to a pose of the tool"),
+        ({"step": [{"to": [0, 1, -1, 0, 0, 0], "stop": "no"}]}, "stop = 'no'; expected true or false, without quotes"),
+    ],
+)
+def test_check_finds_what_a_plan_of_an_arm_would_refuse(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], table: dict, says: str
+) -> None:
+    arm = {"name": "arm", "robot": "z1", "step": [{"to": [0, 1, -1, 0, 0, 0]}]}
+    file, document = tmp_path / "cell.toml", two_robots()
+    file.write_bytes(tomli_w.dumps({**document, "robot": [*document["robot"], arm]}).encode())
+    assert main(["check", str(file)]) == 0
+    file.write_bytes(tomli_w.dumps({**document, "robot": [*document["robot"], {**arm, **table}]}).encode())
+    assert main(["check", str(file)]) == 2
+    said = capsys.readouterr().err
+    assert says in said and said.startswith(f"energy-opt: {file}: ") and said.count("\n") == 1
+
+
 def test_standard_output_holds_one_document(tmp_path: Path) -> None:
     file = tmp_path / "cell.toml"
     file.write_bytes(tomli_w.dumps(two_robots()).encode())

@@ -13,7 +13,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, ClassVar
 
-from energy_opt.errors import BadInput
+from energy_opt.errors import BadInput, told
 from energy_opt.motion.limits.base import State as State
 from energy_opt.motion.limits.own import OwnLimit as Limit
 
@@ -149,8 +149,10 @@ def load_file(file: str | PathLike[str]) -> list[Any]:
         if found is None:
             kinds = [kind for kind in vars(module).values() if isinstance(kind, type) and issubclass(kind, Limit)]
             found = [kind() for kind in kinds if kind.__module__ == module.__name__]
-    except Exception as fault:
-        raise BadInput(f"--conditions {path}: {type(fault).__name__}: {fault}") from None
+    except (Exception, SystemExit) as fault:
+        raise BadInput(f"--conditions {path}: {told(fault, str(path))}") from None
+    if not isinstance(found, (list, tuple)):
+        raise BadInput(f"--conditions {path}: conditions = {found!r:.60}; expected a list")
     if not found:
         raise BadInput(f"--conditions {path}: defines no condition; expected a list `conditions`, or a class of Limit")
     return list(found)

@@ -11,7 +11,10 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from difflib import get_close_matches
+from traceback import extract_tb
 from typing import Any
+
+LONGEST = 300  # most characters of a fault's text: libraries list every form of a call
 
 _options: ContextVar[bool] = ContextVar("messages speak of options", default=False)
 
@@ -40,6 +43,13 @@ def near(word: str, known: Iterable[str]) -> str:
     """`; did you mean 'panda'?` if a known name is similar to the word, else an empty text."""
     found = get_close_matches(word.lower(), list(known), 1, 0.6)
     return f"; did you mean {found[0]!r}?" if found else ""
+
+
+def told(fault: BaseException, file: str) -> str:
+    """A fault of a user's own Python `file` in one line: kind, text, and the line of the file where it arose."""
+    lines = [frame.lineno for frame in extract_tb(fault.__traceback__) if frame.filename == file]
+    text = " ".join(str(fault).split())[:LONGEST]
+    return f"{type(fault).__name__}: {text}" + (f" (line {lines[-1]})" if lines else "")
 
 
 class EnergyOptError(Exception):

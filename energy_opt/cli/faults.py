@@ -48,8 +48,9 @@ def as_error(error: Exception) -> EnergyOptError:
         return BadInput(f"a library cannot be imported: {error}; install energy-opt again with its dependencies")
     frame = traceback.extract_tb(error.__traceback__)[-1]
     place = f"{os.path.basename(frame.filename)}:{frame.lineno}"
+    reason = " ".join(str(error).split()) or "no reason given"
     return Unforeseen(
-        f"cannot be computed with these values: {type(error).__name__}: {error or 'no reason given'} ({place}); "
+        f"cannot be computed with these values: {type(error).__name__}: {reason} ({place}); "
         "if they are sensible, this is a fault of the program: run again with -v and report it"
     )
 

@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 from energy_opt.effects import electrics, friction, mechanics, meter, recorded, stages
 from energy_opt.effects.base import Effect, described
 from energy_opt.effects.parameter import Parameter
-from energy_opt.errors import BadInput, near
+from energy_opt.errors import BadInput, near, told
 from energy_opt.files import read_text
 
 STAGES = {
@@ -191,9 +191,9 @@ def load_source(text: str, where: str) -> list[type[Effect]]:
     except BadInput as error:
         del sys.modules[name]
         raise BadInput(f"{where}: {error}" if where not in str(error) else str(error)) from None
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         del sys.modules[name]
-        raise BadInput(f"{where}: {type(error).__name__}: {' '.join(str(error).split())}") from None
+        raise BadInput(f"{where}: {told(error, where)}") from None
     _sources[mark] = (text, where)
     return kinds
 

@@ -73,7 +73,10 @@ def test_conditions_are_options(panda, tmp_path):
     with pytest.raises(eo.BadInput, match="given twice"):
         OptimizeRequest("panda", **ends, max_power=300.0, conditions=conditions)
     assert OptimizeRequest("panda", **ends, conditions=[eo.conditions.Tube(metres=0.02)]).tube == "0.02m"
-    for text, says in (("x = 1\n", "defines no condition"), ("1 / 0\n", "ZeroDivisionError: division by zero")):
+    for text, says in (
+        ("x = 1\n", "defines no condition"), ("1 / 0\n", r"ZeroDivisionError: division by zero \(line 1\)"),
+        ("raise SystemExit(0)\n", "SystemExit: 0"), ("conditions = 3\n", "conditions = 3; expected a list"),
+    ):  # fmt: skip
         (tmp_path / "wrong.py").write_text(text)
         with pytest.raises(eo.BadInput, match=says):
             OptimizeRequest("panda", **ends, conditions=[tmp_path / "wrong.py"])
@@ -91,6 +94,36 @@ def test_conditions_are_options(panda, tmp_path):
     ]
     retime = ["--mode", "retime", "--duration", "2.5", "--model", "source-method-2"]
     assert main([*moves, *retime, "--conditions", str(file), *out]) == 3
+
+
+OWN = """import energy_opt as eo
+class Own(eo.conditions.Limit):
+    name, unit, binds, bound = {name}, "W", "joint", {bound}
+    def value(self, x):
+        return {value}
+"""
+
+
+@pytest.mark.parametrize(
+    ("changed", "says"),
+    [
+        ({"value": "None"}, "drive: value: NotImplementedError: Wrong number or type of arguments"),
+        ({"value": "x.torque"}, "drive: value: AttributeError: 'State' object has no attribute 'torque' (line 5)"),
+        ({"value": "exit(0)"}, "drive: value: SystemExit: 0"),
+        ({"value": "float(x.v[0]) * x.v"}, "drive: its value is not a number"),
+        ({"bound": "float('inf')"}, "drive: bound inf; expected one number above 0"),
+        ({"bound": "'250 W'"}, "drive: bound '250 W'; expected one number above 0"),
+        ({"name": "'velocity'"}, "two limits are named 'velocity'"),
+        ({"name": "'a/b'"}, "Own: name = 'a/b'; expected letters, digits and _"),
+    ],
+)
+def test_a_limit_of_ones_own_that_cannot_be_judged_is_refused(tmp_path, capsys, changed, says):
+    file = tmp_path / "own.py"
+    file.write_text(OWN.format(**{"name": "'drive'", "bound": "250.0", "value": "x.effort * x.v", **changed}))
+    words = ["optimize", "--robot", "z1", "--start=0,1,-1,0,0,0", "--goal=0.3,1,-1,0,0,0", "--mode", "retime"]
+    assert main([*words, "--self-collision", "off", "--conditions", str(file), "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert says in said and said.count("\n") == 1
 
 
 def test_examples_are_short():

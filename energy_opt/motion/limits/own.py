@@ -17,7 +17,7 @@ from typing import ClassVar, Self
 import casadi as ca
 import numpy as np
 
-from energy_opt.errors import BadInput
+from energy_opt.errors import BadInput, told
 from energy_opt.motion.dense import Dense
 from energy_opt.motion.limits.base import Fixed, Limit, Linear, State, Violation, worst_of
 from energy_opt.motion.move import Move, Settings
@@ -60,12 +60,17 @@ class OwnLimit(Limit):
         for attribute in ("name", "unit"):
             if not isinstance(getattr(self, attribute, None), str):
                 raise BadInput(f"{type(self).__name__}: {attribute} is missing; expected text")
+        if not self.name.isidentifier():
+            raise BadInput(f"{type(self).__name__}: name = {self.name!r}; expected letters, digits and _")
         if self.binds not in ("joint", "arm"):
             raise BadInput(f"{self.name}: binds {self.binds!r}; expected 'joint' or 'arm'")
         count = robot.n if self.binds == "joint" else 1
-        bound = np.asarray(self.bound, dtype=float)
-        if bound.shape not in ((), (count,)) or not (bound > 0).all():
-            raise BadInput(f"{self.name}: bound {bound.tolist()}; expected one number above 0, or {count} of them")
+        try:
+            bound = np.asarray(self.bound, dtype=float)
+        except (TypeError, ValueError):
+            bound = np.zeros(0)
+        if bound.shape not in ((), (count,)) or not ((bound > 0) & np.isfinite(bound)).all():
+            raise BadInput(f"{self.name}: bound {self.bound!r}; expected one number above 0, or {count} of them")
         out = copy.copy(self)
         out.scale, out._joints = np.broadcast_to(bound, (count,)).copy(), robot.n
         return out
@@ -90,10 +95,14 @@ class OwnLimit(Limit):
         """(q, v, a, effort, power, t) -> value."""
         n = self._joints
         columns = [ca.SX.sym(name, size) for name, size in zip("qvaept", (n, n, n, n, 1, 1), strict=True)]
-        found = ca.SX(self.value(State(*columns)))
+        try:
+            found = ca.SX(self.value(State(*columns)))
+            law = ca.Function("law", columns, [ca.densify(found)])
+        except (Exception, SystemExit) as fault:
+            raise BadInput(f"{self.name}: value: {told(fault, self.value.__code__.co_filename)}") from None
         if found.shape != (len(self.scale), 1):
             raise BadInput(f"{self.name}: its value has shape {found.shape}; expected ({len(self.scale)}, 1)")
-        return ca.Function(self.name, columns, [ca.densify(found)])
+        return law
 
     @cached_property
     def _of_position(self) -> bool:
@@ -117,9 +126,15 @@ class OwnLimit(Limit):
         found = Batch(self._law, len(columns[0]))(*columns)[0] / self.scale
         return np.asarray(found if self.one_sided else np.abs(found))
 
+    def _numbers(self, shares: np.ndarray) -> np.ndarray:
+        """The shares themselves; BadInput if one is no number, which would count as kept."""
+        if np.isnan(shares).any():
+            raise BadInput(f"{self.name}: its value is not a number (nan) on the motion")
+        return shares
+
     def worst(self, x: Dense) -> Violation:
         """The largest value over its bound."""
-        used = self._shares(x.q, x.v, x.a, x.effort, x.power[:, None], x.time[:, None])
+        used = self._numbers(self._shares(x.q, x.v, x.a, x.effort, x.power[:, None], x.time[:, None]))
         return worst_of(self, x, used * self.scale, self.scale, used - 1)
 
     def peaked(self, x: Dense) -> np.ndarray:
@@ -148,7 +163,7 @@ class OwnLimit(Limit):
         if self._of_time:
             return None
         none = np.zeros(len(d.s))
-        held = self._along(d, none, none, self.one_sided)
+        held = self._numbers(self._along(d, none, none, self.one_sided))
 
         def text(k: int, j: int) -> str:
             value = f"{held[k, j] * self.scale[j]:.4g} {self.unit}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from energy_opt.errors import BadInput
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.limits.joint import Acceleration, Effort, Jerk, Position, Velocity
 from energy_opt.motion.limits.keep import KeepLine, KeepOrientation, KeepUpright
@@ -45,4 +46,8 @@ def limits_of(
     pull = robot.body.gravity if gravity is None else gravity
     asked = (kind.asked(robot, settings, move, pull) for kind in ASKED)
     own = (limit.for_robot(robot) for limit in settings.own_limits)
-    return (*joint_limits(robot.limits), *(limit for limit in asked if limit is not None), *own)
+    limits = (*joint_limits(robot.limits), *(limit for limit in asked if limit is not None), *own)
+    names = [limit.name for limit in limits]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise BadInput(f"two limits are named {twice[0]!r}; each needs a name of its own")
+    return limits

@@ -13,7 +13,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, ClassVar
 
-from energy_opt.errors import BadInput, told
+from energy_opt.errors import BadInput, one_line_of
 from energy_opt.motion.limits.base import State as State
 from energy_opt.motion.limits.own import OwnLimit as Limit
 
@@ -150,7 +150,7 @@ def load_file(file: str | PathLike[str]) -> list[Any]:
             kinds = [kind for kind in vars(module).values() if isinstance(kind, type) and issubclass(kind, Limit)]
             found = [kind() for kind in kinds if kind.__module__ == module.__name__]
     except (Exception, SystemExit) as fault:
-        raise BadInput(f"--conditions {path}: {told(fault, str(path))}") from None
+        raise BadInput(f"--conditions {path}: {one_line_of(fault, str(path))}") from None
     if not isinstance(found, (list, tuple)):
         raise BadInput(f"--conditions {path}: conditions = {found!r:.60}; expected a list")
     if not found:

@@ -45,7 +45,7 @@ def near(word: str, known: Iterable[str]) -> str:
     return f"; did you mean {found[0]!r}?" if found else ""
 
 
-def told(fault: BaseException, file: str) -> str:
+def one_line_of(fault: BaseException, file: str) -> str:
     """A fault of a user's own Python `file` in one line: kind, text, and the line of the file where it arose."""
     lines = [frame.lineno for frame in extract_tb(fault.__traceback__) if frame.filename == file]
     text = " ".join(str(fault).split())[:LONGEST]

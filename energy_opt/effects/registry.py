@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 from energy_opt.effects import electrics, friction, mechanics, meter, recorded, stages
 from energy_opt.effects.base import Effect, described
 from energy_opt.effects.parameter import Parameter
-from energy_opt.errors import BadInput, near, told
+from energy_opt.errors import BadInput, near, one_line_of
 from energy_opt.files import read_text
 
 STAGES = {
@@ -193,7 +193,7 @@ def load_source(text: str, where: str) -> list[type[Effect]]:
         raise BadInput(f"{where}: {error}" if where not in str(error) else str(error)) from None
     except (Exception, SystemExit) as error:
         del sys.modules[name]
-        raise BadInput(f"{where}: {told(error, where)}") from None
+        raise BadInput(f"{where}: {one_line_of(error, where)}") from None
     _sources[mark] = (text, where)
     return kinds
 

@@ -189,13 +189,13 @@ def _guess_time(table: Table, out: Guess, key: str, hand: ByHand, span: float | 
     named, back = [hand.time] if hand.time in table.header else [], ""
     for name in named or time_columns(table.header):
         stamps = table.column(name)
-        rows = np.flatnonzero(np.isfinite(stamps))
-        values = stamps[rows]
+        at = np.flatnonzero(np.isfinite(stamps))
+        values = stamps[at]
         table.faults = [fault for fault in table.faults if f"column {name}:" not in fault]
         falls = np.flatnonzero(np.diff(values) < 0)
         if len(falls) and not back:
             k = int(falls[0])
-            back = f"row {table.row_number(int(rows[k + 1]))}, column {name}: {values[k + 1]:.10g} comes after "
+            back = f"row {table.row_number(int(at[k + 1]))}, column {name}: {values[k + 1]:.10g} comes after "
             back += f"{values[k]:.10g}; expected times that never decrease"
         if len(values) < 2 or len(falls) or values[-1] <= values[0]:
             continue

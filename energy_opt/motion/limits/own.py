@@ -17,7 +17,7 @@ from typing import ClassVar, Self
 import casadi as ca
 import numpy as np
 
-from energy_opt.errors import BadInput, told
+from energy_opt.errors import BadInput, one_line_of
 from energy_opt.motion.dense import Dense
 from energy_opt.motion.limits.base import Fixed, Limit, Linear, State, Violation, worst_of
 from energy_opt.motion.move import Move, Settings
@@ -99,7 +99,7 @@ class OwnLimit(Limit):
             found = ca.SX(self.value(State(*columns)))
             law = ca.Function("law", columns, [ca.densify(found)])
         except (Exception, SystemExit) as fault:
-            raise BadInput(f"{self.name}: value: {told(fault, self.value.__code__.co_filename)}") from None
+            raise BadInput(f"{self.name}: value: {one_line_of(fault, self.value.__code__.co_filename)}") from None
         if found.shape != (len(self.scale), 1):
             raise BadInput(f"{self.name}: its value has shape {found.shape}; expected ({len(self.scale)}, 1)")
         return law

@@ -15,11 +15,13 @@ from energy_opt.effects import (
     GearEfficiency,
     GravitySpring,
     LoadFriction,
+    PsuLoss,
     Regeneration,
     Standby,
     SupplyEfficiency,
     ViscousFriction,
 )
+from energy_opt.motion import Move, Planner
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.limits.joint import Effort, JerkAlongPath
 from energy_opt.motion.limits.registry import joint_limits
@@ -37,7 +39,7 @@ from energy_opt.motion.timing.toppra import fastest
 from energy_opt.numerics.bspline import greville
 from energy_opt.power import Mixture, PowerModel, drive_function
 from energy_opt.power.known import named_model
-from energy_opt.robot import Robot
+from energy_opt.robot import Robot, load_robot
 
 
 @pytest.mark.parametrize("path", [straight(START, GOAL), through(np.array([START, MIDDLE, GOAL]))])
@@ -260,3 +262,13 @@ def test_a_price_of_time_needs_few_iterations(panda: Robot) -> None:
     slowed = [quickest.slowed(duration) for duration in np.linspace(quickest.duration, 1.5, 20)]
     least = min(work.energy(timing) - 60.0 * timing.duration for timing in slowed)
     assert found.energy - 60.0 * found.timing.duration < least
+
+
+def test_narrow_kinks_need_few_iterations() -> None:
+    """Braking power that is partly lost, and losses of the supply: with the kinks' own curvature it took 644."""
+    robot = load_robot("ur5e")
+    model = named_model("source-method-2", robot).replaced(Regeneration(efficiency=0.3))
+    planner = Planner(robot, model.replaced(PsuLoss(affine=0.05, quadratic=1e-4)))
+    start, goal = np.array([[-1.58, -1.66, -0.42, -1.09, 0.52, 0.32], [0.18, 1.76, -1.45, -0.39, 1.1, 1.12]])
+    found = planner.solve(Move(start, goal, "retime", duration=1.68))
+    assert found.status == "solved" and found.solver.iterations < 200

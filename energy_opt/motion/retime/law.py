@@ -12,7 +12,8 @@ the smoothed problem is as convex as the exact one. psi never exceeds the exact 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import casadi as ca
@@ -27,9 +28,9 @@ from energy_opt.numerics.compile import compiled
 from energy_opt.numerics.lanes import Compiled
 from energy_opt.power import drive_terms
 
-# Widths of the smoothed kinks, as multiples of those in each law: an interior-point method crosses sharp kinks only
-# in short steps, so the program is solved with wide kinks first.
-WIDTHS = (400.0, 40.0, 4.0, 1.0)
+# Widths of the smoothed kinks, as multiples of those in each law: the program is solved with wide kinks first, since an
+# interior-point method finds the place of sharp kinks only in short steps.
+WIDTHS = (100.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -49,15 +50,17 @@ class AlongPath(Kinks):
         return ca.if_else(v == 0, bearing(load, level), ca.sign(v))
 
     def magnitude(self, x: ca.SX, width: float) -> ca.SX:
-        """sqrt(x^2 + w^2) - w."""
-        w = width * self.width
-        return ca.sqrt(x * x + w * w) - w
+        """|x|, smoothed; see `smooth`."""
+        return self.smooth(x, width * self.width)
 
     def positive(self, x: ca.SX, width: float) -> ca.SX:
         """sqrt(b) psi(x / sqrt(b)), see the module: max(x, 0) smoothed in energy per length."""
-        d = width * self.width / self.typical
         y = x / self.rate
-        return self.rate * (y + ca.sqrt(y * y + d * d) - d) / 2
+        return self.rate * (y + self.smooth(y, width * self.width / self.typical)) / 2
+
+    def smooth(self, x: ca.SX, d: ca.SX) -> ca.SX:
+        """sqrt(x^2 + d^2) - d."""
+        return ca.sqrt(x * x + d * d) - d
 
     def moving(self, v: ca.SX) -> ca.SX:
         """1: the arm moves along the whole path."""
@@ -71,21 +74,35 @@ class Tangents(AlongPath):
     bounds are bounds of the exact law, without the smoothed law's offset of half its width.
     """
 
-    def magnitude(self, x: ca.SX, width: float) -> ca.SX:
-        """The supporting line of |x| with the slope of the smoothed function: x times x / sqrt(x^2 + w^2)."""
-        return x * x / ca.sqrt(x * x + (width * self.width) ** 2)
+    def smooth(self, x: ca.SX, d: ca.SX) -> ca.SX:
+        """The supporting line of |x| with the slope of the smoothed function: x times x / sqrt(x^2 + d^2)."""
+        return x * x / ca.sqrt(x * x + d * d)
 
-    def positive(self, x: ca.SX, width: float) -> ca.SX:
-        """The supporting line of max(x, 0) with the slope of psi at y = x / sqrt(b)."""
-        d = width * self.width / self.typical
-        y = x / self.rate
-        return x * (1 + y / ca.sqrt(y * y + d * d)) / 2
+
+@dataclass(frozen=True)
+class Expanded(AlongPath):
+    """Smoothed kinks, expanded to second order at a point, with second derivatives that are given.
+
+    `found`: of each kink its argument x, width d, the symbol of x at the point and that of the second derivative.
+    """
+
+    found: list[tuple[ca.SX, ca.SX, ca.SX, ca.SX]] = field(default_factory=list)
+
+    def smooth(self, x: ca.SX, d: ca.SX) -> ca.SX:
+        """The expansion of sqrt(x^2 + d^2) - d."""
+        at, second = ca.SX.sym("at", *x.shape), ca.SX.sym("second", *x.shape)
+        self.found.append((ca.densify(x), d * ca.SX.ones(*x.shape), at, second))
+        root = ca.sqrt(at * at + d * d)
+        return root - d + at / root * (x - at) + second / 2 * (x - at) ** 2
 
 
 def _triangle(h: ca.SX) -> ca.SX:
     """The upper triangle of a matrix, column by column."""
     full = ca.densify(h)
     return ca.vertcat(*(full[i, j] for j in range(h.shape[1]) for i in range(j + 1)))
+
+
+Form = Callable[[ca.SX, ca.SX, ca.SX], AlongPath]  # from rate, typical and width
 
 
 @dataclass(frozen=True)
@@ -100,11 +117,12 @@ class Law:
     at: ca.SX
     shared: ca.SX
     state: State
+    kinks: AlongPath
 
 
 @lru_cache(maxsize=16)
-def law(shared_by: SharedByStructure, n: int, tangents: bool = False) -> Law:
-    """The law of a model's structure and number of joints, with smooth kinks or `Tangents`; built once."""
+def law(shared_by: SharedByStructure, n: int, form: Form = AlongPath) -> Law:
+    """The law of a model's structure and number of joints, with kinks of a form; built once."""
     z, at = ca.SX.sym("z", 2), ca.SX.sym("at", 6 * n + 1)
     unit, width = ca.SX.sym("unit"), ca.SX.sym("width")
     p = shared_by.model.symbols(n)
@@ -113,16 +131,16 @@ def law(shared_by: SharedByStructure, n: int, tangents: bool = False) -> Law:
     rate = ca.sqrt(b)
     tau = inertial * a + centrifugal * b + gravity
     signals = Signals(q, q1 * rate, q1 * a + q2 * b, tau, at[-1])
-    kinks = Tangents if tangents else AlongPath
-    drive = drive_terms(shared_by.model, signals, p, kinks(rate, ca.sqrt(unit), width), holds=True)
+    kinks = form(rate, ca.sqrt(unit), width)
+    drive = drive_terms(shared_by.model, signals, p, kinks, holds=True)
     state = State(signals.q, signals.v, signals.a, drive.tau_m, drive.power, signals.t, drive.powers)
-    return Law(z, at, ca.vertcat(p, unit, width), state)
+    return Law(z, at, ca.vertcat(p, unit, width), state, kinks)
 
 
 @lru_cache(maxsize=16)
-def law_function(shared_by: SharedByStructure, n: int, tangents: bool = False) -> ca.Function:
+def law_function(shared_by: SharedByStructure, n: int, form: Form = AlongPath) -> ca.Function:
     """(z, at, shared) -> power, motor torque."""
-    built = law(shared_by, n, tangents)
+    built = law(shared_by, n, form)
     return ca.Function("law", [built.z, built.at, built.shared], [built.state.power, built.state.effort])
 
 
@@ -134,15 +152,29 @@ def general_terms(shared_by: SharedByStructure, n: int, compile: str) -> list[ca
     factors of energy and time.
 
     Returns:
-        (z, at, shared) -> cost and its gradient (2, 1); and (z, at, shared) -> upper triangle (3, 1) of the Hessian.
+        (z, at, shared) -> cost and its gradient (2, 1);
+        (z, at, shared) -> the smoothed kinks' arguments and widths, (k, 1) each;
+        (z, second, at, shared) -> upper triangle (3, 1) of the Hessian, with `second` (k, 1) for the second derivatives
+        of the kinks.
     """
-    built, weight, factors = law(shared_by, n), ca.SX.sym("weight"), ca.SX.sym("factors", 2)
-    cost = weight / ca.sqrt(built.z[1]) * (factors[0] * built.state.power + factors[1])
-    given = [built.z, ca.vertcat(built.at, weight), ca.vertcat(built.shared, factors)]
-    slope = ca.densify(ca.gradient(cost, built.z))
+
+    def share(built: Law) -> tuple[ca.SX, list[ca.SX]]:
+        given = [built.z, ca.vertcat(built.at, weight), ca.vertcat(built.shared, factors)]
+        return weight / ca.sqrt(built.z[1]) * (factors[0] * built.state.power + factors[1]), given
+
+    weight, factors = ca.SX.sym("weight"), ca.SX.sym("factors", 2)
+    built, expanded = law(shared_by, n), law(shared_by, n, Expanded)
+    (cost, given), (local, at) = share(built), share(expanded)
+    assert isinstance(expanded.kinks, Expanded)
+    found = expanded.kinks.found
+    x, d, second = (ca.vertcat(ca.SX(0, 1), *(ca.vec(kink[i]) for kink in found)) for i in (0, 1, 3))
+    hessian = _triangle(ca.hessian(local, expanded.z)[0])
+    for argument, _, place, _ in reversed(found):  # the arguments of later kinks may contain earlier ones
+        hessian, x, d = ca.substitute([hessian, x, d], [place], [argument])
     functions = [
-        ca.Function("value", given, [cost, slope]),
-        ca.Function("curvature", given, [_triangle(ca.hessian(cost, built.z)[0])]),
+        ca.Function("value", given, [cost, ca.densify(ca.gradient(cost, built.z))]),
+        ca.Function("kinks", at, [ca.densify(x), ca.densify(d)]),
+        ca.Function("curvature", [at[0], second, *at[1:]], [ca.densify(hessian)]),
     ]
     return compiled(functions, compile)[0]
 

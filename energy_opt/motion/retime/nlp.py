@@ -286,7 +286,7 @@ class RetimeProgram:
         start = np.clip(start, *bounds)
         used = 0
         # without the constraint on T, a cost that hardly depends on T leads IPOPT to ever longer T: no second attempt;
-        # nor close to the answer: of 516 such solves five failed, and a slow barrier failed in all five
+        # nor close to the answer, where a slow barrier did not help
         for way in (NEAR,) if near else (LEAP, CREEP)[: 1 + self._timed]:
             options = {**OPTIONS, **way, **(LOOSE if loosely else {})}
             answer = ipopt.solve(self, start, bounds, row_bounds, options)

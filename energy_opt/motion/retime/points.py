@@ -18,7 +18,9 @@ from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure
 from energy_opt.motion.retime.law import (
     DEGREES,
     WIDTHS,
+    AlongPath,
     LimitByStructure,
+    Tangents,
     compressed,
     general_terms,
     law_function,
@@ -72,32 +74,44 @@ class Monomials:
         return self.weight * u * hessian
 
 
-@dataclass(frozen=True)
 class AnyLaw:
-    """Sum of weight / sqrt(b) (energy P + time) by the model's law, its kinks smoothed."""
+    """Sum of weight / sqrt(b) (energy P + time) by the model's law, its kinks smoothed.
 
-    terms: Batch
-    hessian: Batch
+    Newton's method crosses a narrow kink r = sqrt(x^2 + d^2) in many short steps, because its slope x / r is far from
+    linear. So the slope is an unknown s of its own, with r s = x, and both equations are linearised (T. F. Chan, G. H.
+    Golub, P. Mulet, A nonlinear primal-dual method for total variation-based image restoration, SIAM Journal on
+    Scientific Computing 20, 1999): the second derivative at x becomes (1 - s x / r) / r, and a step to x' takes s to
+    (x + (1 - s x / r) (x' - x)) / r, within [-1, 1].
 
-    @classmethod
-    def of(
-        cls, shared_by: SharedByStructure, n: int, at: np.ndarray, weight: np.ndarray, shared: np.ndarray, compile: str
-    ) -> AnyLaw:
-        """From the law's input `at` (6 n + 1, M), and the numbers (values + 4,) that all points share.
+    Args:
+        at: (6 n + 1, M) the law's input. weight: (M,). shared: (values + 4,) numbers that all points share.
+        compile: "auto", "always" or "never", see numerics.compile.
+    """
 
-        `compile`: "auto", "always" or "never", see numerics.compile.
-        """
-        numbers = np.vstack([at, weight]).T
-        return cls(*(Batch(f, len(weight)).held(1, numbers, shared) for f in general_terms(shared_by, n, compile)))
+    def __init__(
+        self, shared_by: SharedByStructure, n: int, at: np.ndarray, weight: np.ndarray, shared: np.ndarray, compile: str
+    ) -> None:
+        numbers, functions = np.vstack([at, weight]).T, general_terms(shared_by, n, compile)
+        self._terms, self._kinks, self._hessian = (
+            Batch(f, len(weight)).held(k, numbers, shared) for k, f in zip((1, 1, 2), functions, strict=True)
+        )
+        self._last: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None  # x, r, s where the Hessian was last wanted
 
     def value(self, z: np.ndarray) -> tuple[float, np.ndarray]:
         """The sum and its gradient."""
-        cost, slope = self.terms(z.T)
+        cost, slope = self._terms(z.T)
         return float(cost.sum()), slope.T.copy()
 
     def curvature(self, z: np.ndarray) -> np.ndarray:
-        """The Hessian at every point."""
-        return self.hessian(z.T)[0].T.copy()
+        """The Hessian at every point; that of kinks depends on where it was last computed."""
+        x, d = (out.copy() for out in self._kinks(z.T))
+        r = np.sqrt(x * x + d * d)
+        s = x / r
+        if self._last is not None:
+            x0, r0, s0 = self._last
+            s = np.clip((x0 + (1 - s0 * x0 / r0) * (x - x0)) / r0, -1, 1)
+        self._last = x, r, s
+        return self._hessian(z.T, (1 - s * x / r) / r)[0].T.copy()
 
 
 @dataclass(frozen=True)
@@ -164,7 +178,7 @@ class PathLaw:
         if self.coefficients is None:
             shared = np.append(self.model.values(self.joints), [unit, width, energy, time])
             structure = SharedByStructure(self.model)
-            return AnyLaw.of(structure, self.joints, self.numbers, weight, shared, self.compile)
+            return AnyLaw(structure, self.joints, self.numbers, weight, shared, self.compile)
         k = energy * self.coefficients * (unit / self.unit) ** DEGREES[:, None]
         k[0] += time
         return Monomials(k, weight)
@@ -179,7 +193,7 @@ class PathLaw:
         values = np.repeat(shared[:, None], z.shape[1], axis=1)
         shared_by = SharedByStructure(self.model)
         lines, smooth = (
-            np.array(law_function(shared_by, self.joints, tangents)(z, self.numbers, values)[0]).ravel()
-            for tangents in (True, False)
+            np.array(law_function(shared_by, self.joints, form)(z, self.numbers, values)[0]).ravel()
+            for form in (Tangents, AlongPath)
         )
         return float((weight / np.sqrt(unit * z[1])) @ (lines - smooth))

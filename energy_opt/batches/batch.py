@@ -121,7 +121,7 @@ def run_batch(
             for record in run_tasks(left, place, solve):
                 journal.append(record)
                 records[record["key"]] = record
-                log.info("%s", _said(record["row"]))
+                log.info("%s", _progress_line(record["row"]))
                 failed += record["row"]["status"] != "solved"
                 text = f"{len(records)}/{len(wanted)} moves" + (f", {failed} not solved" if failed else "")
                 show(text, (len(records) - before) / len(left))
@@ -148,7 +148,7 @@ def run_batch(
     return Batch(found, summary, interrupted, left_out, Path(out))
 
 
-def _said(row: Row) -> str:
+def _progress_line(row: Row) -> str:
     """A finished move as a line: its name, its status, and the seconds of building and solving."""
     named = " ".join(str(row[name]) for name in ("robot", "move", "mode", "timing") if row[name])
     times = [

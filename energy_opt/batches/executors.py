@@ -116,14 +116,14 @@ def run_tasks(tasks: Sequence[Task], place: Opener, solve: Solver = solve_task) 
     group = {task.index: first.setdefault(task.build, task.index) for task in tasks}
     left = deque(sorted(tasks, key=lambda task: (group[task.index], task.index)))
     while left:
-        suspects = yield from _drain(left, place, solve)
+        suspects = yield from _run_until_worker_dies(left, place, solve)
         for task in suspects:
             alone = deque([task])
-            if (yield from _drain(alone, lambda: local(1), solve)):
+            if (yield from _run_until_worker_dies(alone, lambda: local(1), solve)):
                 yield failed(task, "the worker process died while it solved this move")
 
 
-def _drain(left: deque[Task], place: Opener, solve: Solver) -> Generator[Record, None, list[Task]]:
+def _run_until_worker_dies(left: deque[Task], place: Opener, solve: Solver) -> Generator[Record, None, list[Task]]:
     """Run tasks from `left` until it is empty or a worker dies; returns the tasks that were running when one died."""
     running: dict[Future[Record], Task] = {}
     suspects: list[Task] = []

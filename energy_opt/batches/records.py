@@ -200,12 +200,12 @@ class Journal:
             self._stream.close()
             raise BadInput(f"{self.path}: another batch is writing there; choose another --out") from None
         try:
-            self.records = self._kept(header, resume, force)
+            self.records = self._records_to_continue(header, resume, force)
         except BaseException:
             self._stream.close()
             raise
 
-    def _kept(self, header: Mapping[str, Any], resume: bool, force: bool) -> list[Record]:
+    def _records_to_continue(self, header: Mapping[str, Any], resume: bool, force: bool) -> list[Record]:
         """The records that a resumed run continues from; none for a new run, whose journal starts empty.
 
         Raises:

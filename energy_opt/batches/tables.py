@@ -31,7 +31,7 @@ Payload = tuple[float, ...]  # mass [kg] and centre of mass (3) [m]; empty for t
 
 def _payload(value: Any) -> Payload:
     """(4,) from a number, "MASS[,CX,CY,CZ]" or a list of the same."""
-    parts = value.split(",") if isinstance(value, str) else _listed(value)
+    parts = value.split(",") if isinstance(value, str) else _as_list(value)
     try:
         numbers = tuple(float(part) for part in parts if not isinstance(part, bool))
     except (TypeError, ValueError, OverflowError):
@@ -41,11 +41,11 @@ def _payload(value: Any) -> Payload:
     return numbers if len(numbers) == 4 else (numbers[0], 0.0, 0.0, 0.0)
 
 
-def _listed(value: Any) -> list[Any]:
+def _as_list(value: Any) -> list[Any]:
     return value if isinstance(value, list) else [value]
 
 
-Listed = BeforeValidator(_listed)  # one value counts as a list of one
+Listed = BeforeValidator(_as_list)  # one value counts as a list of one
 Filled = Field(min_length=1)
 Timings = Annotated[list[Annotated[Duration, reads(Duration.parse)]], Listed]
 

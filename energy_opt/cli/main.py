@@ -89,7 +89,7 @@ def _failed(document: dict[str, Any], words: Sequence[str], code: int) -> int:
     return code
 
 
-def _meant(option: str, own: Sequence[str]) -> str:
+def _option_hint(option: str, own: Sequence[str]) -> str:
     """Hint: the verbs that have an option which this one lacks, else the option of `own` with similar spelling."""
     others = [
         name
@@ -117,7 +117,7 @@ def _run(words: list[str]) -> int:
     parser, verbs = parsers(words)
     verb = next((word for word in words if not word.startswith("-")), None)
     if words[:1] and words[0].partition("=")[0] in ALONE:
-        return _print(parser.parse_args(words))
+        return _print_file(parser.parse_args(words))
     if verb is not None and verb not in VERBS:
         raise BadInput(f"no verb {verb!r}{near(verb, VERBS)}; verbs are {', '.join(VERBS)}")
     args, unknown = parser.parse_known_args(words)
@@ -131,16 +131,16 @@ def _run(words: list[str]) -> int:
         if alone in ALONE:
             raise BadInput(f"{alone} is used without a verb: energy-opt {alone} {ALONE[alone]}")
         own = [name for action in verbs[args.verb]._actions for name in action.option_strings]
-        raise BadInput(f"unknown: {' '.join(unknown)}{_meant(alone, own)} (see energy-opt {args.verb} --help)")
+        raise BadInput(f"unknown: {' '.join(unknown)}{_option_hint(alone, own)} (see energy-opt {args.verb} --help)")
     if args.effects:
         from energy_opt.effects import load_file
 
         for file in args.effects:
             load_file(file)
-    return _done(args, tuple(words)) or flushed()
+    return _run_verb(args, tuple(words)) or flushed()
 
 
-def _done(args: argparse.Namespace, words: tuple[str, ...]) -> int:
+def _run_verb(args: argparse.Namespace, words: tuple[str, ...]) -> int:
     """Read the request, run its verb, and print what it found; returns the exit code."""
     verb = VERBS[args.verb]
     request = request_of(args, verb)
@@ -160,7 +160,7 @@ def _done(args: argparse.Namespace, words: tuple[str, ...]) -> int:
     return int(found.exit_code)
 
 
-def _print(args: argparse.Namespace) -> int:
+def _print_file(args: argparse.Namespace) -> int:
     """Print an example file or a completion script."""
     if args.example is not None:
         if args.example not in EXAMPLES:

@@ -248,7 +248,7 @@ class Effect:
         A factor near 0 is replaced by SMALL before the division.
         """
         full, (times, by) = x.copy(), cls._products(joints)
-        full[by] = _away(x[by])
+        full[by] = _nonzero(x[by])
         full[times] /= full[by]
         return full
 
@@ -256,7 +256,7 @@ class Effect:
     def chart_slope(cls, x: np.ndarray, joints: int) -> np.ndarray:
         """d full / d x (square), for y = x_t / f with f the factor: dy / dx_t = 1 / f and dy / df = -x_t / f^2."""
         out, (times, by) = np.eye(len(x)), cls._products(joints)
-        factor = _away(x[by])
+        factor = _nonzero(x[by])
         out[times, times], out[times, by] = 1 / factor, -x[times] / factor**2
         return out
 
@@ -285,7 +285,7 @@ class Effect:
         return hash((type(self), *(value.tobytes() for value in self.values.values())))
 
     def __repr__(self) -> str:
-        given = {**{k: _short(v) for k, v in self.values.items()}, **{k: repr(w) for k, w in self.choices.items()}}
+        given = {**{k: _short_text(v) for k, v in self.values.items()}, **{k: repr(w) for k, w in self.choices.items()}}
         return f"{type(self).__name__}({', '.join(f'{k}={v}' for k, v in given.items())})"
 
 
@@ -316,12 +316,12 @@ def described(p: Parameter) -> str:
     return f"{p.unit}, {', '.join(sizes)}"
 
 
-def _away(factor: np.ndarray) -> np.ndarray:
+def _nonzero(factor: np.ndarray) -> np.ndarray:
     """A divisor with small values (below SMALL) replaced by SMALL."""
     return np.where(np.abs(factor) < SMALL, SMALL, factor)
 
 
-def _short(value: np.ndarray) -> str:
+def _short_text(value: np.ndarray) -> str:
     """A value in few characters, for `repr`."""
     if value.size == 1:
         return f"{value.item():.6g}"

@@ -70,7 +70,7 @@ def check_effect(kind: type[Effect], joints: int = 3, seed: int = 0) -> list[str
 
 def _derivatives(kind: type[Effect], law: SimpleNamespace, values: np.ndarray) -> list[str]:
     """A fault if the Jacobian of the law disagrees with central finite differences of step 1e-6."""
-    exact, smooth = law.jacobian(values), _descended(kind, law.joints)
+    exact, smooth = law.jacobian(values), _fitted_by_descent(kind, law.joints)
     for k in np.flatnonzero(smooth):
         step = 1e-6 * max(1.0, abs(values[k]))
         high, low = values.copy(), values.copy()
@@ -92,37 +92,37 @@ def _recovery(kind: type[Effect], law: SimpleNamespace, values: np.ndarray, rng:
     from scipy.optimize import least_squares
 
     data = law.change(values)
-    free = _descended(kind, law.joints)
+    free = _fitted_by_descent(kind, law.joints)
     start = np.where(free, values * (1 + 0.1 * rng.uniform(-1, 1, len(values))), values)
     low = np.concatenate([np.full(p.count(law.joints, kind.extents_by_default), p.lower) for p in kind.parameters])
     high = np.concatenate([np.full(p.count(law.joints, kind.extents_by_default), p.upper) for p in kind.parameters])
     found = least_squares(
-        lambda x: law.change(_put(values, free, x)) - data, np.clip(start, low, high)[free],
-        lambda x: law.jacobian(_put(values, free, x))[:, free],
+        lambda x: law.change(_replaced_at(values, free, x)) - data, np.clip(start, low, high)[free],
+        lambda x: law.jacobian(_replaced_at(values, free, x))[:, free],
         bounds=(low[free] - 1e-12, high[free] + 1e-12), x_scale=np.maximum(np.abs(values[free]), 1e-3),
         xtol=1e-14, ftol=1e-14, gtol=1e-14,
     ).x if free.any() else values[free]  # fmt: skip
     off = np.abs(found - values[free]) / np.maximum(np.abs(values[free]), 1e-3)
     if np.max(off, initial=0.0) > CLOSE:
         return [f"{kind.name}: its parameters are not recovered from its own data (off by {off.max():.2g})"]
-    for k in np.flatnonzero(~free & ~_grids(kind, law.joints)):  # scanned parameters: no other value may fit as well
-        others = [_put(values, np.arange(len(values)) == k, values[k] * share) for share in (0.7, 1.4)]
+    for k in np.flatnonzero(~free & ~_grid_entries(kind, law.joints)):  # scanned: no other value may fit as well
+        others = [_replaced_at(values, np.arange(len(values)) == k, values[k] * share) for share in (0.7, 1.4)]
         if min(np.abs(law.change(x) - data).max() for x in others) < 1e-9:
             return [f"{kind.name}: number {k} of its parameters cannot be scanned: others fit its data as well"]
     return []
 
 
-def _descended(kind: type[Effect], joints: int) -> np.ndarray:
+def _fitted_by_descent(kind: type[Effect], joints: int) -> np.ndarray:
     """For each entry of `full`: True if a fit may descend along it."""
     return np.array([not p.steps for p in kind.parameters for _ in range(p.count(joints, kind.extents_by_default))])
 
 
-def _grids(kind: type[Effect], joints: int) -> np.ndarray:
+def _grid_entries(kind: type[Effect], joints: int) -> np.ndarray:
     """For each entry of `full`: True if it belongs to a grid that is chosen."""
     return np.array([bool(p.free) for p in kind.parameters for _ in range(p.count(joints, kind.extents_by_default))])
 
 
-def _put(values: np.ndarray, where: np.ndarray, x: np.ndarray | float) -> np.ndarray:
+def _replaced_at(values: np.ndarray, where: np.ndarray, x: np.ndarray | float) -> np.ndarray:
     """`values` with x at the places `where`."""
     out = values.copy()
     out[where] = x

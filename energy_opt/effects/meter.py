@@ -178,11 +178,11 @@ def _integral(time: np.ndarray, power: np.ndarray, at: np.ndarray) -> np.ndarray
 
 def _spline(time: np.ndarray, power: np.ndarray) -> CubicSpline:
     """Through (N,) times and (N, ...) powers; the last few are kept, as one power is read at several delays."""
-    return _kept(*(np.asarray(x, dtype=float).tobytes() for x in (time, power)), power.shape)
+    return _cached_spline(*(np.asarray(x, dtype=float).tobytes() for x in (time, power)), power.shape)
 
 
 @lru_cache(maxsize=64)
-def _kept(time: bytes, power: bytes, shape: tuple[int, ...]) -> CubicSpline:
+def _cached_spline(time: bytes, power: bytes, shape: tuple[int, ...]) -> CubicSpline:
     """The spline of `_spline` from bytes, which can be keys of a cache."""
     from scipy.interpolate import CubicSpline
 

@@ -142,7 +142,7 @@ def _intervals(motion: Recorded, payload: bool) -> list[Interval]:
     """
     end = motion.trajectory.duration
     marks = {0.0, end, *motion.waits.ravel().tolist()}
-    motion = replace(motion, stretches=_at_waits(motion))
+    motion = replace(motion, stretches=_with_ends_in_waits(motion))
     for before, after in zip(motion.stretches, motion.stretches[1:], strict=False):
         speed = np.abs(motion.trajectory(motion.trajectory.time[0] + np.array([after.start]), 1)).max()
         if (before.load, before.brakes) != (after.load, after.brakes) or speed < AT_REST:
@@ -159,7 +159,7 @@ def _intervals(motion: Recorded, payload: bool) -> list[Interval]:
     return out
 
 
-def _at_waits(motion: Recorded) -> tuple[Stretch, ...]:
+def _with_ends_in_waits(motion: Recorded) -> tuple[Stretch, ...]:
     """The stretches; their ends that lie a few milliseconds outside a wait are moved to its end."""
     edges = motion.waits.ravel()
 

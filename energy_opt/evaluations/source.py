@@ -55,7 +55,7 @@ class Recorded:
 
 def robot_named(path: Path) -> str | None:
     """The robot's name in a result's request, where the file is one, or lies beside it."""
-    answer = _answer(path)
+    answer = _result_json(path)
     if answer is None:
         return None
     document = read_json(answer)
@@ -79,7 +79,7 @@ def load(path: Path, joints: Sequence[str], prefix: str = "") -> Recorded:
         BadInput: no motion can be read; names the place.
     """
     path = Path(path)
-    table, answer = _table(path), _answer(path)
+    table, answer = _table(path), _result_json(path)
     records = formats.read(table).of(joints, "" if answer is not None else prefix)
     trajectory, notes = _motion(records)
     trajectory = replace(trajectory, time=trajectory.time - trajectory.time[0]).on_nanoseconds()
@@ -99,7 +99,7 @@ def _table(path: Path) -> Path:
     return path.parent / ANSWERS[path.name] if path.name in ANSWERS else path
 
 
-def _answer(path: Path) -> Path | None:
+def _result_json(path: Path) -> Path | None:
     """The JSON result that a file belongs to."""
     folder = path if path.is_dir() else path.parent
     for answer, table in ANSWERS.items():
@@ -118,16 +118,16 @@ def _stretches(document: Any, trajectory: Trajectory) -> tuple[Stretch, ...]:
         steps = document["steps"]
         starts = [float(step["start"]) for step in steps]
         ends = [*starts[1:], end]
-        loads = [_load(s["payload"], s.get("centre") or (0.0, 0.0, 0.0)) for s in steps]
+        loads = [_payload(s["payload"], s.get("centre") or (0.0, 0.0, 0.0)) for s in steps]
         records = zip(starts, ends, loads, steps, strict=True)
         return tuple(Stretch(a, b, load, bool(step.get("brakes"))) for a, b, load, step in records)
     payload = request.get("payload")
     if not isinstance(payload, dict):
         return ()
-    return (Stretch(0.0, end, _load(payload["mass"][0], payload["com"])),)
+    return (Stretch(0.0, end, _payload(payload["mass"][0], payload["com"])),)
 
 
-def _load(mass: float, centre: Sequence[float]) -> Load:
+def _payload(mass: float, centre: Sequence[float]) -> Load:
     x, y, z = map(float, centre)
     return float(mass), x, y, z
 

@@ -159,7 +159,7 @@ def align(
         The clock (None: the given one is as good, or the data do not decide), the index of the window, and log
             likelihoods (windows, DELAYS) for `shows_means`.
     """
-    fewer = [_fewer(stamps, window, power) for window in windows]
+    fewer = [_thinned(stamps, window, power) for window in windows]
     scores = np.array([[evidence(motion, s - d, w, p)[0] for d in DELAYS] for s, w, p in fewer])
     at = int(shows_means(scores, float(np.median(windows[-1])))[0]) if len(windows) > 1 else 0
     found = [_search(motion, stamps, window, power, given) for window in windows] if seek else [None]
@@ -209,7 +209,7 @@ def _search(
     """
     from scipy.optimize import minimize
 
-    stamps, window, power = _fewer(stamps, window, power)
+    stamps, window, power = _thinned(stamps, window, power)
     span, own = float(motion.t[-1] - motion.t[0]), float(stamps[-1] - stamps[0])
     middle = float(stamps[0] + stamps[-1]) / 2
     share = 0.5 * min(span, own)
@@ -244,7 +244,7 @@ def _search(
     return Clock(offset, drift, middle, explained), score
 
 
-def _fewer(*columns: np.ndarray) -> tuple[np.ndarray, ...]:
+def _thinned(*columns: np.ndarray) -> tuple[np.ndarray, ...]:
     """Every k-th reading, so that `READINGS` take part."""
     stride = max(1, len(columns[0]) // READINGS)
     return tuple(column[::stride] for column in columns)

@@ -64,8 +64,8 @@ def guess_robot(table: Table) -> tuple[Robot, str]:
     for name in known_robots():
         found = joint_columns(table.header, by_name(name).joints, given_names(table))
         if "position" in found:
-            whole = all(_flat(joint) in _flat(column) for joint, column in found["position"].items())
-            fitting.append((len(_flat("".join(by_name(name).joints))) if whole else 0, name, found))
+            whole = all(_plain_word(joint) in _plain_word(column) for joint, column in found["position"].items())
+            fitting.append((len(_plain_word("".join(by_name(name).joints))) if whole else 0, name, found))
     longest = max((named for named, _, _ in fitting), default=0)  # panda_joint1 also contains xarm7's joint1
     fitting = [row for row in fitting if row[0] == longest]
     most = max((len(by_name(name).joints) for _, name, _ in fitting), default=0)
@@ -90,7 +90,7 @@ def guess_robot(table: Table) -> tuple[Robot, str]:
     raise BadInput(f"{table.path}: the columns fit {', '.join(names)}; say which with --robot")
 
 
-def _flat(word: str) -> str:
+def _plain_word(word: str) -> str:
     """A word in lower case without signs."""
     return "".join(c for c in word.lower() if c.isalnum())
 

@@ -57,7 +57,7 @@ def import_files(
     """
     if (out / NAME).exists() and not replace:
         raise BadInput(f"{out}: holds a measured set already; another --out, or --force")
-    tables = [Table(path) for path in _distinct(files)]
+    tables = [Table(path) for path in _without_repeats(files)]
     hand = (hand or ByHand()).within(tables, robot)
     words: list[str] = []
     moving = [table for table in tables if robot is not None or is_motion(table)]
@@ -66,7 +66,7 @@ def import_files(
             raise BadInput(f"{tables[0].path}: no joints' positions in any file; say the arm with --robot")
         robot, why = guess_robot(moving[0])
         words.append(f"robot: {robot.name} ({why})")
-    joints, meters = _sorted(tables, robot, hand)
+    joints, meters = _joints_and_meters(tables, robot, hand)
     if not joints:
         raise BadInput(f"{tables[0].path}: no file has a column for the position of every joint of {robot.name}")
     first_joint, first_meter = next(iter(joints.values())), next(iter(meters.values()), None)
@@ -88,14 +88,14 @@ def import_files(
             write_toml(folder / NAME, document)
             runs, faults, remarks = collect(read_log(folder), robot)
             if faults:
-                raise BadInput("\n".join(_at_home(fault, folder, tables) for fault in faults))
+                raise BadInput("\n".join(_with_original_path(fault, folder, tables) for fault in faults))
             if not again:
                 _kinds(document, runs, words)
-        _place(folder, out, [path.name for path in folder.iterdir() if path.name != NAME])
+        _move_to_place(folder, out, [path.name for path in folder.iterdir() if path.name != NAME])
     return Imported(out, robot, document, tuple(words), tuple(remarks), tuple(runs))
 
 
-def _distinct(files: Sequence[Path]) -> list[Path]:
+def _without_repeats(files: Sequence[Path]) -> list[Path]:
     """The files without repeats.
 
     Raises:
@@ -111,7 +111,9 @@ def _distinct(files: Sequence[Path]) -> list[Path]:
     return out
 
 
-def _sorted(tables: Sequence[Table], robot: Robot, hand: ByHand) -> tuple[dict[Table, Guess], dict[Table, Guess]]:
+def _joints_and_meters(
+    tables: Sequence[Table], robot: Robot, hand: ByHand
+) -> tuple[dict[Table, Guess], dict[Table, Guess]]:
     """Sort the files into those with the robot's joints and those of meters."""
     joints: dict[Table, Guess] = {}
     meters: dict[Table, Guess] = {}
@@ -156,7 +158,7 @@ def _pairs(joints: dict[Table, Guess], meters: dict[Table, Guess], words: list[s
         elif len(lasting) == 1:
             out[table] = lasting[0]
         else:
-            out[table] = max(meters, key=lambda m: _alike(table.path.stem, m.path.stem))
+            out[table] = max(meters, key=lambda m: _name_similarity(table.path.stem, m.path.stem))
     used = list(out.values())
     shared = next((m for m in used if used.count(m) > 1), None)
     if shared is not None and not all(g.first > EPOCH for g in [*joints.values(), meters[shared]]):
@@ -172,7 +174,7 @@ def _pairs(joints: dict[Table, Guess], meters: dict[Table, Guess], words: list[s
     return out
 
 
-def _alike(a: str, b: str) -> float:
+def _name_similarity(a: str, b: str) -> float:
     """Similarity of two file names; equal numbers count most."""
     numbers = re.findall(r"\d+", a), re.findall(r"\d+", b)
     same = sum(int(x) == int(y) for x, y in zip(*(n[::-1] for n in numbers), strict=False))
@@ -213,14 +215,14 @@ def _kinds(document: dict[str, Any], runs: Sequence[Run], words: list[str]) -> N
         words.append("cut into runs where the arm is at rest")
 
 
-def _at_home(fault: str, folder: Path, tables: Sequence[Table]) -> str:
+def _with_original_path(fault: str, folder: Path, tables: Sequence[Table]) -> str:
     """A fault of a copied file, in the name of the original file."""
     for table in tables:
         fault = fault.replace(str(folder / table.path.name), str(table.path))
     return fault.replace(str(folder / NAME), "import")
 
 
-def _place(folder: Path, out: Path, names: Sequence[str]) -> None:
+def _move_to_place(folder: Path, out: Path, names: Sequence[str]) -> None:
     """Move the finished set to its place; its log.toml last, so that no incomplete set can be read."""
     try:
         out.mkdir(parents=True, exist_ok=True)

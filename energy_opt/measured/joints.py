@@ -66,12 +66,12 @@ def clean(time: np.ndarray, values: np.ndarray) -> Stamped:
             stamps = _spread(stamps, same)
             remarks.append(f"stamps stand still in {int(same.sum())} of {len(stamps)} rows: rows spread evenly, kept")
         else:
-            kept, stamps, moved = _moved(kept, stamps, same)
+            kept, stamps, moved = _moved_to_gaps(kept, stamps, same)
             if moved:
                 remarks.append(f"{moved} rows with the stamp of the row before moved to the free place behind it")
             if int(same.sum()) - moved:
                 remarks.append(f"{int(same.sum()) - moved} rows with the stamp of the row before dropped")
-    spread = _unbunched(stamps)
+    spread = _spread_bunches(stamps)
     if spread is not None:
         stamps = spread
         row = 1e3 * float(np.median(np.diff(stamps)))
@@ -94,7 +94,7 @@ def clean(time: np.ndarray, values: np.ndarray) -> Stamped:
     return Stamped(kept, stamps, tuple(int(k) for k in np.flatnonzero(wide)), tuple(remarks))
 
 
-def _unbunched(stamps: np.ndarray) -> np.ndarray | None:
+def _spread_bunches(stamps: np.ndarray) -> np.ndarray | None:
     """Stamps of samples in bunches, spread evenly up to the last of each bunch; None if there are no bunches."""
     step = np.diff(stamps)
     near = step[step < GAP]
@@ -127,7 +127,7 @@ def _spread(stamps: np.ndarray, same: np.ndarray) -> np.ndarray:
     return begin[group] + (np.arange(len(stamps)) - first[group]) * apart[group]
 
 
-def _moved(kept: np.ndarray, stamps: np.ndarray, same: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+def _moved_to_gaps(kept: np.ndarray, stamps: np.ndarray, same: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
     """Move samples with a repeated stamp by the usual step if a sample is missing after them; drop the others."""
     step = np.diff(stamps)
     usual = float(np.median(step[step > 0])) if (step > 0).any() else 1.0

@@ -263,17 +263,17 @@ def time_columns(header: Sequence[str]) -> list[str]:
 def power_column(header: Sequence[str]) -> str | None:
     """The header of the whole robot's power, None if there is none."""
     good = {"total": 2.0, "robot": 1.0, "arm": 1.0, "active": 1.0, "whole": 1.0, "sum": 1.0, "main": 0.5, "input": 0.5}
-    return _best(header, POWER, NOT_POWER, good, "power")
+    return _best_header(header, POWER, NOT_POWER, good, "power")
 
 
 def energy_column(header: Sequence[str]) -> str | None:
     """The header of a counter of energy."""
     good = {"total": 1.0, "import": 1.0, "robot": 1.0, "active": 0.5}
-    found = _best(header, ENERGY, NOT_POWER | {"kinetic", "potential", "reactive"}, good, "energy")
+    found = _best_header(header, ENERGY, NOT_POWER | {"kinetic", "potential", "reactive"}, good, "energy")
     return found if found is None or set(cut(found).words) & (ENERGY - {"counter"}) else None
 
 
-def _best(
+def _best_header(
     header: Sequence[str], words: frozenset[str], never: frozenset[str], good: Mapping[str, float], kind: str
 ) -> str | None:
     """The header that fits best, by its words and its unit; None if none fits."""
@@ -283,7 +283,7 @@ def _best(
         unit = known_unit(kind, h.unit)
         have = set(h.words) & words
         foreign = h.unit and unit is None and any(known_unit(k, h.unit) for k in UNITS)
-        if not (have or unit) or set(h.words) & never or foreign or not _whole(h, header, good):
+        if not (have or unit) or set(h.words) & never or foreign or not _may_be_whole_robot(h, header, good):
             continue
         value = 1 + (1.0 if unit else 0.0) + sum(good.get(word, 0) for word in h.words) - 0.1 * len(h.words)
         value += 0.5 if have - {"p"} else 0.0
@@ -293,7 +293,7 @@ def _best(
     return best
 
 
-def _whole(h: Header, header: Sequence[str], good: Iterable[str]) -> bool:
+def _may_be_whole_robot(h: Header, header: Sequence[str], good: Iterable[str]) -> bool:
     """True if a meter's column may be the whole robot's: not a single motor's, nor one of several alike."""
     words = set(h.words)
     if words & WHOLE & set(good):
@@ -326,7 +326,7 @@ def product_columns(header: Sequence[str]) -> tuple[str, str] | None:
                 continue
             if set(ampere.words) & COMMANDED or set(volt.words) & COMMANDED:
                 continue
-            if not _whole(volt, header, good) or not _whole(ampere, header, good):
+            if not _may_be_whole_robot(volt, header, good) or not _may_be_whole_robot(ampere, header, good):
                 continue
             other_v, other_a = set(volt.words) - VOLT, set(ampere.words) - AMPERE
             if other_v != other_a:

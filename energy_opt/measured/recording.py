@@ -135,12 +135,12 @@ def further_signals(table: Table, rules: Mapping[str, Rule], samples: np.ndarray
     used = {*named.values(), *(column for rule in rules.values() for column in rule.columns)}
     digital = [name for k, name in enumerate(table.header) if name and name not in used and _binary(table, k)]
     table.load(named.values(), sparse=True)
-    out = {name: _filled(table.column(column))[samples] for name, column in named.items()}
+    out = {name: _with_gaps_filled(table.column(column))[samples] for name, column in named.items()}
     faults = list(table.faults)
     table.load(digital, sparse=True)
     table.faults[:] = faults  # ignore faults in columns that the log does not name
     for header in digital:
-        values = _filled(table.column(header))[samples]
+        values = _with_gaps_filled(table.column(header))[samples]
         if header not in out and set(np.unique(values)) <= {0.0, 1.0}:
             out[header] = values
     return {name: values for name, values in out.items() if np.isfinite(values).all()}
@@ -157,7 +157,7 @@ def _binary(table: Table, k: int) -> bool:
     return bool(cells) and all(DIGIT.fullmatch(cell) for cell in cells)
 
 
-def _filled(values: np.ndarray) -> np.ndarray:
+def _with_gaps_filled(values: np.ndarray) -> np.ndarray:
     """Cells without a number take the value before them; the first ones that after them."""
     there = np.flatnonzero(np.isfinite(values))
     if not there.size:

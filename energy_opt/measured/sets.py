@@ -109,10 +109,10 @@ def collect(log: LogFile, robot: Robot) -> tuple[list[Run], list[str], list[str]
         )
     faults += [fault for one in found for fault in one.faults]
     runs = [run for one in found for run in one.runs]
-    return runs, list(dict.fromkeys(faults)), _together([remark for one in found for remark in one.remarks])
+    return runs, list(dict.fromkeys(faults)), _merged_remarks([remark for one in found for remark in one.remarks])
 
 
-def _together(remarks: list[str]) -> list[str]:
+def _merged_remarks(remarks: list[str]) -> list[str]:
     """Merge remarks that many files share word for word."""
     by_word: dict[str, list[str]] = {}
     for remark in remarks:

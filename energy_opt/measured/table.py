@@ -68,7 +68,7 @@ class Table:
             table = self._parse(kinds)
         except pa.ArrowInvalid as error:
             if "conversion error" not in str(error):
-                raise self._damaged(str(error)) from None
+                raise self._parse_error(str(error)) from None
             table = self._parse({name: pa.string() for name in kinds})
         self._count = len(table)
         for name, k, form in zip(wanted, at, forms, strict=True):
@@ -83,7 +83,7 @@ class Table:
             if not bad.size and not sparse and empty.any() and empty.mean() < SPARSE:
                 bad = np.flatnonzero(empty)
             if bad.size:
-                self._name(name, bad)
+                self._add_cell_faults(name, bad)
             elif len(empty) and empty.all():
                 self.faults.append(f"{self.path}: column {name}: every cell is empty")
 
@@ -182,7 +182,7 @@ class Table:
             bad = next((k for k, row in enumerate(lines) if row.count(b'"') % 2), 0)
             self.faults.append(f"{self.path}: row {bad + self.layout.first_row}: a quotation mark that does not close")
 
-    def _damaged(self, reason: str) -> BadInput:
+    def _parse_error(self, reason: str) -> BadInput:
         """The error for a file that cannot be parsed; it names a cell of extreme length, which is the usual cause."""
         lines = self._lines()
         longest = max(range(len(lines)), key=lambda k: len(lines[k]))
@@ -209,7 +209,7 @@ class Table:
         cells = compute.replace_substring_regex(cells, r"^\+", "")
         return np.asarray(compute.cast(cells, pa.float64()).to_numpy(), dtype=float)
 
-    def _name(self, name: str, bad: np.ndarray) -> None:
+    def _add_cell_faults(self, name: str, bad: np.ndarray) -> None:
         """Add faults for the first cells of a column that are no numbers."""
         lines, k = self._lines(), self.header.index(name)
         for row in bad[:MAX_FAULTS]:

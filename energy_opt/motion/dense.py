@@ -42,8 +42,8 @@ class Grid:
 def grid_of(trajectory: Trajectory, factor: int) -> Grid:
     """A grid `factor` times denser than the samples; short grids are cached."""
     if factor * len(trajectory.time) > LONG:
-        return _denser(trajectory, factor)
-    return _kept(_Held(trajectory), factor)
+        return _dense_motion(trajectory, factor)
+    return _cached_grid(_Held(trajectory), factor)
 
 
 class _Held:
@@ -61,7 +61,7 @@ class _Held:
         return isinstance(other, _Held) and self._key == other._key
 
 
-def _denser(trajectory: Trajectory, factor: int) -> Grid:
+def _dense_motion(trajectory: Trajectory, factor: int) -> Grid:
     q, v, a, jerk = trajectory.sample_denser(factor)
     # jerk jumps at samples: the larger of both values counts
     before, at = trajectory.jerk_before_samples(), jerk[factor::factor]
@@ -70,8 +70,8 @@ def _denser(trajectory: Trajectory, factor: int) -> Grid:
 
 
 @lru_cache(maxsize=KEPT)
-def _kept(held: _Held, factor: int) -> Grid:
-    return _denser(held.trajectory, factor)
+def _cached_grid(held: _Held, factor: int) -> Grid:
+    return _dense_motion(held.trajectory, factor)
 
 
 @dataclass(frozen=True)

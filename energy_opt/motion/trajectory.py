@@ -185,9 +185,9 @@ class Trajectory:
         keep = np.concatenate([[True], np.diff(marks) > CLOSEST]) & (marks < last - CLOSEST)
         time = np.append(marks[keep], last)
         end = time.astype(np.longdouble) + self.time[0]  # an error of time causes an error of q times error / width
-        now, then = (self._summed(t) for t in (end, end - width))
+        now, then = (self._position_integral(t) for t in (end, end - width))
         q, v, a = (np.asarray((x - y) / width, dtype=float) for x, y in zip(now, then, strict=True))
-        still = self._still(time - width, time)  # set rest exactly, without rounding
+        still = self._is_at_rest(time - width, time)  # set rest exactly, without rounding
         q[still], v[still], a[still] = (
             self.sample(np.clip(self.time[0] + time[still], *self.time[[0, -1]]))[0],
             0.0,
@@ -196,7 +196,7 @@ class Trajectory:
         q[[0, -1]], v[[0, -1]], a[[0, -1]] = self.position[[0, -1]], 0.0, 0.0
         return Trajectory(self.joints, time, q, v, a)
 
-    def _still(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+    def _is_at_rest(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
         """(M,) True if the arm is at rest from `begin` to `end`, times [s] (M,) after the first sample."""
         at_rest = ((self.velocity == 0) & (self.acceleration == 0)).all(axis=1)
         moves = (self.position[:-1] != self.position[1:]).any(axis=1) | ~at_rest[:-1] | ~at_rest[1:]
@@ -207,7 +207,7 @@ class Trajectory:
         after = np.clip(np.searchsorted(time, end - near, side="left"), 0, len(moves))
         return moved[after] <= moved[first]
 
-    def _summed(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _position_integral(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Integral of the position from the first sample, position and velocity (M, n) at `time` (M,), in long double.
 
         The arm is at rest beyond both ends.

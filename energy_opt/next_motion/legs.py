@@ -89,7 +89,7 @@ def _bent(
         bend[: shape.pinned] = bend[-shape.pinned :] = 0
         for size in BEND * 0.6 ** np.arange(8):
             points = np.clip(leg.points + size * bend, lower, upper)
-            curve = _fast(Curve(shape, points, 1.0, leg.via_u), limits)
+            curve = _fastest(Curve(shape, points, 1.0, leg.via_u), limits)
             if curve.duration <= way.durations[1]:
                 break
         curve = replace(curve, duration=float(np.clip(curve.duration, *way.durations)))
@@ -100,7 +100,7 @@ def _bent(
     return best
 
 
-def _fast(curve: Curve, limits: Sequence[Limit]) -> Curve:
+def _fastest(curve: Curve, limits: Sequence[Limit]) -> Curve:
     """The curve in the shortest duration within limits on the derivatives of position."""
     shortest = [
         np.max(np.abs(curve.shape.sites[limit.order - 1] @ curve.points) / limit.bound) ** (1 / limit.order)

@@ -95,7 +95,7 @@ def separations(rivals: Sequence[Rival], body: RigidBody, trajectory: Trajectory
         step: [s] between the readings that are compared.
     """
     count = int(trajectory.duration / step) + 1
-    return np.sqrt([left / count for left, _, _ in _left(rivals, body, trajectory, step)])
+    return np.sqrt([left / count for left, _, _ in _unexplained_parts(rivals, body, trajectory, step)])
 
 
 def nearest(
@@ -108,19 +108,19 @@ def nearest(
     Args:
         rivals: all of them. body: the arm's. trajectory: the motion. step: [s] between readings. pair: its index.
     """
-    _, k, u = _left(rivals, body, trajectory, step)[pair]
+    _, k, u = _unexplained_parts(rivals, body, trajectory, step)[pair]
     models, slack = [rival.model for rival in rivals], rivals[k].slack
     if slack is not None:
         models[k] = models[k].with_values(models[k].values(body.n) + slack.values @ u[:-1], body.n)
     return models
 
 
-def _left(
+def _unexplained_parts(
     rivals: Sequence[Rival], body: RigidBody, trajectory: Trajectory, step: float
 ) -> list[tuple[float, int, np.ndarray]]:
     """Of every two rivals: the squares [W^2] that `separations` counts, which of them takes up more, its unknowns."""
     samples = samples_of(body, trajectory, step)
-    shown = [_shown(rival, samples) for rival in rivals]
+    shown = [_expected_readings(rival, samples) for rival in rivals]
     out = []
     for a, b in combinations(range(len(rivals)), 2):
         d = shown[a][0] - shown[b][0]
@@ -130,7 +130,7 @@ def _left(
     return out
 
 
-def _shown(rival: Rival, samples: Samples) -> tuple[np.ndarray, np.ndarray]:
+def _expected_readings(rival: Rival, samples: Samples) -> tuple[np.ndarray, np.ndarray]:
     """The readings (M,) that a rival expects, and their derivatives (M, g + 1) by its unknowns and the run's level."""
     slack = rival.slack
     if slack is None:

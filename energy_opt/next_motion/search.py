@@ -69,7 +69,7 @@ def propose(rivals: Sequence[Rival], robot: Robot, seed: int = 0, cell: Cell | N
         Infeasible: no drawn motion holds the robot's limits and keeps clear.
     """
     rng = np.random.default_rng(seed)
-    shape, limits = Shape(robot.n, Basis(CONTROLS, PACKING)), _calm(robot.limits)
+    shape, limits = Shape(robot.n, Basis(CONTROLS, PACKING)), _search_limits(robot.limits)
     judge = _Judge(rivals, robot, cell)
     drawn = []
     for _ in range(DRAWN):
@@ -89,7 +89,7 @@ def propose(rivals: Sequence[Rival], robot: Robot, seed: int = 0, cell: Cell | N
     functions = contrast_functions(judge.models, robot.body, judge.torque(straight).argmax(axis=0))
     level, tried = Level(shape, functions), int(np.clip(WORK / functions.curvature.n_instructions(), 1, TRIED))
     for apart, paths, _ in itertools.islice((row for row in drawn if judge.clear(row[2])), tried):
-        candidates += _improved(level, judge, paths, apart, rng)
+        candidates += _reshaped_legs(level, judge, paths, apart, rng)
     for value, legs in sorted(candidates, key=lambda pair: -pair[0]):
         trajectory = joined(legs, robot.joints)
         certificate = certify(trajectory, judge.scorers[0], joint_limits(robot.limits))
@@ -133,7 +133,7 @@ class _Judge:
         return np.array([np.abs(tau).max(axis=0) for tau in drives]) / self.robot.limits.effort
 
 
-def _improved(
+def _reshaped_legs(
     level: Level, judge: _Judge, paths: Sequence[Way], apart: np.ndarray, rng: np.random.Generator
 ) -> list[tuple[float, list[Curve]]]:
     """Reshape all legs; return the motions within torque limits and their scores. `apart` weighs the pairs."""
@@ -153,7 +153,7 @@ def _improved(
     return found
 
 
-def _calm(limits: Limits) -> Limits:
+def _search_limits(limits: Limits) -> Limits:
     """Limits of the search: finite ones, in the middle of every joint's range."""
     lower, upper = limits.ranges
     middle, half = (lower + upper) / 2, np.minimum(0.45 * (upper - lower), SPAN)

@@ -131,17 +131,17 @@ def _summary(arm: Arm) -> str:
     parts = [f"standby {standby.value:.4g} W ({standby.status})" if standby.value is not None else "standby unknown"]
     if arm.model.get("copper_loss") is not None:
         values = [arm.number("copper_loss", "r_over_kt2", j).value or 0.0 for j in range(arm.robot.n)]
-        parts.append(f"R/Kt² {_span(values)} W/(N m)² ({arm.status('copper_loss')})")
+        parts.append(f"R/Kt² {_range_text(values)} W/(N m)² ({arm.status('copper_loss')})")
     if arm.rubbing:
         fast = [arm.friction_at(j, 2) for j in range(arm.robot.n)]
-        span = _span([x.value or 0.0 for x in fast])
+        span = _range_text([x.value or 0.0 for x in fast])
         parts.append(f"friction {span} N m at half of the joints' speed ({fast[0].status})")
     else:
         parts.append("friction unknown")
     return f"{name}: {', '.join(parts)}."
 
 
-def _span(values: Sequence[float]) -> str:
+def _range_text(values: Sequence[float]) -> str:
     """The least and the largest value as text."""
     low, high = min(values), max(values)
     return f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"

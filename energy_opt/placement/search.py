@@ -316,7 +316,7 @@ def place(
         if result is not None:
             done.append((not result.solved, result.energy, rough.point, result))
     if not done:
-        raise _nowhere(search, looked)
+        raise _no_placement_error(search, looked)
     _, _, best, result = min(done, key=lambda item: item[:2])
     fixed = [step.name for k, step in enumerate(job.steps) if step.wait is None and k not in job.open]
     warnings = [f"joint positions do not change with the {request.fixture or 'base'}: {', '.join(fixed)}"]
@@ -327,7 +327,7 @@ def place(
     )  # fmt: skip
 
 
-def _nowhere(search: Search, looked: list[tuple[np.ndarray, float]]) -> Infeasible:
+def _no_placement_error(search: Search, looked: list[tuple[np.ndarray, float]]) -> Infeasible:
     """The error that no placement works, with the reason at the most promising one, else at the middle of the box."""
     point = looked[0][0] if looked else search.bounds.mean(axis=1)
     words = ", ".join(f"{x:.4g}" for x in point)

@@ -108,14 +108,14 @@ class Chooser:
         found = self._candidates(move, goals)
         open_ = sorted((c for c in found if c.status == "looked_at"), key=lambda c: c.estimate)
         if not open_:
-            raise self._none(move, goals, found)
+            raise self._no_goal_error(move, goals, found)
         promising = self._improved(move, open_)
         tried = self._screened(move, promising)
         # within limits, which a sketch need not be: each replaces its sketch
         tried = [found for item in tried for found in self._settling(move, *item, False) or [item]]
-        answer, solved = self._full(move, promising, tried)
+        answer, solved = self._solved_in_full(move, promising, tried)
         settled = next((found for found in tried if found[0].goal is answer[0].goal), None)
-        if settled is None or abs(_cost(settled) - _cost(answer)) >= self._worth(answer):
+        if settled is None or abs(_cost(settled) - _cost(answer)) >= self._energy_to_beat(answer):
             answer = self._refined(move, answer, solved)
         nearest = min(open_, key=lambda c: self._distance(move, c.goal))
         near = self._compared(move, nearest, answer)
@@ -136,7 +136,7 @@ class Chooser:
         out: list[Candidate] = []
         for goal in goals:
             pose = goal if isinstance(goal, Pose) else None
-            found = positions_of(self.tool, goal, None, near=_last(move), seed=self.seed)
+            found = positions_of(self.tool, goal, None, near=_last_leg(move), seed=self.seed)
             possible, energy = self._estimates(move, found)
             out += [
                 Candidate(q, float(e), status="looked_at" if can else "too_fast", pose=pose)
@@ -158,7 +158,7 @@ class Chooser:
 
     def _estimates(self, move: Move, goals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Whether straight moves to goals (K, n) are possible (K,), and their energy (K,) [J]."""
-        found = curves(self.scorers, np.broadcast_to(_last(move), goals.shape), goals)
+        found = curves(self.scorers, np.broadcast_to(_last_leg(move), goals.shape), goals)
         if move.duration is not None:
             return found.shortest <= move.duration, found.at(np.full((len(goals), 1), move.duration))[:, 0]
         longest = np.inf if move.max_duration is None else move.max_duration
@@ -176,20 +176,20 @@ class Chooser:
         for goal in goals:
             if len(out) == IMPROVED or tried == TRIED:
                 break
-            if any(self._alike(goal, other) for other in out):
+            if any(self._is_equivalent(goal, other) for other in out):
                 continue
             if goal.pose is not None and has_freedom(self.tool, goal.pose):
                 tried += 1
                 q = improved(self.tool, goal.pose, goal.goal, cost, self.cell)
                 goal = replace(goal, goal=q, estimate=float(cost(q[None])[0]))
-                same = [k for k, other in enumerate(out) if self._alike(goal, other)]
+                same = [k for k, other in enumerate(out) if self._is_equivalent(goal, other)]
                 if same:  # it found the optimum of another one: keep the cheaper
                     out[same[0]] = min(goal, out[same[0]], key=lambda c: c.estimate)
                     continue
             out.append(goal)
         return sorted(out, key=lambda c: c.estimate)
 
-    def _alike(self, one: Candidate, two: Candidate) -> bool:
+    def _is_equivalent(self, one: Candidate, two: Candidate) -> bool:
         """True if goals are near each other apart from a shift along their freedom, or cost the same."""
         if abs(one.estimate - two.estimate) < EQUAL * abs(two.estimate):
             return True
@@ -209,7 +209,7 @@ class Chooser:
             least = min((c.energy or np.inf for c, _ in out), default=np.inf)
             if len(out) == SCREENED or goal.estimate - HOPE * max(gain, 0.0) > least:
                 break
-            if not any(self._alike(goal, other) for other, _ in out):
+            if not any(self._is_equivalent(goal, other) for other, _ in out):
                 out += self._sketched(move, goal)
         return out
 
@@ -227,7 +227,7 @@ class Chooser:
         totals = [scorer.energy(trajectory).total for scorer in self.scorers]
         return float(max(totals) if self._worst else np.mean(totals))
 
-    def _attempt(self, move: Move, goal: Candidate, warm: Sequence[Trajectory] = ()) -> Solved | Infeasible:
+    def _solved_or_reason(self, move: Move, goal: Candidate, warm: Sequence[Trajectory] = ()) -> Solved | Infeasible:
         """A goal solved in full, or why it cannot be."""
         self.solves += 1
         try:
@@ -243,7 +243,7 @@ class Chooser:
         rated = [(replace(each, energy=self._energy(at), status="screened"), at) for each, at in found or ()]
         return sorted(rated, key=_cost)[:1]
 
-    def _worth(self, item: Solved) -> float:
+    def _energy_to_beat(self, item: Solved) -> float:
         """Energy [J] below which the estimate of another goal must be, to be solved in full."""
         losses = [scorer.energy(item[1].trajectory).loss for scorer in self.scorers]
         return WORTH * float(np.mean(losses))
@@ -251,15 +251,17 @@ class Chooser:
     def _refined(self, move: Move, answer: Solved, solved: list[Solved]) -> Solved:
         """The answer; if its freedom promises less energy, it is solved once more, which is added to `solved`."""
         better = self._settling(move, answer[0], answer[1].trajectory, True)
-        if not better or _cost(better[0]) >= _cost(answer) - self._worth(answer):
+        if not better or _cost(better[0]) >= _cost(answer) - self._energy_to_beat(answer):
             return answer
-        again = self._attempt(move, better[0][0], [better[0][1]])
+        again = self._solved_or_reason(move, better[0][0], [better[0][1]])
         if isinstance(again, Infeasible):
             return answer
         solved.append(again)
         return min(answer, again, key=_rank)
 
-    def _full(self, move: Move, goals: Sequence[Candidate], tried: Sequence[Sketched]) -> tuple[Solved, list[Solved]]:
+    def _solved_in_full(
+        self, move: Move, goals: Sequence[Candidate], tried: Sequence[Sketched]
+    ) -> tuple[Solved, list[Solved]]:
         """The best of the sketched goals solved in full, and all solved ones; other goals only if none of these
         works.
         """
@@ -271,7 +273,7 @@ class Chooser:
             least = min((c.energy or np.inf for c, _ in out if c.status == "solved"), default=None)
             if least is not None and (goal.energy is None or goal.energy >= least):
                 break
-            found = self._attempt(move, goal, warm)
+            found = self._solved_or_reason(move, goal, warm)
             if isinstance(found, Infeasible):
                 failed.append(goal)
             else:
@@ -287,17 +289,17 @@ class Chooser:
         if np.array_equal(nearest.goal, answer[0].goal):
             return answer
         at = replace(move, duration=answer[1].trajectory.duration, max_duration=None)
-        found = self._attempt(at, nearest)
+        found = self._solved_or_reason(at, nearest)
         if isinstance(found, Infeasible) and move.duration is None:  # it takes longer than the answer
-            found = self._attempt(move, nearest)
+            found = self._solved_or_reason(move, nearest)
         return None if isinstance(found, Infeasible) else found
 
     def _distance(self, move: Move, goal: np.ndarray) -> float:
         """Seconds to a goal; among equally quick goals, one with shorter travel of other joints counts as nearer."""
-        way = np.abs(goal - _last(move))
-        return float(fastest(self.tool.robot, _last(move), goal)) + 1e-3 * float(way.sum())
+        way = np.abs(goal - _last_leg(move))
+        return float(fastest(self.tool.robot, _last_leg(move), goal)) + 1e-3 * float(way.sum())
 
-    def _none(self, move: Move, goals: Sequence[Target], found: Sequence[Candidate]) -> Infeasible:
+    def _no_goal_error(self, move: Move, goals: Sequence[Target], found: Sequence[Candidate]) -> Infeasible:
         """The error if no goal is left: all touch something, or all take too long."""
         name = next((goal.name for goal in goals if isinstance(goal, Pose)), "--goal")
         touching = [c for c in found if c.status == "colliding"]
@@ -305,7 +307,7 @@ class Chooser:
             contact: Contact | None = self.cell.touching(touching[0].goal)
             text = f"{name}: every joint position that reaches it touches something; {contact}"
             return Infeasible(text, limit="clearance")
-        least = min(float(fastest(self.tool.robot, _last(move), c.goal)) for c in found)
+        least = min(float(fastest(self.tool.robot, _last_leg(move), c.goal)) for c in found)
         return Infeasible(
             f"{name}: no goal is reached in {move.duration or move.max_duration or 0.0:.4g} s; "
             f"the nearest takes {least:.4g} s at least",
@@ -314,7 +316,7 @@ class Chooser:
         )
 
 
-def _last(move: Move) -> np.ndarray:
+def _last_leg(move: Move) -> np.ndarray:
     """The start of the last part of a move."""
     return move.via[-1] if move.via else move.start
 

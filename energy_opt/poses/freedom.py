@@ -212,7 +212,7 @@ class Bent:
         self._shape = x**3 * (10 - 15 * x + 6 * x**2)
         self._speed = 30 * x**2 * (1 - x) ** 2 / trajectory.duration
         self._bend = 60 * x * (1 - x) * (1 - 2 * x) / trajectory.duration**2
-        self._share = float(self._needed(v[None], a[None])[0])
+        self._share = float(self._duration_share(v[None], a[None])[0])
         self.loss = float(np.mean([scorer.energy(trajectory).loss for scorer in scorers]))
 
     def __call__(self, start: np.ndarray | None, goal: np.ndarray | None) -> np.ndarray:
@@ -223,7 +223,7 @@ class Bent:
             base + first[:, None] * (one - shape[:, None]) + last[:, None] * shape[:, None]
             for base, shape, one in zip(self._motion, (self._shape, self._speed, self._bend), (1.0, 0, 0), strict=True)
         )
-        needed = self._needed(v, a)
+        needed = self._duration_share(v, a)
         held = self._share >= BINDING
         longer = np.maximum(needed / max(self._share, BINDING) if held else needed, 0.5 if held else 1.0)
         if not self._fixed:
@@ -231,7 +231,7 @@ class Bent:
         energy = self._energy(q, v, a, np.ones(len(q)))
         return np.asarray(energy + PRICE * np.maximum(longer - 1, 0) ** 2 * self.loss)
 
-    def _needed(self, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+    def _duration_share(self, v: np.ndarray, a: np.ndarray) -> np.ndarray:
         """The share of the duration (M,) that velocity and acceleration limits require."""
         limits = self._scorers[0].robot.limits
         speed = (np.abs(v) / limits.velocity).max(axis=(1, 2))

@@ -75,7 +75,7 @@ class Given:
                 found = replace(found, name=f"{name} ({value})", free=more.free or found.free)
                 return found if tolerance is None else replace(found, tolerance=more.tolerance)
             if found is None and Path(value).suffix.lower() in SUFFIXES:
-                return self._stamped(value, name, free, tolerance)
+                return self._from_pose_stamped(value, name, free, tolerance)
             names = [key for key, pose in self._named.items() if isinstance(pose, Pose)]
             raise BadInput(f"{name}: no pose {value!r}{near(value, names)}; expected a name of poses, or {FORM}")
         if not isinstance(value, str):
@@ -84,7 +84,9 @@ class Given:
         frame = before.strip() if colon else frame
         return replace(pose_from(numbers.strip(), free, tolerance, name), frame=frame)
 
-    def _stamped(self, file: str, name: str, free: Sequence[str], tolerance: str | tuple[float, float] | None) -> Pose:
+    def _from_pose_stamped(
+        self, file: str, name: str, free: Sequence[str], tolerance: str | tuple[float, float] | None
+    ) -> Pose:
         """A pose from a file of geometry_msgs/PoseStamped.
 
         Raises:

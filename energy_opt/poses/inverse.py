@@ -115,13 +115,13 @@ def reach(
     if not good.any():
         distance, angle = (np.linalg.norm(x, axis=1) for x in np.hsplit(tool.missed(pose, q), 2))
         k = int(np.argmin((distance / LENGTH) ** 2 + angle**2))
-        beyond = _beyond(tool, pose, at_first)
+        beyond = _limiting_joint(tool, pose, at_first)
         return Reached(np.zeros((0, len(low))), q[k], float(distance[k]), float(angle[k]), beyond)
     found = distinct(turned_near(q[good], near, tool.robot))
     return Reached(found, found[0], 0.0, 0.0)
 
 
-def _beyond(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> tuple[str, str]:
+def _limiting_joint(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> tuple[str, str]:
     """The joint farthest beyond its limits, for the start in q (N, n) that reaches the pose with the least excess."""
     robot, limits = tool.robot, tool.robot.limits
     q, error = solve(tool, pose, q, limited=False)

@@ -158,7 +158,7 @@ class Ring:
         """
         for _ in range(AVOIDED):
             chosen, energy, price = self._priced(time, waiting)
-            if free is None or not self._avoid(chosen, price, free):
+            if free is None or not self._price_contacts(chosen, price, free):
                 break
         return chosen, energy
 
@@ -167,7 +167,9 @@ class Ring:
         for k, detours in enumerate(self._detours):
             detours[chosen[k], chosen[(k + 1) % len(chosen)]] += DETOUR
 
-    def _avoid(self, chosen: list[int], price: float, free: Callable[[int, np.ndarray, np.ndarray], bool]) -> bool:
+    def _price_contacts(
+        self, chosen: list[int], price: float, free: Callable[[int, np.ndarray, np.ndarray], bool]
+    ) -> bool:
         """Make moves in contact costly until the cheapest ring at a price has none; True if any was found."""
         any_found, count = False, len(self.layers)
         for _ in range(AVOIDED):
@@ -180,18 +182,18 @@ class Ring:
             any_found = True
             for k, i, j in found:
                 self._detours[k][i, j] = DETOUR
-            chosen = self._at(price)[0]
+            chosen = self._ring_at_price(price)[0]
         return any_found
 
     def _priced(self, time: float, waiting: float) -> tuple[list[int], float, float]:
         """The cheapest ring of `time` s, its estimate [J], and the price [W] of a second at which it was found."""
-        low, high, best = None, waiting, self._at(waiting)
+        low, high, best = None, waiting, self._ring_at_price(waiting)
         step = 1.0 + abs(waiting)
         for _ in range(PRICES):
             if best[2] <= time and low is None and high == waiting:
                 break  # time remains
             price = high - step if low is None else (low + high) / 2
-            found = self._at(price)
+            found = self._ring_at_price(price)
             if found[2] > time:
                 high, step = price, 2 * step
             else:
@@ -203,7 +205,7 @@ class Ring:
         chosen, energy, used = best
         return chosen, energy + waiting * max(time - used, 0.0), high if low is None else low
 
-    def _at(self, price: float) -> tuple[list[int], float, float]:
+    def _ring_at_price(self, price: float) -> tuple[list[int], float, float]:
         """Choice, energy [J] and duration [s] of the ring of least cost at a price of time [W]."""
         costs, times = [], []
         for k, (of, (least, most)) in enumerate(zip(self._curves, self.bounds, strict=True)):

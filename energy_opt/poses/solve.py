@@ -45,11 +45,11 @@ def solve_to(
         tool, scorers, cell, planner.solve, planner.sketch, planner.settle, settings.seed, worst, ends.start, ends.via
     )
     if ends.start is not None or ends.via:
-        move = chooser.cheapest(_placed(ends, move, tool, scorers, cell, settings))
+        move = chooser.cheapest(_moves_between_branches(ends, move, tool, scorers, cell, settings))
     return chooser.choose(move, ends.goals)
 
 
-def _placed(
+def _moves_between_branches(
     ends: Ends, move: Move, tool: ToolKinematics, scorers: Sequence[Scorer], cell: Cell | None, settings: Settings
 ) -> list[Move]:
     """Moves with positions of the start pose and of the poses on the way.

@@ -90,7 +90,7 @@ def said(records: Sequence[Assumption]) -> str:
     """One line on what is assumed and which options replace it; empty if nothing is assumed."""
     assumed = [row for row in records if row.source == "assumed"]
     kinds = list(dict.fromkeys(row.what for row in assumed))
-    bounds = [_span(kind, [row for row in assumed if row.what == kind]) for kind in kinds if kind in BOUNDS]
+    bounds = [_range_text(kind, [row for row in assumed if row.what == kind]) for kind in kinds if kind in BOUNDS]
     if bounds:
         bounds[-1] += " (no source)"
     models = [kind for kind in (FRICTION, ELECTRICAL) if kind in kinds]
@@ -101,7 +101,7 @@ def said(records: Sequence[Assumption]) -> str:
     return f"assumed: {', '.join(bounds + models)}: {'run `diagnose` or ' if models else ''}{remedy}"
 
 
-def _span(kind: str, records: Sequence[Assumption]) -> str:
+def _range_text(kind: str, records: Sequence[Assumption]) -> str:
     """A bound with its value, or the least and the largest of its joints'."""
     if kind not in ("acceleration", "velocity"):
         return kind

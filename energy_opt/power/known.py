@@ -164,7 +164,7 @@ def source_method_1(robot: Robot | str = "panda") -> PowerModel:
 
     For arms other than the Panda, the overhead is the standby of `known.electrical`.
     """
-    arm = _arm(robot)
+    arm = _robot_of(robot)
     standby = Standby(power=MEAN_OVERHEAD) if arm.name == "panda" else electrical(arm)[0].effect
     return PowerModel(arm.name, (standby,))
 
@@ -174,20 +174,20 @@ def source_method_2(robot: Robot | str = "panda") -> PowerModel:
 
     For other arms, standby and copper loss are those of `known.electrical`.
     """
-    arm = _arm(robot)
+    arm = _robot_of(robot)
     return PowerModel(arm.name, tuple(known.effect for known in electrical(arm)))
 
 
 def careful(robot: Robot | str) -> PowerModel:
     """The source paper's Method 2 with friction, published or assumed, and no regeneration."""
-    arm = _arm(robot)
+    arm = _robot_of(robot)
     model = source_method_2(arm).replaced(Regeneration(efficiency=0.0))
     for known in friction(arm):
         model = model.replaced(known.effect)
     return model
 
 
-def _arm(robot: Robot | str) -> Robot:
+def _robot_of(robot: Robot | str) -> Robot:
     """The robot itself, or the one of a name in the catalogue."""
     return by_name(robot) if isinstance(robot, str) else robot
 

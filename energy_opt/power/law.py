@@ -86,7 +86,7 @@ def drive_terms(model: PowerModel, x: Signals, p: ca.SX, kinks: Kinks = EXACT, h
     )
 
 
-def _held(x: Signals, torques: Callable[[Kinks], list[ca.SX]], kinks: Kinks) -> list[ca.SX]:
+def _torques_with_holding_friction(x: Signals, torques: Callable[[Kinks], list[ca.SX]], kinks: Kinks) -> list[ca.SX]:
     """Torques (n, 1) [N m] of all torque effects, if friction holds joints at rest.
 
     Each law is evaluated with a free sign of the velocity, `way`. The sum at way = +1 and at -1 gives the load without
@@ -123,7 +123,7 @@ def _terms_of_one(model: PowerModel, x: Signals, p: ca.SX, kinks: Kinks, holds: 
         tau_m = tau_m + added
 
     drive = tau_m * x.v
-    borne = sum(_held(x, torques, kinks), x.tau) if holds else tau_m
+    borne = sum(_torques_with_holding_friction(x, torques, kinks), x.tau) if holds else tau_m
     heats: dict[str, ca.SX] = {}
     for effect, values in named:
         if isinstance(effect, HeatEffect):

@@ -43,7 +43,7 @@ class Mixture(PowerModel):
             raise BadInput(f"{count} models with weights {w.tolist()}; expected a weight above 0 for each")
         first = members[0]
         rigid = tuple(effect for effect in first.effects if effect.stage == "rigid")
-        same = (first, *(_carrying(member, rigid) for member in members[1:]))
+        same = (first, *(_with_rigid_effects(member, rigid) for member in members[1:]))
         effects = tuple(effect for member in same for effect in member.effects)
         return cls(first.robot, effects, members=same, weights=w / w.sum())
 
@@ -102,7 +102,7 @@ class Mixture(PowerModel):
         return float(sum(weight * member.constant_power(joints) for weight, member in self.weighted))
 
 
-def _carrying(model: PowerModel, rigid: Sequence[Effect]) -> PowerModel:
+def _with_rigid_effects(model: PowerModel, rigid: Sequence[Effect]) -> PowerModel:
     """The model with these rigid effects and none of its own."""
     out = model.kept(lambda effect: effect.stage != "rigid")
     for effect in rigid:

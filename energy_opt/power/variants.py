@@ -54,14 +54,14 @@ def of_joints(model: PowerModel, robot: Robot) -> PowerModel:
         BadInput: an effect changes the links themselves; with locked joints these are other bodies.
     """
     whole = len(robot.unlocked)
-    if whole == robot.n or not any(_long(effect, whole) for effect in model.effects):
+    if whole == robot.n or not any(_parameters_by_joint(effect, whole) for effect in model.effects):
         return model
     kept = [k for k, joint in enumerate(robot.unlocked) if joint in robot.joints]
-    effects = tuple(_of(effect, kept, whole) for effect in model.effects)
+    effects = tuple(_of_kept_joints(effect, kept, whole) for effect in model.effects)
     return replace(model, effects=effects, uncertainty=_uncertainty(model, kept, whole, robot))
 
 
-def _long(effect: Effect, whole: int) -> list[str]:
+def _parameters_by_joint(effect: Effect, whole: int) -> list[str]:
     """Names of its parameters that have an entry for each of `whole` joints."""
     return [p.name for p in effect.parameters if p.per_joint and _axis(effect, p.name, whole) is not None]
 
@@ -74,9 +74,9 @@ def _axis(effect: Effect, name: str, whole: int) -> int | None:
     return at if at >= 0 and value.shape[at] == whole else None
 
 
-def _of(effect: Effect, kept: list[int], whole: int) -> Effect:
+def _of_kept_joints(effect: Effect, kept: list[int], whole: int) -> Effect:
     """The effect with the values of the joints `kept` only."""
-    long = _long(effect, whole)
+    long = _parameters_by_joint(effect, whole)
     if long and effect.bakes:
         raise BadInput(
             f"effect {effect.name}: with locked joints, links are other bodies; leave --lock or the effect out"
@@ -94,7 +94,7 @@ def _uncertainty(model: PowerModel, kept: list[int], whole: int, robot: Robot) -
     for effect in model.effects:
         for name, value in effect.values.items():
             left = np.arange(value.size).reshape(value.shape)
-            if name in _long(effect, whole):
+            if name in _parameters_by_joint(effect, whole):
                 left = np.take(left, kept, axis=_axis(effect, name, whole))
             names |= {f"{effect.name}.{name}.{k}": f"{effect.name}.{name}.{i}" for i, k in enumerate(left.ravel())}
     at = [k for k, name in enumerate(uncertainty.names) if name in names]

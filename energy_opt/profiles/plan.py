@@ -113,13 +113,13 @@ class MovesPlanner:
                 guess = best[0]
                 found.append(best)
         if not found:
-            raise self._infeasible(move, reference, vias, broken)
+            raise self._too_short_error(move, reference, vias, broken)
         chain, trajectory, energy, certificate = min(found, key=lambda answer: answer[2].total)
-        kept = self._kept(move, reference, trajectory, energy)
+        kept = self._kept_saving(move, reference, trajectory, energy)
         kind = "s-curve" if self.smooth else "trapezoid"
         return StandardMoves(kind, chain, self.p.scorer.filled(trajectory), energy, certificate, kept)
 
-    def _kept(self, move: Move, reference: Result, trajectory: Trajectory, energy: Energy) -> float | None:
+    def _kept_saving(self, move: Move, reference: Result, trajectory: Trajectory, energy: Energy) -> float | None:
         """The share of the best known trajectory's saving that moves keep, under the planner's model.
 
         If the moves are cheaper than that trajectory, it is solved again from them; it never costs more than the moves.
@@ -197,7 +197,7 @@ class MovesPlanner:
         for turn in range(TURNS):
             all_ = list(limits)
             if places is not None and margins is not None:
-                all_.append(ClearanceConstraints(self._near, places.u, margins.at(places), REACH))
+                all_.append(ClearanceConstraints(self._near_bodies, places.u, margins.at(places), REACH))
             chain, converged = self._solved(chain, move, durations, objective, all_)
             certificate = self.p.certify(chain.trajectory(self.robot.joints), move)
             proof = certificate.clearance
@@ -234,7 +234,7 @@ class MovesPlanner:
         return chain, answer.success
 
     @cached_property
-    def _near(self) -> Near:
+    def _near_bodies(self) -> Near:
         """Measures distances between the bodies of the cell, for all moves."""
         assert self.p.cell is not None
         return Near(self.p.cell.bodies)
@@ -254,7 +254,7 @@ class MovesPlanner:
             self._functions[objective] = NodeFunctions(*compiled(built.as_list(), settings.compile)[0])
         return self._functions[objective]
 
-    def _infeasible(self, move: Move, reference: Result, vias: int, broken: list[Certificate]) -> Infeasible:
+    def _too_short_error(self, move: Move, reference: Result, vias: int, broken: list[Certificate]) -> Infeasible:
         """The error, with the shortest duration that standard moves need."""
         duration = reference.trajectory.duration
         nearest = min(broken, key=lambda c: max(c.violation, 0.0))

@@ -68,7 +68,7 @@ def page(
         where = float(power[0][int(np.argmax(power[1]))])
         report.text(f"The power of all robots is {power[1].max():.4g} W at most, at {where:.4g} s.")
     levers = document["levers"]
-    falls = [(_said(x), x["energy_total"]) for x in levers]
+    falls = [(_value_text(x), x["energy_total"]) for x in levers]
     report.section("What each lever saves").charts(Chart("Energy of the cycle", "", "energy [J]", waterfall=falls))
     first = levers[0]["energy_total"]
 
@@ -76,8 +76,8 @@ def page(
         energy, year = lever["energy_total"], lever.get("per_year", {})
         return [name, energy, first - energy, 100 * (1 - energy / first), year.get("kwh"), year.get("money")]
 
-    records = [row(_said(x), x) for x in levers]
-    records += [row(f"{_said(x)} alone", x) for x in document["levers_alone"]]
+    records = [row(_value_text(x), x) for x in levers]
+    records += [row(f"{_value_text(x)} alone", x) for x in document["levers_alone"]]
     if document["bound"] is not None:
         records.append(["lower bound of these curves", document["bound"], *[None] * 4])
     header = ["with", "energy of the cycle [J]", "saved [J]", "saved [%]", "saved [kWh a year]", "saved [money a year]"]
@@ -111,5 +111,5 @@ def headline(document: Mapping[str, Any]) -> str:
     return f"{text}; {100 * (1 - total / first):.3g} % less than at full speed." if total < first else f"{text}."
 
 
-def _said(lever: Mapping[str, Any]) -> str:
+def _value_text(lever: Mapping[str, Any]) -> str:
     return str(lever["name"]).replace("_", " ")

@@ -100,14 +100,14 @@ def check_masses(description: Description, still: Collection[str], links: Sequen
     said = []
     if mass < LIGHTEST:
         said.append(f"{description.path.stem}: all that moves weighs {1e3 * mass:.3g} g; are the masses in kg?")
-    whole = {link.name: _excess(link.inertia) for link in links}
+    whole = {link.name: _inertia_excess(link.inertia) for link in links}
     odd = []
     for name, on in carried.items():
         inertial = description.links[name].inertial
         if inertial is None or (inertial.mass == 0 and not any(inertial.moments)):
             continue
         inertia = inertia_matrix(inertial.moments)
-        moments, excess = np.linalg.eigvalsh(inertia), _excess(inertia)
+        moments, excess = np.linalg.eigvalsh(inertia), _inertia_excess(inertia)
         if excess <= ROUNDED:
             continue
         odd.append(name)
@@ -121,10 +121,10 @@ def check_masses(description: Description, still: Collection[str], links: Sequen
             )
     if odd:
         said.append(f"{_few(odd)}: inertia of no body, too slight, too light or too still to matter; used as it is")
-    return [*said, *_doubtful(links)]
+    return [*said, *_link_warnings(links)]
 
 
-def _excess(inertia: np.ndarray) -> float:
+def _inertia_excess(inertia: np.ndarray) -> float:
     """Share by which the largest principal moment exceeds the sum of the others; inf if one is negative."""
     low, middle, high = np.linalg.eigvalsh(inertia)
     if low < -max(NOISE, ROUNDED * high):
@@ -132,7 +132,7 @@ def _excess(inertia: np.ndarray) -> float:
     return float((high - low - middle - NOISE) / max(low + middle, NOISE))
 
 
-def _doubtful(links: Sequence[Link]) -> list[str]:
+def _link_warnings(links: Sequence[Link]) -> list[str]:
     """Warnings on masses and inertias of whole moving links that no real part has; they are used unchanged."""
     out = []
     for k, link in enumerate(links):

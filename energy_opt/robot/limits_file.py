@@ -71,7 +71,7 @@ class JointTable(Table):
 
     @model_validator(mode="before")
     @classmethod
-    def _only_what_counts(cls, row: dict[str, Any]) -> dict[str, Any]:
+    def _without_disabled(cls, row: dict[str, Any]) -> dict[str, Any]:
         """Leave out numbers whose `has_...` is false."""
         off = [kind for kind in ("position", *KINDS, "deceleration") if row.get(f"has_{kind}_limits") is False]
         return {
@@ -79,7 +79,7 @@ class JointTable(Table):
         }
 
     @model_validator(mode="after")
-    def _with_numbers(self) -> Self:
+    def _check_numbers_given(self) -> Self:
         """A limit that is said to exist has a number."""
         for kind in (*KINDS, "deceleration"):
             if getattr(self, f"has_{kind}_limits") and not self.sizes(kind):

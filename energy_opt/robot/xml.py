@@ -116,7 +116,7 @@ def _content(element: ElementTree.Element) -> str:
     return repr([(e.tag, sorted((k, v.split()) for k, v in e.attrib.items())) for e in element.iter()])
 
 
-def _no_shift(element: ElementTree.Element) -> bool:
+def _is_identity_pose(element: ElementTree.Element) -> bool:
     """True for a place at its default, whatever its name: only xyz and rpy, all of them 0."""
     values = [word for text in element.attrib.values() for word in text.split()]
     zero = bool(values) and all(re.fullmatch(r"[-+]?0+(\.0*)?", word) for word in values)
@@ -145,7 +145,7 @@ def refuse_unread(
     for child in element:
         tag = child.tag if isinstance(child.tag, str) else ""
         plain = tag.rpartition("}")[2].lower()
-        if tag in children or _no_shift(child):
+        if tag in children or _is_identity_pose(child):
             continue
         place = within and ({"xyz", "rpy"} & child.attrib.keys() or {part.tag for part in child.iter()} & elsewhere)
         if plain in elsewhere or (place and plain not in FOREIGN) or get_close_matches(plain, children, 1, SIMILAR):

@@ -123,7 +123,7 @@ class Program:
     def _steps(self) -> None:
         """Add the start, duration, energy and mode of every step."""
         cycle = self.problem.cycle_time
-        far = self._far
+        far = self._latest_start
         for r, ring in enumerate(self.problem.rings):
             for k, step in enumerate(ring.steps):
                 at = (r, k)
@@ -160,7 +160,7 @@ class Program:
 
     def _begin(self, r: int, group: Group) -> int:
         """The variable of a group's begin; fixed at 0 if the first robot's cycle begins with it."""
-        far = self._far
+        far = self._latest_start
         fixed = 0.0 if r == 0 and group.blocks[0][0] == 0 else far
         return self._variable(-fixed, fixed)
 
@@ -176,7 +176,7 @@ class Program:
         first, last = group.blocks[0][0], group.blocks[-1][1]
         begin = begins[first]
         blocks = [self._run(Run(r, *block)) for block in group.blocks]
-        spent = _sum(*(_sum(end, _minus(start)) for start, end in blocks))
+        spent = _sum(*(_sum(end, _negated(start)) for start, end in blocks))
         known = set(group.before)
         if last - first + 1 == count:  # a ring has no first block: it begins with the first possible one
             root = possible(group, range(len(blocks)))[0]
@@ -185,21 +185,21 @@ class Program:
         else:
             after = (last + 1) % count
             wraps = cycle if after == 0 else 0.0
-            terms = _sum({begins.get(after, self.start[r, after]): 1.0}, {begin: -1.0}, _minus(spent))
+            terms = _sum({begins.get(after, self.start[r, after]): 1.0}, {begin: -1.0}, _negated(spent))
             self.constraints.append((terms, -wraps, -wraps))
             if (first - 1) % count in follows:  # else it is the end of another group
                 follows[(first - 1) % count] = begin
         for start, end in blocks:
             self.constraints.append((_sum(start, {begin: -1.0}), 0.0, np.inf))
-            self.constraints.append((_sum(spent, {begin: 1.0}, _minus(end)), 0.0, np.inf))
+            self.constraints.append((_sum(spent, {begin: 1.0}, _negated(end)), 0.0, np.inf))
         for i, j in combinations(range(len(blocks)), 2):
             y = self._variable(float((i, j) in known), float((j, i) not in known), integer=True)
             (start_i, end_i), (start_j, end_j) = blocks[i], blocks[j]
-            self.constraints.append((_sum(start_j, _minus(end_i), {y: -cycle}), -cycle, np.inf))
-            self.constraints.append((_sum(start_i, _minus(end_j), {y: cycle}), 0.0, np.inf))
+            self.constraints.append((_sum(start_j, _negated(end_i), {y: -cycle}), -cycle, np.inf))
+            self.constraints.append((_sum(start_i, _negated(end_j), {y: cycle}), 0.0, np.inf))
 
     @cached_property
-    def _far(self) -> float:
+    def _latest_start(self) -> float:
         """Bound of all starts [s], large enough for lags over several cycles."""
         cycle = self.problem.cycle_time
         fixed = ((lag.length, lag.height) for lag in self.problem.lags if lag.height is not None)
@@ -207,7 +207,7 @@ class Program:
 
     def _cycles(self) -> int:
         """Add a whole number of cycles; returns its index."""
-        most = 2 * np.ceil(self._far / self.problem.cycle_time) + 2
+        most = 2 * np.ceil(self._latest_start / self.problem.cycle_time) + 2
         return self._variable(-most, most, integer=True)
 
     def _lags(self) -> None:
@@ -222,7 +222,7 @@ class Program:
             if lag.within is not None:
                 self.constraints.append((terms, -np.inf, lag.within - cycle * height))
             if lag.begin_ends:
-                terms = _sum(terms, _minus(self.duration[lag.begin]))
+                terms = _sum(terms, _negated(self.duration[lag.begin]))
             most = np.inf if lag.most is None else lag.most - cycle * height
             self.constraints.append((terms, lag.length - cycle * height, most))
 
@@ -234,7 +234,7 @@ class Program:
             (begin_1, end_1), (begin_2, end_2) = map(self._run, (pair.first, pair.second))
             # end_1 + gap <= begin_2 + C h and end_2 + gap <= begin_1 + C (1 - h)
             for begin, end, sign, length in (begin_2, end_1, 1.0, 0.0), (begin_1, end_2, -1.0, cycle):
-                terms = _sum(begin, _minus(end), {cycles: sign * cycle})
+                terms = _sum(begin, _negated(end), {cycles: sign * cycle})
                 self.constraints.append((terms, pair.gap - length, np.inf))
 
     def _run(self, run: Run) -> tuple[Terms, Terms]:
@@ -260,5 +260,5 @@ def _sum(*parts: Terms) -> Terms:
     return out
 
 
-def _minus(terms: Terms) -> Terms:
+def _negated(terms: Terms) -> Terms:
     return {j: -c for j, c in terms.items()}

@@ -80,9 +80,9 @@ def solve(problem: Problem, *, seconds: float = 60.0, gap: float = 1e-6, explain
         if found.x is None:
             if best is not None:
                 break
-            raise _why(found.impossible, problem, seconds, explain)
+            raise _no_schedule_error(found.impossible, problem, seconds, explain)
         bound = max(bound, found.bound)
-        now = _polished(program, found.x, begin + seconds)
+        now = _best_with_fixed_integers(program, found.x, begin + seconds)
         if best is None or now.energy < best.energy:
             best = now
         if best.energy - bound <= gap * abs(best.energy):
@@ -93,7 +93,7 @@ def solve(problem: Problem, *, seconds: float = 60.0, gap: float = 1e-6, explain
     return replace(_earliest(best), bound=min(bound, best.energy), seconds=monotonic() - begin)
 
 
-def _polished(program: Program, x: np.ndarray, deadline: float) -> Schedule:
+def _best_with_fixed_integers(program: Program, x: np.ndarray, deadline: float) -> Schedule:
     """The best schedule with the modes and cycle counts of `x`."""
     lower, upper, integer = program.lower, program.upper, program.integer
     held = [round(v) if i else 0 for v, i in zip(x, integer, strict=True)]
@@ -199,7 +199,7 @@ def held(schedule: Schedule) -> Problem:
     return replace(schedule.problem, rings=tuple(rings))
 
 
-def _why(impossible: bool, problem: Problem, seconds: float, explain: bool) -> Infeasible:
+def _no_schedule_error(impossible: bool, problem: Problem, seconds: float, explain: bool) -> Infeasible:
     """The error of a problem without a schedule.
 
     Args:

@@ -20,7 +20,7 @@ from energy_opt.virtual_arm.plant import Plant, Special
 MOVING = 1e-3  # [rad/s] a faster joint counts as moving
 
 
-def _growth(t: np.ndarray, time_constant: float) -> np.ndarray:
+def _growth_share(t: np.ndarray, time_constant: float) -> np.ndarray:
     """Share of the final growth reached at set time t [s], from 0 to 1."""
     return -np.expm1(-t / time_constant)
 
@@ -31,7 +31,7 @@ def electrical_power(plant: Plant, t: np.ndarray, v: np.ndarray, torque: np.ndar
     heat = np.zeros_like(v)
     resistance = plant.value("copper_loss", "r_over_kt2", joints)
     if resistance is not None:
-        warm = _growth(t, plant.number("winding_temperature", "time_constant", 1.0))
+        warm = _growth_share(t, plant.number("winding_temperature", "time_constant", 1.0))
         heat = resistance * torque**2 * (1 + plant.number("winding_temperature", "rate", 0.0) * warm)[:, None]
 
     drive = torque * v + heat
@@ -45,10 +45,10 @@ def electrical_power(plant: Plant, t: np.ndarray, v: np.ndarray, torque: np.ndar
             total = total - lost * np.minimum(total, 0)
 
     if plant.model.get("dc_link") is not None:
-        total = _linked(t, total, plant.number("dc_link", "capacity", 0.0))
+        total = _power_with_store(t, total, plant.number("dc_link", "capacity", 0.0))
     total = total + plant.number("inverter_loss", "c", 0.0) * np.abs(torque).sum(axis=1)
     total = total + plant.number("standby", "power", 0.0)
-    drifted = _growth(t, plant.number("standby_drift", "time_constant", 1.0))
+    drifted = _growth_share(t, plant.number("standby_drift", "time_constant", 1.0))
     total = total + plant.number("standby_drift", "power", 0.0) * drifted
     moving = np.abs(v).max(axis=1) > MOVING
     total = total + plant.number("motion_power", "power", 0.0) * moving
@@ -65,7 +65,7 @@ def electrical_power(plant: Plant, t: np.ndarray, v: np.ndarray, torque: np.ndar
     return total / plant.number("supply_efficiency", "eta", 1.0)
 
 
-def _linked(t: np.ndarray, bus: np.ndarray, capacity: float) -> np.ndarray:
+def _power_with_store(t: np.ndarray, bus: np.ndarray, capacity: float) -> np.ndarray:
     """Power (N,) [W] from the supply if a DC link stores returned energy, up to `capacity` [J], and is used first."""
     out, held = np.empty_like(bus), 0.0
     for k, (p, h) in enumerate(zip(bus, np.gradient(t), strict=True)):

@@ -93,7 +93,7 @@ class MujocoArm:
         self.model = self._compile(robot, plant.number("payload", "mass", 0.0), plant.value("payload", "com"))
         if tuple(self.model.joint(k).name for k in range(self.model.njnt)) != self.joints:
             raise BadInput(f"{robot.urdf}: joints {', '.join(self.joints)} are not in the order of the kinematic tree")
-        tilt = _turn(np.array([*(plant.number("base_tilt", name, 0.0) for name in ("roll", "pitch")), 0.0]))
+        tilt = _rotation_of(np.array([*(plant.number("base_tilt", name, 0.0) for name in ("roll", "pitch")), 0.0]))
         self.model.opt.gravity[:] = tilt.T @ np.asarray(robot.body.gravity)
         self.data = self.mujoco.MjData(self.model)
 
@@ -108,7 +108,7 @@ class MujocoArm:
             BadInput: MuJoCo cannot read the URDF.
         """
         mujoco = self.mujoco
-        text, inertials = _bare(robot.urdf)
+        text, inertials = _urdf_without_shapes(robot.urdf)
         try:
             spec = mujoco.MjSpec.from_string(text)
         except ValueError as error:
@@ -121,7 +121,7 @@ class MujocoArm:
             if joint.name in rotors:
                 joint.armature = rotors[joint.name]
             else:
-                _weld(mujoco, joint, robot.locked.get(joint.name, 0.0))
+                _fix_joint(mujoco, joint, robot.locked.get(joint.name, 0.0))
                 spec.delete(joint)
         if payload > 0 and com is not None:
             spec.joint(self.joints[robot.body.last]).parent.add_body(name=CARRIED, pos=com)
@@ -232,7 +232,7 @@ class MujocoArm:
 COUNT = ("origin", "parent", "child", "axis")  # elements of joints that place and move links
 
 
-def _bare(urdf: Path) -> tuple[str, dict[str, Inertial]]:
+def _urdf_without_shapes(urdf: Path) -> tuple[str, dict[str, Inertial]]:
     """The text of a URDF's tree of joints, without what meshes and limits say; and the inertia of each link by name."""
     root = ElementTree.parse(urdf).getroot()
     inertials = {str(link.get("name")): _inertial(link.find("inertial")) for link in root.findall("link")}
@@ -249,16 +249,16 @@ def _inertial(given: ElementTree.Element | None) -> Inertial:
     numbers = {} if given is None else {key: text for part in given.iter() for key, text in part.attrib.items()}
     place, rpy = (np.array([float(x) for x in numbers.get(key, "0 0 0").split()]) for key in ("xyz", "rpy"))
     xx, yy, zz, xy, xz, yz = (float(numbers.get(f"i{key}", "0")) for key in ("xx", "yy", "zz", "xy", "xz", "yz"))
-    turn = _turn(rpy)
+    turn = _rotation_of(rpy)
     return float(numbers.get("value", "0")), place, turn @ [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]] @ turn.T
 
 
-def _turn(rpy: np.ndarray) -> np.ndarray:
+def _rotation_of(rpy: np.ndarray) -> np.ndarray:
     """The rotation matrix (3, 3) of roll, pitch, yaw [rad] as URDF defines them."""
     return np.asarray(Rotation.from_euler("xyz", rpy).as_matrix())
 
 
-def _weld(mujoco: Any, joint: Any, position: float) -> None:
+def _fix_joint(mujoco: Any, joint: Any, position: float) -> None:
     """Move the body of a joint to where the joint is at `position` [rad, m]."""
     body, turn, way = joint.parent, np.zeros(4), np.zeros(3)
     if joint.type == mujoco.mjtJoint.mjJNT_SLIDE:

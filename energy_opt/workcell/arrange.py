@@ -54,7 +54,7 @@ def arrangements(arm: Arm, orders: bool, stopped: Callable[[], bool]) -> list[Ar
     """
     if not orders:
         found = _estimated(lambda: listed(arm))
-        return [] if found is None else _cheapest([found, *_elsewhere(found.arm)])
+        return [] if found is None else _cheapest([found, *_with_waits_elsewhere(found.arm)])
     groups = groups_of(arm.table)
     met: dict[tuple[int, ...], Arranged | None] = {}
 
@@ -78,7 +78,7 @@ def arrangements(arm: Arm, orders: bool, stopped: Callable[[], bool]) -> list[Ar
     else:
         _search(groups, first, look, lambda: len(met) >= MET or stopped())
     best = _cheapest([one for one in met.values() if one is not None])
-    away = [other for one in best[:AWAY] for other in _elsewhere(one.arm)]
+    away = [other for one in best[:AWAY] for other in _with_waits_elsewhere(one.arm)]
     return _cheapest([*best, *away])
 
 
@@ -130,11 +130,11 @@ def cheapest(
 def _estimated(make: Callable[[], Arm]) -> Arranged | None:
     """An arm in an arrangement with the energy of its cycle alone; None if it is not possible."""
     with suppress(Infeasible):
-        return _alone(make())
+        return _own_cycle(make())
     return None
 
 
-def _alone(arm: Arm) -> Arranged:
+def _own_cycle(arm: Arm) -> Arranged:
     """An arm with evenly slowed moves, and the energy [J] of its own cheapest schedule."""
     arm.slow()
     return Arranged(arm, solve(Problem(arm.job.cycle_time, (arm.ring(False),)), seconds=SECONDS).bound)
@@ -161,14 +161,16 @@ def _search(
     """Move one block at a time to where it lowers the energy most, until none does or the budget is spent."""
     now, energy = first, look(first)
     while not spent():
-        near = list(_neighbours(groups, now))
+        near = list(_neighbouring_orders(groups, now))
         best = min(near, key=lambda n: energy if spent() else look(n), default=now)
         if look(best) >= energy * (1 - CLOSE):
             return
         now, energy = best, look(best)
 
 
-def _neighbours(groups: Sequence[Group], now: tuple[tuple[int, ...], ...]) -> Iterator[tuple[tuple[int, ...], ...]]:
+def _neighbouring_orders(
+    groups: Sequence[Group], now: tuple[tuple[int, ...], ...]
+) -> Iterator[tuple[tuple[int, ...], ...]]:
     """Orders in which one block has another place, or a sequence of blocks is reversed."""
     for g, group in enumerate(groups):
         order = now[g]
@@ -180,7 +182,7 @@ def _neighbours(groups: Sequence[Group], now: tuple[tuple[int, ...], ...]) -> It
                     yield (*now[:g], tuple(other), *now[g + 1 :])
 
 
-def _elsewhere(arm: Arm) -> list[Arranged]:
+def _with_waits_elsewhere(arm: Arm) -> list[Arranged]:
     """The arm with one step added before a move: to a pose in which waiting takes less power than at its own poses."""
     steps = arm.table.step
     least = min(min(mode.power for mode in arm.modes_at(k)) for k, step in enumerate(arm.job.steps) if step.stop)
@@ -194,5 +196,5 @@ def _elsewhere(arm: Arm) -> list[Arranged]:
                 other = arm.listing([*steps[:k], further, *steps[k:]])
                 if min(mode.power for mode in other.modes_at(k)) >= CHEAPER * least:
                     break
-                out.append(_alone(other.ready()))
+                out.append(_own_cycle(other.ready()))
     return out

@@ -62,7 +62,7 @@ class TwoArms:
         links = [*placed_links(one, 0), *placed_links(two, one.bodies.kinematics.count)]
         bodies, arm_of = [], []
         for side, (cell, shift) in enumerate(((one, 0), (two, one.bodies.kinematics.count))):
-            for body in _own(cell):
+            for body in _without_scene(cell):
                 fixed = body.joint < 0
                 pose = cell.request.base_pose @ body.pose if fixed else body.pose
                 bodies.append(Body(body.name, -1 if fixed else body.joint + shift, pose, body.solid))
@@ -74,7 +74,7 @@ class TwoArms:
         pairs = pairs[~(still[pairs[:, 0]] & still[pairs[:, 1]])]
         self.bodies = Bodies(Kinematics(links), bodies, pairs)
         self.own_numbers = [k for k, body in enumerate(one.bodies.all) if k < one.links or body.joint >= 0]
-        self.of_second = _own(two)
+        self.of_second = _without_scene(two)
         count = arm_of.count(0)
         asked = np.full((count, len(bodies) - count), max(one.asked, two.asked))
         self.clearance = asked if clearance is None else clearance
@@ -107,7 +107,7 @@ class TwoArms:
         return self.bodies.all[a].name, self.bodies.all[b].name
 
 
-def _own(cell: Cell) -> list[Body]:
+def _without_scene(cell: Cell) -> list[Body]:
     """The bodies of the arm and its payload, without the scene."""
     return [body for k, body in enumerate(cell.bodies.all) if k < cell.links or body.joint >= 0]
 
@@ -128,10 +128,10 @@ def placed_links(cell: Cell, shift: int) -> list[Link]:
     return out
 
 
-class _Loose(MotionCurve):
+class _LateCurve(MotionCurve):
     """A curve whose joints from `count` on may be early or late by `slack` [s]."""
 
-    def loosened(self, count: int, slack: float) -> _Loose:
+    def loosened(self, count: int, slack: float) -> _LateCurve:
         """This curve with a slack."""
         self._count, self._slack = count, slack
         speed = 5 * np.abs(np.diff(self.bernstein, axis=0)).max(axis=0) / np.diff(self.time)[:, None]
@@ -186,7 +186,7 @@ def prove_apart(
     return replace(least, verdict="proven", lower_bound=bound)
 
 
-def side_by_side(arms: TwoArms, one: PeriodicMotion, two: PeriodicMotion, late: float, slack: float) -> _Loose:
+def side_by_side(arms: TwoArms, one: PeriodicMotion, two: PeriodicMotion, late: float, slack: float) -> _LateCurve:
     """Both motions on common times over slightly more than one cycle of the first.
 
     The second is ahead by `late` and loose by `slack` [s].
@@ -197,7 +197,7 @@ def side_by_side(arms: TwoArms, one: PeriodicMotion, two: PeriodicMotion, late: 
     )
     times = times[np.append(np.diff(times) > 1e-10, True)]
     pieces = np.concatenate([one.pieces(times), two.pieces(times + late)], axis=2)
-    return _Loose.of_pieces(times, pieces).loosened(arms.count, slack)
+    return _LateCurve.of_pieces(times, pieces).loosened(arms.count, slack)
 
 
 SAMPLES = 40  # samples of each of the two motions

@@ -219,10 +219,10 @@ def groups_of(robot: RobotTable) -> list[Group]:
         while last > first and (wait := robot.step[last]).wait and not wait.any_order and wait.span[0] < wait.span[1]:
             last -= 1
         run[-1] = first, last
-    return [Group(tuple(run), _before(robot, run)) for run in runs if len(run) > 1]
+    return [Group(tuple(run), _block_order(robot, run)) for run in runs if len(run) > 1]
 
 
-def _before(robot: RobotTable, blocks: list[tuple[int, int]]) -> frozenset[tuple[int, int]]:
+def _block_order(robot: RobotTable, blocks: list[tuple[int, int]]) -> frozenset[tuple[int, int]]:
     """Pairs of blocks that `after` orders, directly or through others."""
     steps = robot.step
     of = {

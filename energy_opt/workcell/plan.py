@@ -61,7 +61,7 @@ class Planning(Stage):
     """The schedule and motions of a cell with arms; arguments are those of `Stage`."""
 
     @cached_property
-    def _two(self) -> dict[tuple[int, int], TwoArms]:
+    def _pairs_of_arms(self) -> dict[tuple[int, int], TwoArms]:
         """Every two arms with a body, by their robots' numbers."""
         out = {}
         for (a, one), (b, two) in combinations(enumerate(self.arms), 2):
@@ -160,13 +160,13 @@ class Planning(Stage):
                     schedule = self._refined()
                 except Infeasible:
                     wanted, self.exclusions = self.exclusions, before
-                    around = self._around(found)
+                    around = self._led_around(found)
                     if around is None:
                         raise self._collision(found, touching[0], wanted) from None
                     return around
         return found
 
-    def _around(self, found: Planned) -> Planned | None:
+    def _led_around(self, found: Planned) -> Planned | None:
         """The plan with moves around other arms in their motion; None if none was found."""
         around: list[str] = []
         self.arms = tuple(None if arm is None else arm.own_answers() for arm in self.arms)
@@ -175,14 +175,14 @@ class Planning(Stage):
             if not touching or self.stopped():
                 return replace(found, around=tuple(around)) if not touching else None
             self.progress("paths around other arms", 0.9)
-            name = self._make_way(touching[0], found, turn)
+            name = self._reshape_around(touching[0], found, turn)
             if name is None:
                 return None
             around.append(name)
             found = self.proved(self._priced(found.schedule))
         return None
 
-    def _make_way(self, between: Between, found: Planned, turn: int) -> str | None:
+    def _reshape_around(self, between: Between, found: Planned, turn: int) -> str | None:
         """Lead one of two touching moves around all other arms; its name, or None if neither is possible."""
         both = list(zip(between.robots, found.parts_at(between), strict=True))
         for r, part in both if turn % 2 == 0 else reversed(both):
@@ -191,7 +191,11 @@ class Planning(Stage):
             if arm is None or move is None:
                 continue
             others = [
-                (other.cell, moves, self._two[r, k].clearance if r < k else self._two[k, r].clearance.T)
+                (
+                    other.cell,
+                    moves,
+                    self._pairs_of_arms[r, k].clearance if r < k else self._pairs_of_arms[k, r].clearance.T,
+                )
                 for k, (other, moves) in enumerate(zip(self.arms, found.motions, strict=True))
                 if k != r and other is not None and other.cell is not None and moves is not None
             ]
@@ -261,7 +265,7 @@ class Planning(Stage):
             )
         )
         clearance = []
-        for (a, b), arms in self._two.items():
+        for (a, b), arms in self._pairs_of_arms.items():
             self.progress(f"proof: {self.cell.robot[a].name} and {self.cell.robot[b].name}", 0.9)
             one, two = motions[a], motions[b]
             assert one is not None and two is not None
@@ -273,12 +277,12 @@ class Planning(Stage):
         a, b = between.robots
         rings, parts = found.schedule.problem.rings, found.parts_at(between)
         i, j = ([s.name for s in rings[r].steps].index(part.name) for r, part in zip((a, b), parts, strict=True))
-        runs = meeting(self._two[a, b], parts[0], parts[1])
+        runs = meeting(self._pairs_of_arms[a, b], parts[0], parts[1])
         key = (a, i, b, j)
         known = self.exclusions.get(key)
         first, second = (Run(r, k, k, part) for r, k, part in zip((a, b), (i, j), runs, strict=True))
         if known is not None:
-            first, second = _wider(known.first, first), _wider(known.second, second)
+            first, second = _union_of_runs(known.first, first), _union_of_runs(known.second, second)
             if (first, second) == (known.first, known.second):  # it did not suffice: exclude the whole steps
                 first, second = Run(a, i, i), Run(b, j, j)
         self.exclusions[key] = Exclusion(first, second, 2 * self.cell.jitter)
@@ -318,7 +322,7 @@ class Planning(Stage):
         )
 
 
-def _wider(one: Run, two: Run) -> Run:
+def _union_of_runs(one: Run, two: Run) -> Run:
     """A run that covers both; a whole step if one of them is."""
     if one.part is None or two.part is None:
         return Run(one.ring, one.first, one.last)

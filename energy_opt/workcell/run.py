@@ -139,14 +139,14 @@ def supplied(planning: Planning, planned: Planned) -> tuple[Planned, Supplied]:
     """
     least: tuple[float, Infeasible] | None = None
     for _ in range(SLOWED):
-        planned = _shifted(planning, planned)
+        planned = _with_shifted_starts(planning, planned)
         supply = Supply(planning.cell, planning.arms, FINE)
         drawn = supply.drawn(planned.schedule, supply.table.shared)
         if drawn.valid or planning.stopped():
             return planned, drawn
         moves = supply.heaviest(planned.schedule, drawn)
         if least is None or drawn.price < least[0]:
-            least = drawn.price, _fault(planned.schedule, moves, drawn)
+            least = drawn.price, _supply_error(planned.schedule, moves, drawn)
         if planning.bound(lossless=True) > (drawn.bound or np.inf) * planning.cell.cycle_time:
             break  # its mean is above the limit
         rings = planned.schedule.problem.rings
@@ -162,7 +162,7 @@ def supplied(planning: Planning, planned: Planned) -> tuple[Planned, Supplied]:
     raise least[1]
 
 
-def _fault(schedule: Schedule, moves: list[tuple[int, int]], drawn: Supplied) -> Infeasible:
+def _supply_error(schedule: Schedule, moves: list[tuple[int, int]], drawn: Supplied) -> Infeasible:
     """The error of a supply whose limits no schedule holds; names the moves at the worst instant."""
     rings = schedule.problem.rings
     names = ", ".join(f"{rings[r].name}.{rings[r].steps[k].name}" for r, k in moves) or "all robots wait then"
@@ -180,7 +180,7 @@ def _fault(schedule: Schedule, moves: list[tuple[int, int]], drawn: Supplied) ->
     )
 
 
-def _shifted(planning: Planning, planned: Planned) -> Planned:
+def _with_shifted_starts(planning: Planning, planned: Planned) -> Planned:
     """The plan with starts at which the supply draws less, if the arms keep apart."""
     supply = Supply(planning.cell, planning.arms)
 

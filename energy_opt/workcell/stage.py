@@ -199,20 +199,25 @@ def pull(problem: Problem) -> Levers:
     steps: list[tuple[str, Schedule]] = []
     alone: tuple[tuple[str, Schedule], ...] = ()
     relaxed = False
-    for change in (_today, _longer):
+    for change in (_at_present_duration, _without_longest):
         with suppress(Infeasible):
-            fast = _each(_each(problem, _today), change)
-            steps.append(("as_is", solve(_each(fast, _ready), seconds=brief)))
-            alone, relaxed = (("modes", solve(fast, seconds=brief)),), change is _longer
+            fast = _with_steps(_with_steps(problem, _at_present_duration), change)
+            steps.append(("as_is", solve(_with_steps(fast, _at_full_readiness), seconds=brief)))
+            alone, relaxed = (("modes", solve(fast, seconds=brief)),), change is _without_longest
             break
     before = [] if relaxed else [schedule for _, schedule in steps]  # also possible with the next lever
     with suppress(Infeasible):  # infeasible if a wait's first mode is impossible for so long
-        before = [min([solve(_each(problem, _ready), seconds=brief), *before], key=lambda schedule: schedule.energy)]
+        before = [
+            min(
+                [solve(_with_steps(problem, _at_full_readiness), seconds=brief), *before],
+                key=lambda schedule: schedule.energy,
+            )
+        ]
         steps.append(("speeds", before[0]))
     return Levers((*steps, ("modes", min([best, *before], key=lambda schedule: schedule.energy))), alone, relaxed)
 
 
-def _today(step: Move | Wait) -> Move | Wait:
+def _at_present_duration(step: Move | Wait) -> Move | Wait:
     """The step at its present duration, or at its shortest."""
     if isinstance(step, Wait):
         return step
@@ -220,17 +225,17 @@ def _today(step: Move | Wait) -> Move | Wait:
     return replace(step, least=taken, most=taken)
 
 
-def _ready(step: Move | Wait) -> Move | Wait:
+def _at_full_readiness(step: Move | Wait) -> Move | Wait:
     """The step with only its first mode, if it is a wait."""
     return replace(step, modes=step.modes[:1]) if isinstance(step, Wait) else step
 
 
-def _longer(step: Move | Wait) -> Move | Wait:
+def _without_longest(step: Move | Wait) -> Move | Wait:
     """The step without a longest duration if it is a wait."""
     return replace(step, most=np.inf) if isinstance(step, Wait) else step
 
 
-def _each(problem: Problem, change: Callable[[Move | Wait], Move | Wait]) -> Problem:
+def _with_steps(problem: Problem, change: Callable[[Move | Wait], Move | Wait]) -> Problem:
     """The problem with every step changed."""
     rings = tuple(Ring(ring.name, tuple(change(step) for step in ring.steps)) for ring in problem.rings)
     return replace(problem, rings=rings)

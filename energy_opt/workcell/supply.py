@@ -101,7 +101,7 @@ class Supply:
             for k in range(len(ring.steps)):
                 self._add(schedule, r, k, bus[r], rest[r])
         links = [bus.sum(axis=0)] if shared else list(bus)
-        found = [_link(b, self._step, self.table.capacity) for b in links]
+        found = [_link_power(b, self._step, self.table.capacity) for b in links]
         power = np.sum([drawn for drawn, _ in found], axis=0) + rest.sum(axis=0)
         energy, lost = float(power.sum() * self._step), float(sum(lost for _, lost in found))
         return Supplied(self.time, power, energy, lost, self.table.max_power, self.table.resistor)
@@ -177,7 +177,7 @@ class Supply:
                     if one == two:
                         continue
                     for shift in SHIFTS:
-                        moved = _moved(best, r, one, two, count, shift)
+                        moved = _with_wait_shifted(best, r, one, two, count, shift)
                         if moved is None:
                             continue
                         now = self.drawn(moved, self.table.shared).price
@@ -188,7 +188,7 @@ class Supply:
         return best
 
 
-def _moved(schedule: Schedule, r: int, one: int, two: int, count: int, shift: float) -> Schedule | None:
+def _with_wait_shifted(schedule: Schedule, r: int, one: int, two: int, count: int, shift: float) -> Schedule | None:
     """The wait `one` longer by `shift` [s], the wait `two` shorter by it; None if that breaks a constraint."""
     ring = schedule.problem.rings[r]
     names = ("starts", "durations", "energies")
@@ -213,7 +213,7 @@ def _moved(schedule: Schedule, r: int, one: int, two: int, count: int, shift: fl
     return moved if keeps(schedule.problem, moved.starts, moved.durations) else None
 
 
-def _link(bus: np.ndarray, step: float, capacity: float) -> tuple[np.ndarray, float]:
+def _link_power(bus: np.ndarray, step: float, capacity: float) -> tuple[np.ndarray, float]:
     """Power (N,) [W] that a link of `capacity` [J] draws under the drives' power `bus` (N,) [W]; energy lost per
     cycle [J].
     """

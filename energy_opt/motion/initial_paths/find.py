@@ -124,18 +124,20 @@ def find_paths(
     if not (search.clear(ends.start) and search.clear(ends.goal)):
         return []
     found: list[Way] = []
-    for source, points in _bent(search, ends, planner, seed, count):
-        way = _way(search, free, ends, points, source, seed + len(found), began)
-        if way is not None and not any(_alike(way, other) for other in found):
+    for source, points in _free_bent_lines(search, ends, planner, seed, count):
+        way = _rounded_path(search, free, ends, points, source, seed + len(found), began)
+        if way is not None and not any(_is_similar(way, other) for other in found):
             found.append(way)
         if len(found) == count:
             break
     return sorted(found, key=lambda way: way.length)
 
 
-def _bent(search: Looks, ends: Ends, planner: str, seed: int, count: int) -> Iterator[tuple[Source, np.ndarray]]:
+def _free_bent_lines(
+    search: Looks, ends: Ends, planner: str, seed: int, count: int
+) -> Iterator[tuple[Source, np.ndarray]]:
     """Bent lines that are free at the poses checked along them: our own, then, if these are too few, a planner's."""
-    for k, points in enumerate(_own(search, ends, seed)):
+    for k, points in enumerate(_own_bent_lines(search, ends, seed)):
         if k == OWN + count:
             break
         yield "own", points
@@ -162,7 +164,7 @@ def _bent(search: Looks, ends: Ends, planner: str, seed: int, count: int) -> Ite
             yield "ompl", bent
 
 
-def _own(search: Looks, ends: Ends, seed: int) -> Iterator[np.ndarray]:
+def _own_bent_lines(search: Looks, ends: Ends, seed: int) -> Iterator[np.ndarray]:
     """Lines through one seeded point, or through two: one visible from the start and one from the goal."""
     random = np.random.default_rng(seed)
     middle, half = (ends.start + ends.goal) / 2, np.abs(ends.goal - ends.start) / 2
@@ -188,7 +190,7 @@ def _own(search: Looks, ends: Ends, seed: int) -> Iterator[np.ndarray]:
             yield np.stack([ends.start, a, b, ends.goal])
 
 
-def _way(
+def _rounded_path(
     search: Looks, free: Free, ends: Ends, points: np.ndarray, source: Source, seed: int, began: float
 ) -> Way | None:
     """The bent line shortened, its corners rounded as far as the proof allows; None if it cannot be proven."""
@@ -208,7 +210,7 @@ def _way(
     return None
 
 
-def _alike(a: Way, b: Way) -> bool:
+def _is_similar(a: Way, b: Way) -> bool:
     """True if two paths differ only slightly."""
     s = np.linspace(0, 1, 9)[1:-1]
     return bool(np.abs(a.path(s) - b.path(s)).max() < SAME)

@@ -90,10 +90,10 @@ class _Net:
         self._number = {(a, b): k for k, (a, b) in enumerate(self._edges.tolist())}
         self._known = np.zeros(len(self._edges), dtype=int)  # 1: free, -1: not free, 0: not checked
         a, b = self._q[self._edges[:, 0]], self._q[self._edges[:, 1]]
-        pace = self._pace(self._q)
+        pace = self._speed(self._q)
         self._weight = np.linalg.norm((b - a) / ends.velocity, axis=1) * pace[self._edges].mean(axis=1)
 
-    def _pace(self, q: np.ndarray) -> np.ndarray:
+    def _speed(self, q: np.ndarray) -> np.ndarray:
         """The speed at which poses are passed, up to a factor: the root of the cost of being there."""
         return np.sqrt(self._rate(q) + self._ease)
 
@@ -135,7 +135,7 @@ class _Net:
         """Poses (SAMPLES, n) evenly in time: a path passed from rest to rest, fast in costly regions."""
         from scipy.ndimage import gaussian_filter1d
 
-        pace, step = self._pace(way), np.linalg.norm(np.diff(way, axis=0) / self._velocity, axis=1)
+        pace, step = self._speed(way), np.linalg.norm(np.diff(way, axis=0) / self._velocity, axis=1)
         at = np.concatenate([[0.0], np.cumsum(2 * step / (pace[1:] + pace[:-1]))])
         u = np.linspace(0, 1, SAMPLES)
         s = (np.minimum(u, RAMP) ** 2 - np.maximum(u - 1 + RAMP, 0) ** 2) / 2 + RAMP * np.maximum(u - RAMP, 0)

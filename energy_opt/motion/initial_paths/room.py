@@ -52,7 +52,7 @@ class Room:
         pairs, margins = [], []
         for p, pair in enumerate(cell.bodies.pairs.tolist()):
             margin = LOOKED * float(self._kept[p])
-            fine = any(self._too_fat(p, q, margin) for q in ends)
+            fine = any(self._only_hulls_are_near(p, q, margin) for q in ends)
             for k in pair:
                 if (k, fine) not in known:
                     body = cell.bodies.all[k]
@@ -67,7 +67,7 @@ class Room:
         check = cell.robot.body.collision_check
         self._touches = check(parts, np.array(pairs, dtype=int).reshape(-1, 2), np.array(margins))
 
-    def _too_fat(self, pair: int, q: np.ndarray, margin: float) -> bool:
+    def _only_hulls_are_near(self, pair: int, q: np.ndarray, margin: float) -> bool:
         """True if a pair's convex shapes are nearer than `margin` at an end, but the bodies themselves are not."""
         ruler, scene = self._bodies.ruler(pair), Scenery(self._bodies, q[None])
         if ruler.convex:

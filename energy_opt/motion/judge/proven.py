@@ -223,9 +223,9 @@ class Proof:
     ) -> list[list[Range]]:  # fmt: skip
         """Ranges of q, v, a, tau and t on parts of pieces."""
         first = self._dense.trajectory.position[:-1][piece]
-        hulls = [_hull(_part(c[:, piece], low, high)) for c in self._derivatives[:4]]
+        hulls = [_hull(_part_coefficients(c[:, piece], low, high)) for c in self._derivatives[:4]]
         hulls[0] = hulls[0][0] + first, hulls[0][1] + first
-        tau = _part(torque[:, piece], low, high)
+        tau = _part_coefficients(torque[:, piece], low, high)
         length = self._h[piece] * (high - low)[:, None]
         tau_low, tau_high = _hull(tau)
         rate_low, rate_high = _hull(slope(tau, length))
@@ -241,7 +241,7 @@ def _excess(found: Violation) -> float:
     return -np.inf if found.excess is None else found.excess
 
 
-def _part(c: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def _part_coefficients(c: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Coefficients (d + 1, K, n) of pieces from x = low to high, (K,) each."""
     if (low == 0).all() and (high == 1).all():
         return c

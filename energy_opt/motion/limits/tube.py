@@ -96,7 +96,7 @@ class Tube(Limit):
         """The joint, or the tool."""
         return joints[column] if self.tool is None else self.tool.name
 
-    def _away(self, q: np.ndarray) -> np.ndarray:
+    def _deviation(self, q: np.ndarray) -> np.ndarray:
         """Distance of positions (M, n) from the path: per joint (M, n) [rad], or of the tool (M, 1) [m]."""
         if self.tool is None:
             return np.abs(self.near(q).off)
@@ -104,12 +104,12 @@ class Tube(Limit):
 
     def worst(self, x: Dense) -> Violation:
         """The place that is farthest from the path."""
-        value = self._away(x.q)
+        value = self._deviation(x.q)
         return worst_of(self, x, value, np.full(value.shape[1], self.most), value / self.most - 1)
 
     def excess_at(self, q: np.ndarray) -> float:
         """The largest distance of positions q (M, n) over the bound, less 1."""
-        return float(self._away(q).max()) / self.most - 1
+        return float(self._deviation(q).max()) / self.most - 1
 
     def scaled(self, share: float) -> Self:
         """The tube with its bound times `share`."""
@@ -117,7 +117,7 @@ class Tube(Limit):
 
     def fixed(self, d: PathDynamics) -> Fixed:
         """The distance of a path from the given one, which no timing changes."""
-        value, unit = self._away(d.q), "rad" if self.tool is None else "m"
+        value, unit = self._deviation(d.q), "rad" if self.tool is None else "m"
 
         def text(k: int, j: int) -> str:
             return f"{value[k, j]:.4g} {unit} from the path, allowed are {self.most:.4g} (--tube)"

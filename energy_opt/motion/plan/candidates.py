@@ -77,7 +77,7 @@ def unsearched(context: Context, move: Move, timing: Timing) -> Candidate:
     duration = min(wanted, longest)
     trajectory = timing.slowed(duration).trajectory(context.robot.joints)
     if timing.path.moves and not context.judge(trajectory).within.valid:  # rounding of many samples in a short time
-        trajectory = _in_one(context, move, duration)
+        trajectory = _single_cubic(context, move, duration)
     return Candidate(
         trajectory,
         message=f"no joint moves by {RESOLUTION:g} rad, which no encoder tells from standing: "
@@ -85,7 +85,7 @@ def unsearched(context: Context, move: Move, timing: Timing) -> Candidate:
     )
 
 
-def _in_one(context: Context, move: Move, duration: float) -> Trajectory:
+def _single_cubic(context: Context, move: Move, duration: float) -> Trajectory:
     """The straight line from rest to rest as one cubic polynomial in three samples."""
     u, way = np.array([[0.0], [0.5], [1.0]]), move.goal - move.start
     q = move.start + u**2 * (3 - 2 * u) * way
@@ -311,7 +311,7 @@ def _from_the_fastest(
     if best is None:
         if fallback or context.stopped():
             return None, spent
-        worst = context.judge(_slow(context, lines[0])).certificate.worst
+        worst = context.judge(_evenly_slowed(context, lines[0])).certificate.worst
         raise Infeasible(
             f"{worst['joint']}: the {worst['limit']} limit {worst['bound']:.4g} cannot be held even by a slow move "
             f"(value {worst['value']:.4g} at {worst['time']:.4g} s)",
@@ -344,7 +344,7 @@ def _too_short(move: Move, shortest: float, certificate: Certificate) -> Infeasi
     )
 
 
-def _slow(context: Context, line: Line) -> Trajectory:
+def _evenly_slowed(context: Context, line: Line) -> Trajectory:
     t = 20 * line.duration * line.u
     v = np.gradient(line.q, t, axis=0)
     return Trajectory(context.robot.joints, t, line.q, v, np.gradient(v, t, axis=0))

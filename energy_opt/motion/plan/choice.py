@@ -99,7 +99,7 @@ def choose(
         solver=report,
         message="interrupted; the best so far" if interrupted else message,
         interrupted=interrupted,
-        warnings=(*_warnings(context), *_slow(move, work.timing)),
+        warnings=(*_warnings(context), *_slow_warning(move, work.timing)),
         progress=tuple(context.progress.losses),
     )
 
@@ -184,7 +184,7 @@ def baselines_of(context: Context, move: Move, timing: Timing | None, duration: 
     """The baselines: TOPP-RA's move, the same slowed evenly to `duration` s, and the user's own trajectory if given."""
     out: list[tuple[str, Trajectory]] = []
     if timing is not None:
-        toppra = _held(context, move, timing)
+        toppra = _within_limits(context, move, timing)
         same = abs(duration / timing.duration - 1) <= SAME_DURATION
         scaled = toppra if same else context.judge.slowed(timing, duration).trajectory
         out += [("toppra", toppra), ("scaled", scaled)]
@@ -193,7 +193,7 @@ def baselines_of(context: Context, move: Move, timing: Timing | None, duration: 
     return [(name, context.judge(trajectory)) for name, trajectory in out]
 
 
-def _held(context: Context, move: Move, timing: Timing) -> Trajectory:
+def _within_limits(context: Context, move: Move, timing: Timing) -> Trajectory:
     """The fastest timing's trajectory, slowed slightly if it breaks a limit between the grid points of its program."""
     trajectory = timing.trajectory(context.robot.joints)
     excess = context.judge(trajectory).within.violation
@@ -217,7 +217,7 @@ def _optimality(move: Move, name: str, best: Judged, solution: RetimeSolution | 
     return Optimality(solution.kind, bound, 100 * (total - bound) / max(abs(total), 1e-12))
 
 
-def _slow(move: Move, timing: Timing | None) -> list[str]:
+def _slow_warning(move: Move, timing: Timing | None) -> list[str]:
     """A warning if the duration asked for is hundreds of times the shortest."""
     if move.duration is None or timing is None or not timing.path.moves or move.duration < SLOW * timing.duration:
         return []

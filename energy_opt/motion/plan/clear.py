@@ -67,7 +67,7 @@ def kept_clear(
     if context.cell is None:
         return free
     wider = wider_optima(context, move, timing, retimed, free) if context.settings.initial_paths else free
-    if wider.trajectory is not None and _proven(context, wider.trajectory):
+    if wider.trajectory is not None and _is_proven(context, wider.trajectory):
         return wider
     free_time = context.settings.objective == "time"
     reference = reference_time(context, move, timing)
@@ -135,8 +135,8 @@ class Clearing:
             if mix is None:
                 continue
             if number == 0 and share >= CLOSE and self.finish(mix, BOLD):
-                if self._left(optimum) < LEFT:
-                    self._others(optima[1:])
+                if self._missing_saving(optimum) < LEFT:
+                    self._search_from_other_optima(optima[1:])
                     return
                 continue
             trials_from.append((mix, BOLD))
@@ -151,7 +151,7 @@ class Clearing:
                 return mix, share
         return None, 0.0
 
-    def _others(self, optima: Sequence[Curve]) -> None:
+    def _search_from_other_optima(self, optima: Sequence[Curve]) -> None:
         """Search from mixtures with optima that cost much less than the best."""
         for optimum in optima:
             assert self.best is not None
@@ -186,13 +186,13 @@ class Clearing:
             if any(np.abs(trial.point.points - other.point.points).max() < APART for other in done):
                 continue
             done.append(trial)
-            curve = self._hopeful(trial)
+            curve = self._second_start(trial)
             if curve is not None:
                 self.finish(curve, TRUST)
         if self.best is None and not self.context.stopped():
             self.finish(self.first, TRUST / 3)
 
-    def _hopeful(self, trial: Descent) -> Curve | None:
+    def _second_start(self, trial: Descent) -> Curve | None:
         """The curve of a trial after another one where that is needed; None if it is far from the best."""
         for most in HOPES:
             merit = self.search.merit(trial)
@@ -212,7 +212,7 @@ class Clearing:
             self.best = found
         return found is not None
 
-    def _left(self, optimum: Curve) -> float:
+    def _missing_saving(self, optimum: Curve) -> float:
         """How much more the best costs than an optimum found without bodies, as a share of how much more the first path
         costs.
         """
@@ -233,7 +233,7 @@ class Clearing:
         if least - self._cost(optima[0]) < HALF * least:
             return
         middle = between(self.best.curve, optima[0], 0.5)
-        curve = self._hopeful(self.search.trial(middle, BOLD))
+        curve = self._second_start(self.search.trial(middle, BOLD))
         if curve is not None:
             self.finish(curve, TRUST)
 
@@ -274,7 +274,7 @@ def _lines(
     """Initial curves: the given trajectories that are proven clear, and last the first path, slowed evenly to a given
     duration, or else in its timing of least energy.
     """
-    lines = [Line.of(t) for t in (*warm, *([move.input] if move.input else [])) if _proven(context, t)]
+    lines = [Line.of(t) for t in (*warm, *([move.input] if move.input else [])) if _is_proven(context, t)]
     line = retimed() if move.duration is None else None
     if line is not None:
         lines.append(Line.of(line.trajectory))
@@ -286,6 +286,6 @@ def _lines(
     return lines
 
 
-def _proven(context: Context, trajectory: Trajectory) -> bool:
+def _is_proven(context: Context, trajectory: Trajectory) -> bool:
     clearance = context.judge(trajectory).clearance
     return clearance is None or clearance.proven

@@ -75,7 +75,7 @@ def first_path(
             "--mode reshape may start from it all the same",
             limit="clearance", position=found.time, excess=found.depth,
         )  # fmt: skip
-    paths = _around(robot, cell, settings, limits, move, found.proven)
+    paths = _further_paths(robot, cell, settings, limits, move, found.proven)
     seconds = time.perf_counter() - begin
     if found.proven or (move.path is not None and paths):
         return move, FirstPath(source, seconds), tuple(way.path for way in paths)
@@ -91,7 +91,9 @@ def first_path(
     raise Infeasible(blocked, limit="clearance")
 
 
-def _around(robot: Robot, cell: Cell, settings: Settings, limits: Sequence[Limit], move: Move, free: bool) -> list[Way]:
+def _further_paths(
+    robot: Robot, cell: Cell, settings: Settings, limits: Sequence[Limit], move: Move, free: bool
+) -> list[Way]:
     """Initial paths besides one that is given or `free`, or in place of one that is not free."""
     if settings.tube is not None or (
         free and (move.path is None or not settings.initial_paths or move.mode == "retime")
@@ -103,7 +105,7 @@ def _around(robot: Robot, cell: Cell, settings: Settings, limits: Sequence[Limit
         return find_paths(room, ends, step, planner=cell.request.planner, seed=settings.seed, count=count)
 
     if move.via and move.path is None:
-        return _through(cell, between, [move.start, *move.via, move.goal])
+        return _path_through(cell, between, [move.start, *move.via, move.goal])
     count = max(1, PATHS if settings.initial_paths is None else settings.initial_paths)
     return between(move.start, move.goal, count if move.mode == "reshape" else 1)
 
@@ -117,7 +119,7 @@ def room_between(
     return Room(cell, np.stack([start, goal])), ends, steps(robot.body.tree())
 
 
-def _through(
+def _path_through(
     cell: Cell, between: Callable[[np.ndarray, np.ndarray, int], list[Way]], points: Sequence[np.ndarray]
 ) -> list[Way]:
     """One path through points (n,) in order: a spline through places of the paths between them; or none."""

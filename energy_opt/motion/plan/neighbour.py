@@ -78,9 +78,9 @@ class Neighbours:
         if self._move.mode == "retime":
             return self._retimed(duration)
         same = abs(neighbour.trajectory.duration / duration - 1) <= SAME
-        far = duration not in self._known and not same and self._far(duration)
+        far = duration not in self._known and not same and self._is_far_from_single(duration)
         if far and not self._alone_at:
-            self._known[duration] = self._alone(duration)
+            self._known[duration] = self._single_or_none(duration)
         here = self._known.get(duration)
         move = replace(self._move, duration=duration)
         task = task_of(self._context, move, reference_time(self._context, move, self._single.timing), duration)
@@ -88,17 +88,17 @@ class Neighbours:
         if step not in self._tried and self._may_lead_lower(task, here, neighbour):
             self._tried.add(step)
             stepped = (
-                self._carried(task, neighbour, here)
+                self._continued(task, neighbour, here)
                 if self._context.cell is None
-                else self._cleared(task, neighbour, here)
+                else self._continued_clear(task, neighbour, here)
             )
-            here = _lower(here, stepped)
+            here = _cheaper(here, stepped)
         if far and duration not in self._alone_at and not self._at_the_best(task, move, here):
-            here = _lower(here, self._alone(duration))
+            here = _cheaper(here, self._single_or_none(duration))
         if here is None and same:
             here = neighbour
         if here is None and duration not in self._alone_at:
-            here = self._alone(duration)
+            here = self._single_or_none(duration)
         self._known[duration] = here if here is not None else self._retimed(duration)
         return self._known[duration]
 
@@ -133,11 +133,11 @@ class Neighbours:
             self._alone_at.append(task.durations[0])
         return found
 
-    def _far(self, duration: float) -> bool:
+    def _is_far_from_single(self, duration: float) -> bool:
         """True if no duration near this one was solved as a single move."""
         return all(max(duration / other, other / duration) > ALONE for other in self._alone_at)
 
-    def _alone(self, duration: float) -> Optimum | None:
+    def _single_or_none(self, duration: float) -> Optimum | None:
         """As `alone`, but None if nothing valid was found."""
         try:
             return self.alone(duration)
@@ -162,7 +162,7 @@ class Neighbours:
         passed, _ = level.shares(curve, task.parameters, task.limits)
         return not joined(level, task, here.outcome, replace(there, curve=curve, cost=passed))
 
-    def _carried(self, task: Task, neighbour: Optimum, here: Optimum | None) -> Optimum | None:
+    def _continued(self, task: Task, neighbour: Optimum, here: Optimum | None) -> Optimum | None:
         """Continue from a neighbour to the optimum at this duration; None if that is no better than the known one."""
         if neighbour.outcome is None:
             start = task.curve(self._reshaper.fine(task.vias).shape, Line.of(neighbour.trajectory))
@@ -174,8 +174,8 @@ class Neighbours:
             return None
         return self._judged(outcome, task)
 
-    def _cleared(self, task: Task, neighbour: Optimum, here: Optimum | None) -> Optimum | None:
-        """As `_carried`, for a move that keeps clear of bodies."""
+    def _continued_clear(self, task: Task, neighbour: Optimum, here: Optimum | None) -> Optimum | None:
+        """As `_continued`, for a move that keeps clear of bodies."""
         level = self._reshaper.fine(task.vias)
         curve = task.curve(level.shape, Line.of(neighbour.trajectory))
         if neighbour.outcome is not None and neighbour.outcome.curve.shape is level.shape:
@@ -227,6 +227,6 @@ class Neighbours:
         return Optimum(trajectory, judged.energy, converged) if judged.certificate.valid else None
 
 
-def _lower(a: Optimum | None, b: Optimum | None) -> Optimum | None:
+def _cheaper(a: Optimum | None, b: Optimum | None) -> Optimum | None:
     """The one of less energy; None if both are None."""
     return min((x for x in (a, b) if x is not None), key=lambda x: x.energy.total, default=None)

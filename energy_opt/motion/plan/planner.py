@@ -49,7 +49,7 @@ AT_REST = 1e-6  # [rad/s^2] smaller accelerations count as zero
 Start = tuple[Move, FirstPath, tuple[JointPath, ...]]
 
 
-def _but_payload(model: PowerModel) -> tuple[tuple[str, ...], ...]:
+def _without_payload(model: PowerModel) -> tuple[tuple[str, ...], ...]:
     return model.without(Payload.name).structure
 
 
@@ -107,7 +107,7 @@ class Planner:
         Raises:
             BadInput: the model has other effects than the planner's.
         """
-        if _but_payload(model) != _but_payload(self.model):
+        if _without_payload(model) != _without_payload(self.model):
             raise BadInput("the planner was built for other effects; build a new one")
         out = copy(self)
         out._take_model(model)
@@ -258,13 +258,13 @@ class Planner:
             tried = float(np.ceil(longer * named * 10**digits) / 10**digits)
             if all(
                 process_time() - begin < 3 * CONFIRMING
-                and self._works(replace(move, duration=share * tried, max_duration=None))
+                and self._is_solvable(replace(move, duration=share * tried, max_duration=None))
                 for share in BEYOND
             ):
                 return error.named(tried)
         return error.named(None)
 
-    def _works(self, move: Move) -> bool:
+    def _is_solvable(self, move: Move) -> bool:
         try:
             return self.single(move).at(move.duration, None, ()).result.status == "solved"
         except Infeasible:
@@ -277,7 +277,7 @@ class Planner:
             Infeasible: a move that keeps its path would touch something, or no way around was found.
         """
         started, first, initial_paths = self.first_path(move)
-        further = cache(lambda: self._further(move, first.source))  # all durations share one search for it
+        further = cache(lambda: self._another_path(move, first.source))  # all durations share one search for it
         context = replace(
             self.context(started),
             initial_paths=initial_paths,
@@ -286,7 +286,7 @@ class Planner:
         )
         return Single(context, started, first, self.timing)
 
-    def _further(self, asked: Move, source: str) -> tuple[JointPath, ...]:
+    def _another_path(self, asked: Move, source: str) -> tuple[JointPath, ...]:
         """Another initial path, if the first went around a body; called if the result saves too little."""
         settings = self.settings
         if (

@@ -145,10 +145,10 @@ class RobustPlanner:
             held = replace(move, duration=known[-1].duration, max_duration=None)
             return planner.as_ending(known[-1]).solve(held, [*warm, *known], progress.left, confirm)
 
-        best = self._least(find, progress.ended, move)
-        return self._stated(self._or_even(move, best))
+        best = self._best_answer(find, progress.ended, move)
+        return self._stated(self._or_evenly_slowed(move, best))
 
-    def _or_even(self, move: Move, best: _Answer) -> _Answer:
+    def _or_evenly_slowed(self, move: Move, best: _Answer) -> _Answer:
         """The answer, or the evenly slowed move if that is better; for a free duration, also the fastest timing."""
         names = ("scaled",) if move.duration is not None else ("scaled", "toppra")
         even = [
@@ -176,13 +176,13 @@ class RobustPlanner:
 
         If every motion that it finds costs more than the evenly slowed move under a model, a warning says so.
         """
-        best = self._least(lambda planner, _: find(planner), self._stopped)
+        best = self._best_answer(lambda planner, _: find(planner), self._stopped)
         result = self._stated(best)
         costly = [judge.name for judge, more in zip(self._judges, best.costlier(), strict=True) if more]
         said = [f"under the model {name!r} this move takes more than the same move slowed evenly" for name in costly]
         return replace(result, warnings=(*result.warnings, *said))
 
-    def _least(
+    def _best_answer(
         self, find: Callable[[Planner, list[Trajectory]], Result], stopped: Callable[[], bool], move: Move | None = None
     ) -> _Answer:
         weights, members = np.ones(len(self.rivals)) / len(self.rivals), list(self._mixture.members)
@@ -204,17 +204,17 @@ class RobustPlanner:
             )  # the costs of this move and the last can balance in a mean
             if stopped() or (self.kind == "mean" and (held or not costlier.any())):
                 break
-            weights, members = self._moved(weights, answer, costlier)
+            weights, members = self._next_weights(weights, answer, costlier)
         assert best is not None
         if move is not None and self.kind == "mean" and answers[0].costlier().any():
-            blend = self._blend(move, answers)
+            blend = self._best_mean(move, answers)
             if blend is not None and self._rank(blend) < self._rank(best):
                 best = blend
             if not best.result.interrupted and any(a.result.status == "solved" for a in answers):
                 best = replace(best, result=replace(best.result, status="solved"))
         return replace(best, bound=max(bounds, default=None))
 
-    def _blend(self, move: Move, answers: Sequence[_Answer]) -> _Answer | None:
+    def _best_mean(self, move: Move, answers: Sequence[_Answer]) -> _Answer | None:
         """The cheapest weighted mean of the answers and the evenly slowed move that costs no more than the latter."""
         result, slowed = answers[0].result, answers[0].slowed
         duration, baseline = result.trajectory.duration, result.baseline("scaled")
@@ -245,22 +245,24 @@ class RobustPlanner:
         """The minimised value [J] of the energies (K,) under all judges."""
         return float(totals[: len(self.rivals)].mean() if self.kind == "mean" else totals.max())
 
-    def _moved(self, weights: np.ndarray, answer: _Answer, costlier: np.ndarray) -> tuple[np.ndarray, list[PowerModel]]:
+    def _next_weights(
+        self, weights: np.ndarray, answer: _Answer, costlier: np.ndarray
+    ) -> tuple[np.ndarray, list[PowerModel]]:
         """Weights and models of the next solve: for each model, the values under which the move costs most."""
         totals = answer.totals
         if self.kind == "mean":
             assert answer.slowed is not None
             excess = np.where(costlier, totals - np.array([energy.total for energy in answer.slowed]), 0.0)
-            worst = self._worst(excess)
+            worst = self._worst_judges(excess)
             weights = weights * np.where(excess[worst] > 0, GROWTH, 1.0)
         else:
-            worst = self._worst(totals)
+            worst = self._worst_judges(totals)
             spread = totals[worst].std()
             if spread > 0:
                 weights = weights * np.exp(STEP * (totals[worst] - totals[worst].mean()) / spread)
         return weights, [self._judges[k].model for k in worst]
 
-    def _worst(self, values: np.ndarray) -> list[int]:
+    def _worst_judges(self, values: np.ndarray) -> list[int]:
         """For each model, the judge of largest value among itself and its corners; itself if none is larger.
 
         Always itself if power is limited.
@@ -292,10 +294,10 @@ class RobustPlanner:
             baselines=tuple(stated(baseline) for baseline in result.baselines),
             **(self._minimised(answer) if several else {}),
             models=tuple(records),
-            warnings=(*result.warnings, *self._above(result.trajectory)),
+            warnings=(*result.warnings, *self._power_warnings(result.trajectory)),
         )
 
-    def _above(self, trajectory: Trajectory) -> list[str]:
+    def _power_warnings(self, trajectory: Trajectory) -> list[str]:
         """Warnings for corners of assumed friction under which the peak power [W] exceeds the limit."""
         limit = self._planner.settings.max_power
         if limit is None:

@@ -73,15 +73,19 @@ def candidates_of(
 
     @cache
     def retimed() -> RetimeSolution | None:
-        return least_energy_timing(context, move, timing) if timing is not None and _in_time(timing, wanted) else None
+        return (
+            least_energy_timing(context, move, timing)
+            if timing is not None and _is_fast_enough(timing, wanted)
+            else None
+        )
 
     if is_at_rest(move) or (context.stopped() and timing is not None):
         return Work(timing, None, None, None, warm, retimed)
     curve = _curve(context, move, timing, retimed, warm, kept)
     may = may_free(context, move, timing, curve.trajectory is None) and not context.stopped()
-    if may and _costs_more(context, curve, retimed):
+    if may and _costs_more_than_timing(context, curve, retimed):
         other = _curve(freed(context), move, timing, retimed, warm, kept)
-        if other.trajectory is not None and not _costs_more(context, other, retimed):
+        if other.trajectory is not None and not _costs_more_than_timing(context, other, retimed):
             curve = replace(other, iterations=curve.iterations + other.iterations)
     return Work(timing, None, curve, None, warm, retimed)
 
@@ -96,12 +100,12 @@ def may_free(context: Context, move: Move, timing: Timing | None, failed: bool =
     timing in time: its end accelerations are free too.
     """
     wanted = move.duration if move.duration is not None else move.max_duration
-    if context.settings.end_acceleration != "zero" or timing is None or not _in_time(timing, wanted):
+    if context.settings.end_acceleration != "zero" or timing is None or not _is_fast_enough(timing, wanted):
         return False
     return failed or wanted is None or wanted < HURRIED * timing.duration
 
 
-def _in_time(timing: Timing, wanted: float | None) -> bool:
+def _is_fast_enough(timing: Timing, wanted: float | None) -> bool:
     return wanted is None or wanted >= timing.duration * (1 - 1e-9) or not timing.path.moves
 
 
@@ -119,7 +123,7 @@ def _curve(
     return curve
 
 
-def _costs_more(context: Context, curve: Candidate, retimed: Callable[[], RetimeSolution | None]) -> bool:
+def _costs_more_than_timing(context: Context, curve: Candidate, retimed: Callable[[], RetimeSolution | None]) -> bool:
     """Is a curve, from zero acceleration to zero, beaten by the best timing of the first path?
 
     Timings begin and end with any acceleration. Near the least time that counts: building it up takes about 1 % longer.

@@ -51,8 +51,8 @@ class AtPoints:
         self.times = np.zeros(shape, dtype=int)
         line = limit.linear(d, typical)
         # constant limits: of a speed, by bounds of control values; of an acceleration, linear between knots
-        self.bounds_speed = line is not None and line.of_speed and _same(line.rb)
-        self.bounds_slope = line is not None and not (line.rb.any() or line.r0.any()) and _same(line.ra)
+        self.bounds_speed = line is not None and line.of_speed and _is_constant(line.rb)
+        self.bounds_slope = line is not None and not (line.rb.any() or line.r0.any()) and _is_constant(line.ra)
 
     def tightest(self, line: Linear) -> np.ndarray:
         """The columns (M, m) to hold: if the limit is only |ra a| <= 1, the steepest column represents the others."""
@@ -64,7 +64,7 @@ class AtPoints:
         return out
 
 
-def _same(x: np.ndarray) -> bool:
+def _is_constant(x: np.ndarray) -> bool:
     return bool(np.ptp(x, axis=0).max() <= EVEN * np.abs(x).max())
 
 
@@ -153,7 +153,7 @@ class PathLimits:
                     stuck = held.held & (use > 1 + STUCK)
                     held.times[stuck] += 1
                     held.reserve[stuck] *= 1 - OVER * held.times[stuck] * (use[stuck] - 1)
-                near = _near(use, np.where(columns, WIDE, NEAR))
+                near = _near_bound(use, np.where(columns, WIDE, NEAR))
                 if held.bounds_slope:
                     near &= self.at_knot[:, None] | (use > 1 + BROKEN)
                 held.held |= near
@@ -274,7 +274,7 @@ class InUnit:
         return self.unit**2 * self.functions.curvature(self.unit * z, multipliers)
 
 
-def _near(use: np.ndarray, share: np.ndarray) -> np.ndarray:
+def _near_bound(use: np.ndarray, share: np.ndarray) -> np.ndarray:
     """Places (M, n) where more than `share` (n,) of the bound is used, and their neighbours."""
     near = use > share
     out = near.copy()

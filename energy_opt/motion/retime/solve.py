@@ -130,19 +130,19 @@ def retime(
         speeds = path.start_speed, path.end_speed
         shortest = fastest(robot, model, path, grid=grid, limits=held, start_speed=speeds[0], end_speed=speeds[1])
     if not path.moves:
-        return _standing(robot, model, path, duration, shortest)
+        return _hold_pose(robot, model, path, duration, shortest)
     work = Retiming(robot, model, shortest, held, compile)
     wanted = duration if duration is not None else max_duration
     start = shortest
     if wanted is not None and shortest.duration > wanted:
-        start = _shorter(work, shortest, wanted)
+        start = _faster_than_toppra(work, shortest, wanted)
     if duration is not None and all(work.rest):
         start = start.slowed(duration)
     plan = _free(work, start, max_duration) if duration is None else _exact(work, start, duration)
     return _solution(work, plan, shortest)
 
 
-def _shorter(work: Retiming, shortest: Timing, wanted: float) -> Timing:
+def _faster_than_toppra(work: Retiming, shortest: Timing, wanted: float) -> Timing:
     """A timing faster than TOPP-RA's.
 
     Raises:
@@ -173,7 +173,7 @@ def _free(work: Retiming, start: Timing, longest: float | None) -> _Plan:
     cap = LONGEST * work.shortest.duration if longest is None else longest
     found = _best(work, start, price=0.0, longest=cap, floor=FLOOR)
     if not found.solved:
-        return _given_up(work, start, f"the solver stopped with {found.status}")
+        return _feasible_start(work, start, f"the solver stopped with {found.status}")
     message = ""
     if longest is None and found.timing.duration > cap * (1 - 1e-3):
         message = f"the energy still falls with the duration, which was held at {LONGEST:g} times the shortest one"
@@ -191,13 +191,13 @@ def _exact(work: Retiming, start: Timing, duration: float) -> _Plan:
             below = relaxed.bound + price * duration
             best = replace(best, bound=below if best.bound is None else max(below, best.bound))
         if relaxed.solved:
-            other = _Plan(_exactly(relaxed.timing, duration), relaxed.energy, best.bound, True)
+            other = _Plan(_stretched_at(relaxed.timing, duration), relaxed.energy, best.bound, True)
             if abs(relaxed.timing.duration / duration - 1) > USED_UP or work.limits.refine(other.timing.control):
                 far = not best.converged or (best.bound is not None and best.gap > GLOBAL_GAP / 100)
                 other = _equality(work, other.timing, price, duration) if far else best
             if other.energy < best.energy:
                 best = replace(other, bound=best.bound)
-    slowed = _given_up(work, start, best.message, best.bound)
+    slowed = _feasible_start(work, start, best.message, best.bound)
     if np.isinf(best.energy):
         return slowed
     if all(work.rest) and slowed.energy < best.energy:
@@ -242,7 +242,7 @@ def _best(
     return found
 
 
-def _given_up(work: Retiming, start: Timing, reason: str, bound: float | None = None) -> _Plan:
+def _feasible_start(work: Retiming, start: Timing, reason: str, bound: float | None = None) -> _Plan:
     """The feasible start, TOPP-RA's timing, slowed; it counts as converged if the bound proves it good enough."""
     plan = _Plan(start, work.energy(start), bound, True)
     if plan.gap <= GLOBAL_GAP / 100:
@@ -252,15 +252,15 @@ def _given_up(work: Retiming, start: Timing, reason: str, bound: float | None = 
 
 def _stretched(work: Retiming, timing: Timing, duration: float) -> Timing:
     """The timing stretched slightly to take `duration`: only where no limit is near, if evenly breaks a limit."""
-    evenly = _exactly(timing, duration)
+    evenly = _stretched_at(timing, duration)
     if work.limits.worst(evenly.control).excess <= HELD:
         return evenly
     loose = work.limits.loose(timing.control)
-    locally = _exactly(timing, duration, loose) if loose.any() else evenly
+    locally = _stretched_at(timing, duration, loose) if loose.any() else evenly
     return locally if work.limits.worst(locally.control).excess <= HELD else evenly
 
 
-def _exactly(timing: Timing, duration: float, where: np.ndarray | slice = slice(1, -1)) -> Timing:
+def _stretched_at(timing: Timing, duration: float, where: np.ndarray | slice = slice(1, -1)) -> Timing:
     """The timing stretched slightly, at the control values `where`, to take `duration`."""
     pace = np.zeros(len(timing.control))
     pace[1:-1] = 1 / np.sqrt(timing.control[1:-1])
@@ -302,7 +302,7 @@ def _solution(work: Retiming, plan: _Plan, shortest: Timing) -> RetimeSolution:
     )
 
 
-def _standing(
+def _hold_pose(
     robot: Robot, model: PowerModel, path: JointPath, duration: float | None, shortest: Timing
 ) -> RetimeSolution:
     """A move of no length: the arm holds its pose for the duration asked for."""

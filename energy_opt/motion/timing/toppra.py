@@ -72,13 +72,13 @@ def fastest(
     if not path.moves:
         return Timing(path, np.array([0.0, 0.5, 1.0]), np.zeros(4))
     ends = (start_speed, end_speed)
-    timing = _within_tangents(robot, model, path, knots, ends, held, dense)
+    timing = _checked_toppra(robot, model, path, knots, ends, held, dense)
     middle, one = PathDynamics(robot, model, path, np.array([0.5])), np.ones(1)
     rest = [limit for limit in held if limit.local or limit.tangent(middle, one, one) is None]
-    return _within_all(robot, model, path, knots, ends, held, rest, dense, timing)
+    return _slowed_or_coarser(robot, model, path, knots, ends, held, rest, dense, timing)
 
 
-def _within_all(
+def _slowed_or_coarser(
     robot: Robot,
     model: PowerModel,
     path: JointPath,
@@ -97,7 +97,7 @@ def _within_all(
                 break
             try:
                 picked = np.append(knots[:-1:coarser], 1.0)
-                timing = _within_tangents(robot, model, path, picked, ends, limits, dense)
+                timing = _checked_toppra(robot, model, path, picked, ends, limits, dense)
             except Infeasible:
                 break
         factor = slowing(rest, dense, timing)
@@ -109,13 +109,13 @@ def _within_all(
         if factor == 1:
             break
         if all(limit.local for limit in rest if broken(limit, dense, timing)):
-            return _faster(robot, model, ends, limits, dense, best)
+            return _repeated_with_tangents(robot, model, ends, limits, dense, best)
     if best is None:
         raise not_held(robot, rest, dense, timing, "does not hold with the given end speeds")
     return best
 
 
-def _faster(
+def _repeated_with_tangents(
     robot: Robot,
     model: PowerModel,
     ends: tuple[float, float],
@@ -140,7 +140,7 @@ def _faster(
     return best
 
 
-def _within_tangents(
+def _checked_toppra(
     robot: Robot,
     model: PowerModel,
     path: JointPath,
@@ -189,7 +189,7 @@ def _slowed_until_inside(
     raise not_held(robot, limits, dense, timing, "cannot be held")
 
 
-class _Later(ModuleType):
+class _LazyModule(ModuleType):
     """A module that is imported when one of its attributes is used."""
 
     def __getattr__(self, name: str) -> Any:
@@ -202,7 +202,7 @@ class _Later(ModuleType):
 def _without_pyplot() -> None:
     """Import toppra but defer matplotlib, which only its inspection plots need. Saves 0.4 s of CPU."""
     absent = [name for name in ("matplotlib", "matplotlib.pyplot") if name not in sys.modules]
-    sys.modules.update({name: _Later(name) for name in absent})
+    sys.modules.update({name: _LazyModule(name) for name in absent})
     try:
         importlib.import_module("toppra.algorithm")
     finally:

@@ -39,7 +39,7 @@ def in_words(message: str) -> str:
     return "`".join(parts)
 
 
-def near(word: str, known: Iterable[str]) -> str:
+def suggest(word: str, known: Iterable[str]) -> str:
     """`; did you mean 'panda'?` if a known name is similar to the word, else an empty text."""
     found = get_close_matches(word.lower(), list(known), 1, 0.6)
     return f"; did you mean {found[0]!r}?" if found else ""
@@ -110,7 +110,7 @@ class Infeasible(EnergyOptError):
         self.joint, self.limit, self.time = joint, limit, time
         self.position, self.excess, self.shortest_duration = position, excess, shortest_duration
 
-    def named(self, shortest: float | None) -> Infeasible:
+    def with_shortest_duration(self, shortest: float | None) -> Infeasible:
         """The same error with another shortest duration [s], also in its message; None if that fails, too."""
         before, message = f"{self.shortest_duration:.6g} s", str(self.args[0])
         if shortest is None:

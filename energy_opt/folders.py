@@ -54,7 +54,7 @@ def no_folder_in_the_way(out: Path, own: str) -> None:
                 raise BadInput(f"{path}: a folder where a file is to be written; move it, or choose another --out")
 
 
-def earlier(out: Path, own: str) -> set[Path]:
+def files_of_earlier_runs(out: Path, own: str) -> set[Path]:
     """Files in `out` that earlier runs of the verb that writes `own`, or of others with an answer there, have left.
 
     These are all files that such a verb may write, and files that an answer lists if their digest still agrees.
@@ -63,12 +63,12 @@ def earlier(out: Path, own: str) -> set[Path]:
     for answer in {own, *(name for name in ANSWERS if (out / name).is_file())}:
         found |= {path for name in (answer, *BESIDE.get(answer, ())) for path in out.glob(name) if not path.is_dir()}
         found |= {
-            out / name for name, digest in (listed(out / answer) or {}).items() if digest == digest_of(out / name)
+            out / name for name, digest in (listed_files(out / answer) or {}).items() if digest == digest_of(out / name)
         }
     return found
 
 
-def listed(answer: Path) -> dict[str, str] | None:
+def listed_files(answer: Path) -> dict[str, str] | None:
     """The files that an answer lists, and their digests; None where it has no such list."""
     if answer.suffix != ".json" or not answer.is_file():
         return None
@@ -98,7 +98,7 @@ def faults_of_results(out: Path) -> list[str] | None:
     answers = [Path(out) / name for name in ANSWERS if (Path(out) / name).is_file()]
     faults = []
     for answer in answers:
-        files = listed(answer)
+        files = listed_files(answer)
         if answer.suffix == ".json" and files is None:
             faults.append(f"{answer}: lists no files with digests, so the other files cannot be checked")
         for name, digest in (files or {}).items():
@@ -106,7 +106,8 @@ def faults_of_results(out: Path) -> list[str] | None:
             if found != digest:
                 what = "is missing" if found is None else "is not the file that was written"
                 faults.append(f"{answer.parent / name}: {what} with {answer.name} (by its SHA-256)")
-        foreign = earlier(out, answer.name) - {answer.parent / name for name in (*(files or ()), *ANSWERS)}
+        own = {answer.parent / name for name in (*(files or ()), *ANSWERS)}
+        foreign = files_of_earlier_runs(out, answer.name) - own
         if files is not None and len(answers) == 1:
             faults += [f"{path}: not of the motion that {answer.name} describes" for path in sorted(foreign)]
     return faults if answers else None
@@ -215,7 +216,7 @@ def written_whole(out: Path, last: str, old: Sequence[str] = ()) -> Iterator[Pat
         for name in names:
             if (out / name).is_dir():
                 raise BadInput(f"{out / name}: a folder where a file is to be written; nothing in {out} was changed")
-        left = (earlier(out, last) | {out / name for name in old}) - {out / name for name in names}
+        left = (files_of_earlier_runs(out, last) | {out / name for name in old}) - {out / name for name in names}
         with _undisturbed():
             (out / last).unlink(missing_ok=True)
             for path in sorted(left, key=lambda path: path.name not in ANSWERS):

@@ -10,7 +10,7 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints, ValidationError
 
-from energy_opt.errors import BadInput, near
+from energy_opt.errors import BadInput, suggest
 
 
 def _number(value: object) -> object:
@@ -90,7 +90,7 @@ def _line(model: type[Table], document: Mapping[str, Any], fault: Any) -> str:
     key = str(fault["loc"][-1]) if fault["loc"] else ""
     if fault["type"] == "extra_forbidden":
         known = _keys(model, fault["loc"][:-1])
-        return f"{_joined(place[:-1])}unknown key {key!r}{near(key, known)}; known: {', '.join(known)}"
+        return f"{_joined(place[:-1])}unknown key {key!r}{suggest(key, known)}; known: {', '.join(known)}"
     if fault["type"] == "missing":
         return f"{': '.join(place) if isinstance(fault['loc'][-1], int) else _joined(place[:-1]) + key} is missing"
     text = str(fault["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")

@@ -12,7 +12,7 @@ from typing import IO, Any, TypedDict
 from energy_opt.batches.task import Task
 from energy_opt.errors import BadInput
 from energy_opt.files import plain, replacing
-from energy_opt.folders import earlier, no_folder_in_the_way, no_other_verb
+from energy_opt.folders import files_of_earlier_runs, no_folder_in_the_way, no_other_verb
 
 # Column: type. Energies in J, durations and seconds in s, savings in percent against "scaled" (the same duration);
 # energy_<baseline> is the total of a baseline, loss_<baseline> its loss; max_violation a fraction of the bound.
@@ -230,7 +230,7 @@ class Journal:
         if resume and old:
             os.ftruncate(self._stream.fileno(), whole)
             return records
-        for path in earlier(self.path.parent, NAME) - {self.path}:
+        for path in files_of_earlier_runs(self.path.parent, NAME) - {self.path}:
             path.unlink(missing_ok=True)
         os.ftruncate(self._stream.fileno(), 0)
         self.append({"format": FORMAT, **header})

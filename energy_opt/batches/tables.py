@@ -16,7 +16,7 @@ from pydantic import BeforeValidator, Field, StrictBool, StrictStr, field_valida
 
 from energy_opt.batches.task import MODES, OBJECTIVES, Duration, Surroundings
 from energy_opt.cell.scene_files import carried
-from energy_opt.errors import BadInput, near
+from energy_opt.errors import BadInput, suggest
 from energy_opt.files import is_number
 from energy_opt.motion import Settings
 from energy_opt.poses.ends import Ends
@@ -181,7 +181,7 @@ def joint_values(value: Any, joints: Sequence[str]) -> tuple[float, ...]:
         unknown = [name for name in value if name not in joints]
         missing = [name for name in joints if name not in value]
         if unknown:
-            hint = near(unknown[0], joints)
+            hint = suggest(unknown[0], joints)
             raise BadInput(f"unknown joint {unknown[0]!r}{hint}; the robot's joints are {', '.join(joints)}")
         if missing:
             raise BadInput(f"joint {missing[0]!r} is missing")

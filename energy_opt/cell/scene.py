@@ -12,7 +12,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from energy_opt.errors import BadInput, near
+from energy_opt.errors import BadInput, suggest
 
 Kind = Literal["box", "sphere", "cylinder", "cone", "plane", "mesh"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -142,7 +142,7 @@ class Scene:
         """
         still = [thing.name for thing in self.objects if thing.frame is None and thing.attached_to is None]
         if name not in still:
-            known = f"{near(name, still)}; those are {', '.join(still) or 'none'}"
+            known = f"{suggest(name, still)}; those are {', '.join(still) or 'none'}"
             raise BadInput(f"{self.source}: no object {name!r} is fixed in the scene{known}")
         return replace(self, objects=tuple(o.at(place) if o.name == name else o for o in self.objects))
 

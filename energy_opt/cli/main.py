@@ -18,7 +18,7 @@ from energy_opt import __version__
 from energy_opt.cli.faults import as_error, flushed, of_output, one_line, opened, view, was_pressed
 from energy_opt.cli.options import Help, Parser, add_options, request_of
 from energy_opt.cli.terminal import Terminal
-from energy_opt.errors import BadInput, EnergyOptError, near, speaking_of_options
+from energy_opt.errors import BadInput, EnergyOptError, speaking_of_options, suggest
 from energy_opt.files import read_text
 from energy_opt.folders import leave_folders
 from energy_opt.front.verbs import VERBS
@@ -98,7 +98,7 @@ def _option_hint(option: str, own: Sequence[str]) -> str:
     ]
     if others:
         return f"; {option} is an option of {', '.join(others)}"
-    return near(option.lstrip("-"), [flag.lstrip("-") for flag in own]).replace("mean '", "mean '--")
+    return suggest(option.lstrip("-"), [flag.lstrip("-") for flag in own]).replace("mean '", "mean '--")
 
 
 def _run(words: list[str]) -> int:
@@ -119,7 +119,7 @@ def _run(words: list[str]) -> int:
     if words[:1] and words[0].partition("=")[0] in ALONE:
         return _print_file(parser.parse_args(words))
     if verb is not None and verb not in VERBS:
-        raise BadInput(f"no verb {verb!r}{near(verb, VERBS)}; verbs are {', '.join(VERBS)}")
+        raise BadInput(f"no verb {verb!r}{suggest(verb, VERBS)}; verbs are {', '.join(VERBS)}")
     args, unknown = parser.parse_known_args(words)
     if args.verb is None:
         if words:
@@ -165,7 +165,7 @@ def _print_file(args: argparse.Namespace) -> int:
     if args.example is not None:
         if args.example not in EXAMPLES:
             kinds = ", ".join(EXAMPLES)
-            raise BadInput(f"--example {args.example}{near(args.example, EXAMPLES)}; expected one of {kinds}")
+            raise BadInput(f"--example {args.example}{suggest(args.example, EXAMPLES)}; expected one of {kinds}")
         sys.stdout.write(example(args.example))
         return flushed()
     if args.print_completion not in SHELLS:

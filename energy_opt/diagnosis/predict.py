@@ -171,7 +171,7 @@ def _changing(form: tuple[str, ...], n: int) -> Callable[..., list[np.ndarray]] 
     effect = of_form(form, n)
     p, dwell, none = ca.SX.sym("p", effect.size(n, effect.extents)), ca.SX.sym("dwell"), ca.SX.zeros(n)
     assert isinstance(effect, RigidEffect)
-    held = effect.held(Signals(none, none, none, none, ca.SX(0), dwell=dwell), effect.named(p, n))
+    held = effect.changing_mass(Signals(none, none, none, none, ca.SX(0), dwell=dwell), effect.named(p, n))
     if held is None:
         return None
     mass, com, share = held

@@ -205,7 +205,7 @@ class Effect:
         raise NotImplementedError
 
     @classmethod
-    def passed(cls, p: SimpleNamespace) -> ca.SX | float:
+    def return_factor(cls, p: SimpleNamespace) -> ca.SX | float:
         """Factor with which mechanical power that was stored and is returned passes the effect to the meter."""
         return 1.0
 

@@ -204,7 +204,7 @@ def _law_of(effect: Effect, x: Signals, vector: ca.SX, joints: int, kinks: Kinks
                 0
             )
         mass, place = effect.point_mass(p) or (ca.SX(0), ca.SX.zeros(3))
-        held = effect.held(x, p)
+        held = effect.changing_mass(x, p)
         if held is not None:
             mass, place = held[0] * held[2], held[1]
         changed = effect.gravity(ca.SX(GRAVITY), p) - GRAVITY

@@ -136,7 +136,7 @@ class Regeneration(DriveEffect):
         return ca.sum1(p.efficiency * x + (1 - p.efficiency) * k.positive(x, POWER_WIDTH))
 
     @classmethod
-    def passed(cls, p: SimpleNamespace) -> ca.SX | float:
+    def return_factor(cls, p: SimpleNamespace) -> ca.SX | float:
         """Stored mechanical power returns with the factor `efficiency`."""
         return p.efficiency
 
@@ -153,7 +153,7 @@ class SupplyEfficiency(SupplyEffect):
         return power / p.eta
 
     @classmethod
-    def passed(cls, p: SimpleNamespace) -> ca.SX | float:
+    def return_factor(cls, p: SimpleNamespace) -> ca.SX | float:
         """Every watt behind the supply is 1 / eta W at the meter."""
         return 1 / p.eta
 

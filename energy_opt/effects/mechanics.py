@@ -128,11 +128,11 @@ class PayloadChange(Payload):
 
     @classmethod
     def point_mass(cls, p: SimpleNamespace) -> tuple[ca.SX, ca.SX] | None:
-        """None: the mass is not there all the time, see `held`."""
+        """None: the mass is not there all the time, see `changing_mass`."""
         return None
 
     @classmethod
-    def held(cls, x: Signals, p: SimpleNamespace) -> tuple[ca.SX, ca.SX, ca.SX] | None:
+    def changing_mass(cls, x: Signals, p: SimpleNamespace) -> tuple[ca.SX, ca.SX, ca.SX] | None:
         """The mass [kg], its place (3, 1) [m], and 1 in dwells `first` to `first + lasts` (exclusive), else 0; None in
         plans.
         """

@@ -43,7 +43,7 @@ class DcLink(StoreEffect):
         return k.positive(ca.sum1(drive), POWER_WIDTH)
 
     @classmethod
-    def passed(cls, p: SimpleNamespace) -> ca.SX | float:
+    def return_factor(cls, p: SimpleNamespace) -> ca.SX | float:
         """Stored mechanical power does not reach the meter by itself: the factor is 0."""
         return 0.0
 

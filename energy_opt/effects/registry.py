@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 from energy_opt.effects import electrics, friction, mechanics, meter, recorded, stages
 from energy_opt.effects.base import Effect, described
 from energy_opt.effects.parameter import Parameter
-from energy_opt.errors import BadInput, near, one_line_of
+from energy_opt.errors import BadInput, one_line_of, suggest
 from energy_opt.files import read_text
 
 STAGES = {
@@ -137,7 +137,7 @@ def effect_class(name: str) -> type[Effect]:
     """
     kinds = known_effects()
     if not isinstance(name, str) or name not in kinds:
-        raise BadInput(f"unknown name {name!r}{near(str(name), kinds)}; known: {', '.join(kinds)}")
+        raise BadInput(f"unknown name {name!r}{suggest(str(name), kinds)}; known: {', '.join(kinds)}")
     return kinds[name]
 
 

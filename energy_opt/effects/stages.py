@@ -40,7 +40,7 @@ class RigidEffect(Effect):
         return None
 
     @classmethod
-    def held(cls, x: Signals, p: SimpleNamespace) -> tuple[ca.SX, ca.SX, ca.SX] | None:
+    def changing_mass(cls, x: Signals, p: SimpleNamespace) -> tuple[ca.SX, ca.SX, ca.SX] | None:
         """Mass [kg], place (3, 1) [m] in the last joint's frame and the share of it that is there at an instant.
 
         None for an effect whose mass does not change in mid-run. In plans such a mass is not there.

@@ -11,7 +11,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from energy_opt.errors import BadInput, Infeasible, near
+from energy_opt.errors import BadInput, Infeasible, suggest
 from energy_opt.formats import FORMATS, Format, franka, urscript
 from energy_opt.formats.judging import CycleJudging, Judging
 from energy_opt.formats.program import Load, Part
@@ -67,7 +67,7 @@ def wanted(names: Sequence[str], joints: int | None = None) -> list[Format]:
     """
     for name in names:
         if name not in FORMATS:
-            raise BadInput(f"--write {name!r}; known are {', '.join(FORMATS)}{near(name, FORMATS)}")
+            raise BadInput(f"--write {name!r}; known are {', '.join(FORMATS)}{suggest(name, FORMATS)}")
     if joints is not None:
         for name, module in (("franka", franka), ("urscript", urscript)):
             if name in names:

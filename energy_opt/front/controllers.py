@@ -100,7 +100,9 @@ class Controllers:
         try:
             self._standard(slower, self.solver.solve(slower))
         except Infeasible as fault:
-            return error.named(None if fault.shortest_duration is None else ROOM * fault.shortest_duration)
+            return error.with_shortest_duration(
+                None if fault.shortest_duration is None else ROOM * fault.shortest_duration
+            )
         return error
 
     def with_room(self, move: Move, result: Result, moves: StandardMoves | None) -> tuple[Result, StandardMoves | None]:
@@ -127,7 +129,7 @@ class Controllers:
         )
         if not shares or found.status != "solved":
             return result, moves
-        found = self.planner.instead(found, move, found.trajectory)
+        found = self.planner.with_trajectory(found, move, found.trajectory)
         found = found if self.robust is None else self.robust.solve_by(lambda _: found)
         return replace(found, message=said(shares, found.energy.total - result.energy.total)), chosen
 

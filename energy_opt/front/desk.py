@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
 
 from energy_opt import __version__
-from energy_opt.errors import BadInput, Infeasible, near
+from energy_opt.errors import BadInput, Infeasible, suggest
 from energy_opt.files import plain, read_json, write_json
 from energy_opt.folders import no_folder_in_the_way, no_other_verb, take_folder, written_whole
 from energy_opt.requests.option import Request, options_of
@@ -190,7 +190,7 @@ def verb(request: Callable[P, Asked], run: Callable[[Asked, Desk], Given]) -> Ca
     def called(*args: P.args, **given: P.kwargs) -> Given:
         for name in given:
             if name not in spelled:
-                raise BadInput(f"no argument {name!r}{near(name, spelled)}")
+                raise BadInput(f"no argument {name!r}{suggest(name, spelled)}")
         try:
             asked = request(*args, **given)
         except TypeError as fault:

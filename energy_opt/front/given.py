@@ -16,7 +16,7 @@ import numpy as np
 
 from energy_opt.cell.request import CellRequest
 from energy_opt.effects import Payload
-from energy_opt.errors import BadInput, near
+from energy_opt.errors import BadInput, suggest
 from energy_opt.files import finite_number, words_of
 from energy_opt.measured import read_log
 from energy_opt.measured.sets import robot_of as robot_of_log
@@ -224,7 +224,7 @@ def _by_name(given: Mapping[str, float], joints: Sequence[str], flag: str) -> li
     """Values in the order of `joints`."""
     for joint in given:
         if joint not in joints:
-            raise BadInput(f"{flag}: unknown joint {joint!r}{near(joint, joints)}; joints: {', '.join(joints)}")
+            raise BadInput(f"{flag}: unknown joint {joint!r}{suggest(joint, joints)}; joints: {', '.join(joints)}")
     missing = [joint for joint in joints if joint not in given]
     if missing:
         raise BadInput(f"{flag}: no value for {', '.join(missing)}")

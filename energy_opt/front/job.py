@@ -23,7 +23,7 @@ from energy_opt.jobs.posed import run_posed
 from energy_opt.jobs.run import JobResult, run_job
 from energy_opt.jobs.work import Answers
 from energy_opt.power import PowerModel
-from energy_opt.power.assumptions import said as assumed
+from energy_opt.power.assumptions import assumptions_line as assumed
 from energy_opt.power.per_year import per_year_words
 from energy_opt.requests.moves import JobRequest
 from energy_opt.results import exit_of

@@ -22,7 +22,7 @@ from energy_opt.motion import Settings
 from energy_opt.motion.plan.rivals import Rival
 from energy_opt.motion.plan.robust import Kind
 from energy_opt.poses.given import poses_of_request
-from energy_opt.power.assumptions import assumptions, said
+from energy_opt.power.assumptions import assumptions, assumptions_line
 from energy_opt.power.per_year import per_year_words
 from energy_opt.requests.moves import JobRequest, PlaceRequest, TradeoffRequest
 from energy_opt.results import Found
@@ -165,7 +165,7 @@ def run_job(request: TradeoffRequest, times: list[float] | None, desk: Desk) -> 
         front = desk.keep(JobFront(found, asked))
         if answers is not None and not stopped():
             answers.forget()
-    desk.report((), said(records))
+    desk.report((), assumptions_line(records))
     if found["status"] == "infeasible":
         desk.say(f"none of these cycle times is possible; the shortest possible one is {shortest:.6g} s")
     return front

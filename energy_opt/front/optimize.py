@@ -18,7 +18,7 @@ from energy_opt.motion import Move, Planner, Result
 from energy_opt.motion.move import LONGEST, SHORTEST
 from energy_opt.motion.plan.robust import RobustPlanner
 from energy_opt.poses.solve import solve_to
-from energy_opt.power.assumptions import said
+from energy_opt.power.assumptions import assumptions_line
 from energy_opt.requests.moves import OptimizeRequest
 
 
@@ -104,7 +104,7 @@ def run(request: OptimizeRequest, desk: Desk) -> Answer:
     desk.report(answer.files)
     if moves is not None:
         desk.say(kept_words(moves))
-    desk.report((), said(answer.assumptions), answer.warnings)
+    desk.report((), assumptions_line(answer.assumptions), answer.warnings)
     if answer.message:
         desk.say(f"{answer.status}: {answer.message}")
     return answer

@@ -11,7 +11,7 @@ import numpy as np
 from energy_opt.effects import effect_class, known_effects
 from energy_opt.effects.registry import described_effect
 from energy_opt.front.desk import Desk, verb
-from energy_opt.power.assumptions import grouped, rests_on
+from energy_opt.power.assumptions import default_assumptions, grouped
 from energy_opt.requests.verbs import EffectsRequest, RobotsRequest
 from energy_opt.results import Found
 from energy_opt.robot import Robot, known_robots, load_robot
@@ -57,7 +57,7 @@ def _row(r: Robot) -> dict[str, Any]:
             for name, (leader, ratio, offset) in r.followers.items()
         },
         "warnings": r.warnings,
-        "assumptions": [asdict(row) for row in rests_on(r)],
+        "assumptions": [asdict(row) for row in default_assumptions(r)],
         "joints": [
             {"name": joint, "unit": r.units[j], **{kind: getattr(r.limits, kind)[j] for kind in KINDS}}
             for j, joint in enumerate(r.joints)
@@ -77,7 +77,9 @@ def _text(r: Robot) -> str:
         lines.append(f"  {joint:<24}{span:>24}{rates}{m.effort[j]:>9.4g}")
     for name, (leader, ratio, offset) in r.followers.items():
         lines.append(f"  {name:<24} follows: {ratio:g} times {leader}" + (f" plus {offset:g}" if offset else ""))
-    for what, value, source, note in grouped(row for row in rests_on(r) if row.source in ("published", "assumed")):
+    for what, value, source, note in grouped(
+        row for row in default_assumptions(r) if row.source in ("published", "assumed")
+    ):
         lines.append(f"  {source}: {what} {value}" + (f" ({note})" if note else ""))
     return "\n".join(lines)
 

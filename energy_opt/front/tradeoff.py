@@ -27,7 +27,7 @@ from energy_opt.motion.travel import detours
 from energy_opt.poses.solve import solve_to
 from energy_opt.power import PowerModel
 from energy_opt.power.assumptions import Assumption, assumptions
-from energy_opt.power.assumptions import said as assumed
+from energy_opt.power.assumptions import assumptions_line as assumed
 from energy_opt.power.per_year import PerYear
 from energy_opt.requests.moves import TradeoffRequest
 from energy_opt.results import Found

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from energy_opt.errors import BadInput, near
+from energy_opt.errors import BadInput, suggest
 from energy_opt.files import read_json
 from energy_opt.folders import ANSWERS
 from energy_opt.front.desk import Desk, verb
@@ -118,7 +118,7 @@ def asked_in(given: Any) -> Request:
         raise BadInput(f'{where}: no request; expected a JSON object with "verb", or a result of this program')
     name = str(document["verb"])
     if name not in VERBS or name == "run":
-        raise BadInput(f"{where}: no verb {name!r}{near(name, VERBS)}; verbs are {', '.join(VERBS)}")
+        raise BadInput(f"{where}: no verb {name!r}{suggest(name, VERBS)}; verbs are {', '.join(VERBS)}")
     try:
         return VERBS[name].request.from_document(document)
     except BadInput as error:

@@ -32,7 +32,7 @@ from pydantic import Field, StrictBool, StrictStr, model_validator
 
 from energy_opt.batches.tables import joint_values
 from energy_opt.cell.request import CellRequest
-from energy_opt.errors import BadInput, near
+from energy_opt.errors import BadInput, suggest
 from energy_opt.files import inside, is_number, read_toml
 from energy_opt.jobs.legs import SAME, Job, Load, Step
 from energy_opt.poses.given import SUFFIXES, Given, poses_of_request
@@ -277,7 +277,7 @@ class _Reading:
         if isinstance(value, str) and self.faults and value in self.job.poses:
             return None  # its fault is already recorded
         if isinstance(value, str) and not ("," in value or value.endswith(SUFFIXES)):
-            self.fault(f"{where}: unknown pose {value!r}{near(value, self._poses)}; [poses] names them")
+            self.fault(f"{where}: unknown pose {value!r}{suggest(value, self._poses)}; [poses] names them")
             return None
         if isinstance(value, str) or (isinstance(value, Mapping) and "pose" in value):
             return self._pose(value, where)

@@ -174,7 +174,7 @@ class Worker:
                 self._steps[id(leg)] = leg, Neighbours(self.planner(leg).single(leg.move(None)))
             steps = self._steps[id(leg)][1]
             near = steps.nearest(duration)
-            found = steps.alone(duration) if near is None else steps.at(duration, near)
+            found = steps.single_move(duration) if near is None else steps.at(duration, near)
         except Infeasible as error:
             return self._slowed_or(error, leg, timing, duration)
         if found is None:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from energy_opt.errors import BadInput, near
+from energy_opt.errors import BadInput, suggest
 from energy_opt.measured.names import UNITS, joint_columns, known_unit, power_column
 from energy_opt.measured.run import JOINT_SIGNALS
 from energy_opt.measured.table import Table
@@ -31,7 +31,7 @@ class Rule:
     columns: tuple[str, ...]
     factor: float | None = None
 
-    def there(self, table: Table) -> bool:
+    def has_columns(self, table: Table) -> bool:
         """Whether a table has all its columns."""
         return all(name in table for name in self.columns)
 
@@ -82,7 +82,7 @@ def rule_from(quantity: str, value: Any, where: str) -> Rule:
     keys = ("column", "product", "unit")
     unknown = next((key for key in value if key not in keys), None)
     if unknown is not None:
-        hint = near(unknown, keys)
+        hint = suggest(unknown, keys)
         raise BadInput(f"{where}: columns.{quantity}: unknown key {unknown!r}; expected {', '.join(keys)}{hint}")
     if ("column" in value) == ("product" in value):
         raise BadInput(f"{where}: columns.{quantity}: expected either column or product")
@@ -211,7 +211,7 @@ class ByHand:
     power: str | None = None
     joints: Mapping[str, str] = field(default_factory=dict)
 
-    def within(self, tables: Sequence[Table], robot: Robot | None) -> ByHand:
+    def with_units_moved(self, tables: Sequence[Table], robot: Robot | None) -> ByHand:
         """Move the units to the tables, and return the columns without units.
 
         Raises:
@@ -221,7 +221,7 @@ class ByHand:
             if robot is None:
                 raise BadInput("--joint needs --robot: whose joints are they?")
             if joint not in robot.joints:
-                hint = near(joint, robot.joints)
+                hint = suggest(joint, robot.joints)
                 raise BadInput(f"--joint {joint}: no such joint{hint}; the robot's are {', '.join(robot.joints)}")
         time = None if self.time is None else _column(tables, "--time", "time", self.time)
         power = self.power
@@ -251,7 +251,7 @@ def _column(tables: Sequence[Table], option: str, kind: str, word: str) -> str:
     headers = list(dict.fromkeys(name for table in tables for name in table.header))
     if column in headers:
         raise BadInput(f"{option} {word}: {unit!r} is no unit of {kind}")
-    raise BadInput(f"{option} {word}: no such column{near(word, headers)}; there are {quoted(headers)}")
+    raise BadInput(f"{option} {word}: no such column{suggest(word, headers)}; there are {quoted(headers)}")
 
 
 def quoted(headers: Iterable[str]) -> str:

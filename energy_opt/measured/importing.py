@@ -58,7 +58,7 @@ def import_files(
     if (out / NAME).exists() and not replace:
         raise BadInput(f"{out}: holds a measured set already; another --out, or --force")
     tables = [Table(path) for path in _without_repeats(files)]
-    hand = (hand or ByHand()).within(tables, robot)
+    hand = (hand or ByHand()).with_units_moved(tables, robot)
     words: list[str] = []
     moving = [table for table in tables if robot is not None or is_motion(table)]
     if robot is None:

@@ -138,7 +138,7 @@ def _moved_to_gaps(kept: np.ndarray, stamps: np.ndarray, same: np.ndarray) -> tu
     return kept[stay], stamps[stay], int(move.sum())
 
 
-def held(values: np.ndarray) -> np.ndarray | None:
+def update_indices(values: np.ndarray) -> np.ndarray | None:
     """Indices (M,) of new readings of a slower source whose readings are held over several samples; None if not held.
 
     Held readings are periodic: all distances between changes are multiples of one number of samples. Values of a coarse
@@ -226,9 +226,9 @@ def stamp_factor(stamps: np.ndarray, name: str = "time", span: float | None = No
     return 1.0
 
 
-def wanted(rules: Mapping[str, Rule], table: Table) -> list[str]:
+def named_columns(rules: Mapping[str, Rule], table: Table) -> list[str]:
     """The columns of a table that rules name, to be read in one pass."""
-    return [name for rule in rules.values() if rule.there(table) for name in rule.columns]
+    return [name for rule in rules.values() if rule.has_columns(table) for name in rule.columns]
 
 
 def read_joints(table: Table, rules: Mapping[str, Rule], robot: Robot, kind: str) -> Joints | None:
@@ -240,7 +240,7 @@ def read_joints(table: Table, rules: Mapping[str, Rule], robot: Robot, kind: str
     Raises:
         BadInput: no column is named for a joint's position.
     """
-    table.load(wanted(rules, table))
+    table.load(named_columns(rules, table))
     time = quantity(table, "time", rules["time"])
     signals = {}
     for signal in JOINT_SIGNALS:
@@ -287,7 +287,7 @@ def read_joints(table: Table, rules: Mapping[str, Rule], robot: Robot, kind: str
 def _per_joint(table: Table, robot: Robot, rules: Mapping[str, Rule], signal: str) -> np.ndarray | None:
     """Values (N, n) of a signal; None if the signal is optional and the file has none of its columns."""
     names = [f"{joint}.{signal}" for joint in robot.joints]
-    given = [name in rules and rules[name].there(table) for name in names]
+    given = [name in rules and rules[name].has_columns(table) for name in names]
     if signal != "position" and not any(given):
         return None
     for name in names:

@@ -16,7 +16,7 @@ import numpy as np
 
 from energy_opt.measured.clock import activity, align
 from energy_opt.measured.columns import AUTO, LOGGED, PRESETS, Rule, plain_rules
-from energy_opt.measured.joints import EPOCH, FEWEST, Joints, backward, held, quantity, read_joints
+from energy_opt.measured.joints import EPOCH, FEWEST, Joints, backward, quantity, read_joints, update_indices
 from energy_opt.measured.log import LogFile, RunEntry
 from energy_opt.measured.names import energy_column, power_column, time_columns
 from energy_opt.measured.run import Run, cut_at_standstill, pieces
@@ -37,7 +37,7 @@ class Readings:
     dated: bool = False
     remarks: tuple[str, ...] = ()
 
-    def some(self, which: np.ndarray) -> Readings:
+    def subset(self, which: np.ndarray) -> Readings:
         """The readings of the indices or the mask `which` (M,)."""
         return replace(self, time=self.time[which], power=self.power[which], window=self.window[which])
 
@@ -52,8 +52,8 @@ def read_meter(table: Table, rules: Mapping[str, Rule], joints: Joints | None, w
     own = joints is None
     stamps = rules.get("power.time") if own else rules["time"]
     if stamps is None:
-        stamps = rules["time"] if rules["time"].there(table) else Rule(("time",))
-    energy = "energy" in rules and (rules["energy"].there(table) or not rules["power"].there(table))
+        stamps = rules["time"] if rules["time"].has_columns(table) else Rule(("time",))
+    energy = "energy" in rules and (rules["energy"].has_columns(table) or not rules["power"].has_columns(table))
     name = "energy" if energy else "power"
     table.load([*stamps.columns, *rules[name].columns])
     time, values = quantity(table, "power.time" if own else "time", stamps), quantity(table, name, rules[name])
@@ -85,7 +85,7 @@ def read_meter(table: Table, rules: Mapping[str, Rule], joints: Joints | None, w
     if energy:
         return _counter(time, values, dated)
     remarks = []
-    new = held(values)
+    new = update_indices(values)
     if new is not None:
         beat = float(np.median(np.diff(time[new])))
         remarks.append(f"a reading is held over several rows: taken where it changes, every {beat:.3g} s")
@@ -236,7 +236,7 @@ def _readings(
         if log.preset:
             rules = {**rules_of_meter(log, source), **log.rules}
     named = [rules[name] for name in ("energy", "power") if name in rules]
-    if not own and not any(rule.there(source) for rule in named) and {"current", "effort"} & set(joints.signals):
+    if not own and not any(rule.has_columns(source) for rule in named) and {"current", "effort"} & set(joints.signals):
         out.remarks.append(f"{entry.file}: no meter; currents or torques only")
         none = np.zeros(0)
         return Readings(none, none, none, "power", joints.dated)
@@ -310,7 +310,7 @@ def _one_clock(
     keep = (stamps - window >= time[0] - slack) & (stamps <= time[-1] + 1e-9)
     if readings.kind == "total":
         keep[:] = True
-    return replace(readings, time=stamps, window=window).some(keep), status
+    return replace(readings, time=stamps, window=window).subset(keep), status
 
 
 def _overlap(stamps: np.ndarray, time: np.ndarray) -> float:

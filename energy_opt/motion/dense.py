@@ -43,10 +43,10 @@ def grid_of(trajectory: Trajectory, factor: int) -> Grid:
     """A grid `factor` times denser than the samples; short grids are cached."""
     if factor * len(trajectory.time) > LONG:
         return _dense_motion(trajectory, factor)
-    return _cached_grid(_Held(trajectory), factor)
+    return _cached_grid(_TrajectoryKey(trajectory), factor)
 
 
-class _Held:
+class _TrajectoryKey:
     """A trajectory as a key: equal to those with the same samples, whatever their effort and power."""
 
     def __init__(self, trajectory: Trajectory) -> None:
@@ -58,7 +58,7 @@ class _Held:
         return hash(self._key)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Held) and self._key == other._key
+        return isinstance(other, _TrajectoryKey) and self._key == other._key
 
 
 def _dense_motion(trajectory: Trajectory, factor: int) -> Grid:
@@ -70,7 +70,7 @@ def _dense_motion(trajectory: Trajectory, factor: int) -> Grid:
 
 
 @lru_cache(maxsize=KEPT)
-def _cached_grid(held: _Held, factor: int) -> Grid:
+def _cached_grid(held: _TrajectoryKey, factor: int) -> Grid:
     return _dense_motion(held.trajectory, factor)
 
 

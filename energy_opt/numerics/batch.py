@@ -54,7 +54,7 @@ class Batch:
                 buffer.set_res(i, out[first : first + block].data)
             self._calls.append(partial(_evaluated, buffer, evaluate))
 
-    def held(self, first: int, *arguments: np.ndarray) -> Batch:
+    def fixing(self, first: int, *arguments: np.ndarray) -> Batch:
         """The same batch, with constant arguments from number `first` on; a row (inputs,) counts for every point."""
         for given, value in zip(self._given[first:], arguments, strict=True):
             given[...] = value

@@ -117,9 +117,9 @@ def _quantities(arm: Arm) -> Iterator[_Quantity]:
         for k, value in enumerate(_full(arm.model, effect, n)):
             joint = arm.robot.joints[k] if effect == "copper_loss" else None
             yield _Quantity(effect if joint is None else parameter, joint, None, p.unit, float(value), drawn[:, k])
-    if not arm.rubbing:
+    if not arm.friction_effects:
         return
-    sure = any(arm.measured(name) for name in arm.rubbing)
+    sure = any(arm.measured(name) for name in arm.friction_effects)
     for j, joint in enumerate(arm.robot.joints):
         unit = "N m" if arm.robot.units[j] == "rad" else "N"
         for k in range(1, len(SHARES)):

@@ -91,7 +91,7 @@ def _curves(arms: Sequence[Arm]) -> list[Chart]:
     """One chart per joint, one line per arm."""
     lines: dict[str, list[Line]] = {}
     for arm in arms:
-        if not arm.rubbing:
+        if not arm.friction_effects:
             continue
         speed = np.linspace(0.0, 1.0, POINTS) * arm.speeds[:, -1:]
         speed[:, 0] = speed[:, 1] / 20  # at rest friction has no direction

@@ -132,7 +132,7 @@ def _summary(arm: Arm) -> str:
     if arm.model.get("copper_loss") is not None:
         values = [arm.number("copper_loss", "r_over_kt2", j).value or 0.0 for j in range(arm.robot.n)]
         parts.append(f"R/Kt² {_range_text(values)} W/(N m)² ({arm.status('copper_loss')})")
-    if arm.rubbing:
+    if arm.friction_effects:
         fast = [arm.friction_at(j, 2) for j in range(arm.robot.n)]
         span = _range_text([x.value or 0.0 for x in fast])
         parts.append(f"friction {span} N m at half of the joints' speed ({fast[0].status})")

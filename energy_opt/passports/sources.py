@@ -15,7 +15,7 @@ from typing import Any, Literal
 import casadi as ca
 import numpy as np
 
-from energy_opt.errors import BadInput, near
+from energy_opt.errors import BadInput, suggest
 from energy_opt.files import read_toml
 from energy_opt.power import PowerModel, drive_function, load_model
 from energy_opt.power.known import careful, electrical, is_named, named_model, published_file
@@ -119,7 +119,7 @@ class Arm:
         return draws_of(self.model, DRAWS)
 
     @property
-    def rubbing(self) -> list[str]:
+    def friction_effects(self) -> list[str]:
         """The effects that are friction: torque against the motion, at the cost of energy."""
         return [e.name for e in self.model.effects if e.stage == "torque" and e.dissipates]
 
@@ -181,11 +181,11 @@ class Arm:
     def friction_at(self, joint: int, k: int) -> Number:
         """Friction of a joint at the k-th of its speeds."""
         unit = "N m" if self.robot.units[joint] == "rad" else "N"
-        if not self.rubbing:
+        if not self.friction_effects:
             return Number(None, unit)
         order: tuple[Status, ...] = ("assumed", "declared", "published", "measured")
-        status = min((self.status(name) for name in self.rubbing), key=order.index)
-        source = "; ".join(dict.fromkeys(self.sources[n] for n in self.rubbing if n in self.sources))
+        status = min((self.status(name) for name in self.friction_effects), key=order.index)
+        source = "; ".join(dict.fromkeys(self.sources[n] for n in self.friction_effects if n in self.sources))
         spread = self.friction_draws[:, joint, k]
         interval = None
         if len(spread) and np.ptp(spread) > 0:
@@ -225,7 +225,7 @@ def read_arm(word: str, robot: Robot | None = None, limits: Path | None = None) 
         return Arm(word, robot, named_model(word, robot), "", {})
     if not file.is_file():
         if file.suffix or word not in known_robots():
-            raise BadInput(f"{word}: neither a model file nor a robot's name{near(word, known_robots())}")
+            raise BadInput(f"{word}: neither a model file nor a robot's name{suggest(word, known_robots())}")
         found = published_file(word)
         if found is None:
             return Arm(word, robot or load_robot(word, limits=limits), careful(word), "", {})

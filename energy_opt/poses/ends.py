@@ -12,7 +12,7 @@ import numpy as np
 from energy_opt.cell.load import scene_of
 from energy_opt.cell.request import CellRequest
 from energy_opt.poses.given import in_base
-from energy_opt.poses.pose import Freedom, Pose, missed
+from energy_opt.poses.pose import Freedom, Pose, pose_error
 from energy_opt.robot import Robot
 from energy_opt.robot.tool import tool_of
 
@@ -91,7 +91,7 @@ def pose_document(
         q = positions[end][None]
         still = np.zeros_like(q)
         at, _, _ = robot.body.frame_motion(tool.joint, np.array(tool.pose), q, still, still)
-        shift, turn = np.split(missed(pose, at[:, :3, :3], at[:, :3, 3])[0], 2)
+        shift, turn = np.split(pose_error(pose, at[:, :3, :3], at[:, :3, 3])[0], 2)
         distance, angle = float(np.linalg.norm(shift)), float(np.linalg.norm(turn))
         inside = distance <= pose.tolerance[0] and angle <= pose.tolerance[1]
         out[end] = {"distance": distance, "angle": angle, "valid": inside}

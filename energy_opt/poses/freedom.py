@@ -49,7 +49,7 @@ def has_freedom(tool: ToolKinematics, pose: Pose) -> bool:
 def jacobian(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> np.ndarray:
     """Derivative (6, n) of the pose's error at q (n,); free directions are excluded, whatever their range."""
     open_ = opened(pose)
-    return jacobian_of(tool, open_, q[None], tool.missed(open_, q[None]))[0]
+    return jacobian_of(tool, open_, q[None], tool.pose_error(open_, q[None]))[0]
 
 
 def opened(pose: Pose) -> Pose:
@@ -88,7 +88,7 @@ class PosedGoal:
 
     def bend(self, q: np.ndarray, along: np.ndarray) -> np.ndarray:
         """Second derivatives (count, count, n) by steps along the tangents, from differences of the pose's error."""
-        missed = bending(lambda at: self._tool.missed(self._open, at), q, along)
+        missed = bending(lambda at: self._tool.pose_error(self._open, at), q, along)
         return np.asarray(-missed @ np.linalg.pinv(jacobian(self._tool, self._pose, q), rcond=1e-4).T)
 
     def reached(self, q: np.ndarray, step: np.ndarray) -> np.ndarray:
@@ -186,7 +186,7 @@ def used(tool: ToolKinematics, pose: Pose, q: np.ndarray, cost: Cost) -> tuple[P
 
 def inside(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> bool:
     """True if positions q (n,) reach a pose within its tolerance, with a small margin."""
-    sizes = (float(np.linalg.norm(x)) for x in np.split(tool.missed(pose, q[None])[0], 2))
+    sizes = (float(np.linalg.norm(x)) for x in np.split(tool.pose_error(pose, q[None])[0], 2))
     return all(size <= allowed - MARGIN / 10 for size, allowed in zip(sizes, pose.tolerance, strict=True))
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from energy_opt.cell.load import scene_of
 from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene import Scene
-from energy_opt.errors import BadInput, near
+from energy_opt.errors import BadInput, suggest
 from energy_opt.files import inside, read_yaml_documents
 from energy_opt.poses.pose import FORM, Pose, pose_from
 from energy_opt.robot import Robot
@@ -77,7 +77,7 @@ class Given:
             if found is None and Path(value).suffix.lower() in SUFFIXES:
                 return self._from_pose_stamped(value, name, free, tolerance)
             names = [key for key, pose in self._named.items() if isinstance(pose, Pose)]
-            raise BadInput(f"{name}: no pose {value!r}{near(value, names)}; expected a name of poses, or {FORM}")
+            raise BadInput(f"{name}: no pose {value!r}{suggest(value, names)}; expected a name of poses, or {FORM}")
         if not isinstance(value, str):
             return replace(pose_from(_numbers(value, name), free, tolerance, name), frame=frame)
         before, colon, numbers = value.rpartition(":")
@@ -166,7 +166,7 @@ def in_base(pose: Pose, robot: Robot, scene: Scene | None, base: np.ndarray) -> 
     if frame not in objects:
         known = [*objects, WORLD[0], *(name for name, (joint, _) in links.items() if joint < 0)]
         frames = ", ".join(dict.fromkeys(known))
-        raise BadInput(f"{pose.name}: no frame {frame!r}{near(frame, known)}; frames are {frames}")
+        raise BadInput(f"{pose.name}: no frame {frame!r}{suggest(frame, known)}; frames are {frames}")
     thing = objects[frame]
     if thing.frame is not None or thing.attached_to is not None:
         raise BadInput(f"{pose.name}: {frame} moves with the arm; a pose in its frame says nothing")

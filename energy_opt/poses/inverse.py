@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from energy_opt.poses.pose import Pose, about, free_values, missed
+from energy_opt.poses.pose import Pose, about, free_values, pose_error
 from energy_opt.robot import Robot
 from energy_opt.robot.kinematics import Kinematics
 from energy_opt.robot.tool import tool_of
@@ -90,9 +90,9 @@ class ToolKinematics:
         found = free_values(pose, *self(q))
         return np.array([found[freedom.axis] for freedom in pose.free]).reshape(-1, len(q)).T
 
-    def missed(self, pose: Pose, q: np.ndarray) -> np.ndarray:
-        """Error (N, 6) of the tool's pose at q (N, n), see `pose.missed`."""
-        return missed(pose, *self(q))
+    def pose_error(self, pose: Pose, q: np.ndarray) -> np.ndarray:
+        """Error (N, 6) of the tool's pose at q (N, n), see `pose.pose_error`."""
+        return pose_error(pose, *self(q))
 
 
 def reach(
@@ -113,7 +113,7 @@ def reach(
     q, error = solve(tool, pose, at_first)
     good = error < SMALL
     if not good.any():
-        distance, angle = (np.linalg.norm(x, axis=1) for x in np.hsplit(tool.missed(pose, q), 2))
+        distance, angle = (np.linalg.norm(x, axis=1) for x in np.hsplit(tool.pose_error(pose, q), 2))
         k = int(np.argmin((distance / LENGTH) ** 2 + angle**2))
         beyond = _limiting_joint(tool, pose, at_first)
         return Reached(np.zeros((0, len(low))), q[k], float(distance[k]), float(angle[k]), beyond)
@@ -149,7 +149,7 @@ def solve(tool: ToolKinematics, pose: Pose, q: np.ndarray, limited: bool = True)
     lower, upper = (limits.lower, limits.upper) if limited else (-np.inf, np.inf)
     weight = np.array([1 / LENGTH] * 3 + [1.0] * 3)
     n, q = q.shape[1], np.clip(q, lower, upper)
-    e = tool.missed(pose, q) * weight
+    e = tool.pose_error(pose, q) * weight
     damping = np.clip(np.sum(e**2, axis=1), 1e-9, 1e-2)  # small if the start is near
     for _ in range(STEPS):
         open_ = np.flatnonzero(np.abs(e).max(axis=1) > SMALL / 10)
@@ -166,7 +166,7 @@ def solve(tool: ToolKinematics, pose: Pose, q: np.ndarray, limited: bool = True)
         least = damping[open_] + ROUNDING * np.trace(normal, axis1=1, axis2=2)
         normal += least[:, None, None] * np.eye(n)
         trial = np.clip(at - np.linalg.solve(normal, gradient[..., None])[..., 0], lower, upper)
-        there = tool.missed(pose, trial) * weight
+        there = tool.pose_error(pose, trial) * weight
         better = np.sum(there**2, axis=1) < np.sum(now**2, axis=1)
         q[open_[better]], e[open_[better]] = trial[better], there[better]
         damping[open_] = np.clip(np.where(better, damping[open_] / 5, damping[open_] * 4), 1e-12, 1e6)
@@ -179,7 +179,7 @@ def jacobian_of(tool: ToolKinematics, pose: Pose, q: np.ndarray, e: np.ndarray) 
     turns = [k for k, axis in enumerate("xyz") if f"r{axis}" in ranges]
     if len(turns) > 1 or not tool.differentiable:
         steps = q[:, None] + DIFFERENCE * np.eye(q.shape[1])
-        there = tool.missed(pose, steps.reshape(-1, q.shape[1])).reshape(*steps.shape[:2], 6)
+        there = tool.pose_error(pose, steps.reshape(-1, q.shape[1])).reshape(*steps.shape[:2], 6)
         return np.asarray((there - e[:, None]).transpose(0, 2, 1) / DIFFERENCE)
     wanted = pose.matrix[:3, :3]
     rotation, origin = tool(q)

@@ -221,7 +221,7 @@ def free_values(pose: Pose, rotation: np.ndarray, origin: np.ndarray) -> dict[st
     return out
 
 
-def missed(pose: Pose, rotation: np.ndarray, origin: np.ndarray) -> np.ndarray:
+def pose_error(pose: Pose, rotation: np.ndarray, origin: np.ndarray) -> np.ndarray:
     """Error (N, 6) of the tool at `rotation` (N, 3, 3), `origin` (N, 3) from a pose: shift [m] in the wanted tool's
     frame, and rotation vector [rad].
 

@@ -38,7 +38,7 @@ class Layer:
     standing: np.ndarray
 
 
-def unreached(pose: Pose, found: Reached) -> Infeasible:
+def unreachable_error(pose: Pose, found: Reached) -> Infeasible:
     """The error of a pose that no joint positions reach."""
     joint, beyond = found.beyond
     length, angle = round(1e3 * found.distance, 3), round(np.degrees(found.angle), 2)
@@ -66,7 +66,7 @@ def positions_of(
         return target[None]
     found = reach(tool, target, seed=seed, near=near)
     if not len(found.positions):
-        raise unreached(target, found)
+        raise unreachable_error(target, found)
     free = free_of(found.positions, cell)
     if not len(free):
         assert cell is not None
@@ -86,7 +86,7 @@ def positions_near(tool: ToolKinematics, pose: Pose, starts: np.ndarray) -> np.n
         return q[error < SMALL]
     found = reach(tool, pose, starts=FURTHER)
     if not len(found.positions):
-        raise unreached(pose, found)
+        raise unreachable_error(pose, found)
     return found.positions
 
 

@@ -62,7 +62,7 @@ def assumptions(robot: Robot, models: Sequence[PowerModel]) -> tuple[Assumption,
     return tuple(out)
 
 
-def rests_on(robot: Robot) -> tuple[Assumption, ...]:
+def default_assumptions(robot: Robot) -> tuple[Assumption, ...]:
     """Assumptions of a plan of `robot` if no model is given: under source-method-2 and careful."""
     return assumptions(robot, [source_method_2(robot), careful(robot)])
 
@@ -86,7 +86,7 @@ def _records(robot: Robot, what: str, known: Known) -> list[Assumption]:
     ]
 
 
-def said(records: Sequence[Assumption]) -> str:
+def assumptions_line(records: Sequence[Assumption]) -> str:
     """One line on what is assumed and which options replace it; empty if nothing is assumed."""
     assumed = [row for row in records if row.source == "assumed"]
     kinds = list(dict.fromkeys(row.what for row in assumed))

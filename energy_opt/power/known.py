@@ -32,7 +32,7 @@ from energy_opt.effects import (
     Standby,
     ViscousFriction,
 )
-from energy_opt.errors import BadInput, near
+from energy_opt.errors import BadInput, suggest
 from energy_opt.files import read_toml
 from energy_opt.power.model import PowerModel, load_model
 from energy_opt.robot import Robot, load_robot
@@ -219,6 +219,6 @@ def model_of(word: str | PathLike[str], robot: Robot | str) -> PowerModel:
     if is_named(str(word)):
         return named_model(str(word), robot)
     if not Path(word).is_file() and not Path(word).suffix:
-        hint = near(str(word).replace("_", "-"), NAMED)
+        hint = suggest(str(word).replace("_", "-"), NAMED)
         raise BadInput(f"--model {word}: neither a model file nor a name{hint}: {', '.join(NAMED)}")
     return load_model(Path(word))

@@ -157,7 +157,7 @@ def _terms_of_one(model: PowerModel, x: Signals, p: ca.SX, kinks: Kinks, holds: 
             parts[effect.name] = power - behind
     passed = ca.SX(1)
     for effect, values in named:
-        passed *= effect.passed(values)
+        passed *= effect.return_factor(values)
     stored = sum((parts[effect.name] for effect, _ in named if effect.stores), parts["mechanical"])
     return DriveTerms(tau_m, power, parts, passed * stored, bus, power)
 

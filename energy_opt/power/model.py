@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import ConfigDict, StrictStr
 
 from energy_opt.effects import EXACT, BaseTilt, Effect, PowerEffect, SupplyEffect, effect_class
-from energy_opt.errors import BadInput, near
+from energy_opt.errors import BadInput, suggest
 from energy_opt.files import read_toml, write_toml
 from energy_opt.schema import Number, Table, parse
 
@@ -137,7 +137,7 @@ class PowerModel:
         name = other if isinstance(other, str) else other.name
         if self.get(name) is None:
             names = [e.name for e in self.effects]
-            raise BadInput(f"model of {self.robot}: has no {name!r}{near(name, names)}; it has {', '.join(names)}")
+            raise BadInput(f"model of {self.robot}: has no {name!r}{suggest(name, names)}; it has {', '.join(names)}")
         return self.without(name)
 
     def __repr__(self) -> str:

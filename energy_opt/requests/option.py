@@ -15,7 +15,7 @@ from numbers import Real
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
-from energy_opt.errors import BadInput, near
+from energy_opt.errors import BadInput, suggest
 from energy_opt.files import plain as of_json
 
 ON_OFF = ("on", "off")  # True and False, as words
@@ -127,7 +127,7 @@ class Request:
         given = cls.read(given)
         for key in given:
             if key not in known:
-                raise BadInput(f"a request of {cls.verb} has no {key!r}{near(key, known)}")
+                raise BadInput(f"a request of {cls.verb} has no {key!r}{suggest(key, known)}")
         try:
             return cls(**{key: value for key, value in given.items() if value is not None})
         except TypeError as fault:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree.ElementTree import Element, tostring
 
-from energy_opt.errors import BadInput, near
+from energy_opt.errors import BadInput, suggest
 from energy_opt.names import check_name
 from energy_opt.robot.xml import number_in, only_child, read_robot_xml, refuse_unread, vector_in
 
@@ -129,7 +129,7 @@ def read_description(path: Path) -> Description:
         if joint.mimic is not None:
             others = [other for other, its in joints.items() if its.kind != "fixed" and other != name]
             if joint.mimic[0] not in others:
-                hint = near(joint.mimic[0], others) or f"; they are {', '.join(others) or 'none'}"
+                hint = suggest(joint.mimic[0], others) or f"; they are {', '.join(others) or 'none'}"
                 raise BadInput(
                     f"{path}: joint {name!r}, mimic: joint={joint.mimic[0]!r}; expected the name of another joint "
                     f"that moves{hint}"
@@ -262,8 +262,8 @@ def _bounds(where: str, kind: str, limit: Element | None) -> dict[str, float]:
     for key in limit.attrib:
         # the attribute may be a misspelling of one of these
         absent = [name for name in BOUNDS if name not in limit.attrib]
-        if key not in BOUNDS and absent and (kind != "continuous" or near(key, absent)):
-            hint = near(key, absent) or f"; {', '.join(absent)} missing"
+        if key not in BOUNDS and absent and (kind != "continuous" or suggest(key, absent)):
+            hint = suggest(key, absent) or f"; {', '.join(absent)} missing"
             raise BadInput(f"{at}: attribute {key!r} is not known{hint}")
     bounds = {name: number_in(at, limit, name) for name in BOUNDS if name in limit.attrib}
     if kind != "continuous" and bounds.get("lower", 0.0) > bounds.get("upper", 0.0):

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from energy_opt.errors import BadInput, near
+from energy_opt.errors import BadInput, suggest
 from energy_opt.robot.checks import inertia_matrix, placed
 from energy_opt.robot.description import MOVING, Description
 from energy_opt.robot.kinematics import Coupling, Follows, Link, PointMass, outermost
@@ -40,7 +40,7 @@ def _built(description: Description, lock: Mapping[str, float]) -> pin.Model:
     moving = [name for name, joint in description.joints.items() if joint.kind in MOVING]
     for name in lock:
         if name not in moving:
-            hint = f"{near(name, moving)}; joints are {', '.join(moving)}"
+            hint = f"{suggest(name, moving)}; joints are {', '.join(moving)}"
             raise BadInput(f"{description.path}: cannot lock {name!r}{hint}")
 
     ahead: list[tuple[str, int, pin.SE3]] = []  # joints that are still to come, with the joint and frame they hang on

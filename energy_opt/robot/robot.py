@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from energy_opt.errors import BadInput, near
+from energy_opt.errors import BadInput, suggest
 from energy_opt.files import write_text
 from energy_opt.robot.catalog import CATALOG, DATA, urdf_of
 from energy_opt.robot.checks import believed_efforts, check_masses, doubtful_masses, unused_values
@@ -206,7 +206,7 @@ def load_robot(
     if entry is None:
         path = Path(name_or_urdf)
         if not path.is_file():
-            hint = near(name_or_urdf, CATALOG)
+            hint = suggest(name_or_urdf, CATALOG)
             raise BadInput(f"{name_or_urdf!r} is neither a URDF file nor a robot by name{hint}: {', '.join(CATALOG)}")
         name, published, usual = path.stem, None, {}
     else:

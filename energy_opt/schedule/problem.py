@@ -169,7 +169,7 @@ class Problem:
             tuple(replace(e, first=moved(e.first), second=moved(e.second)) for e in self.exclusions),
         )
 
-    def said(self, constraint: Lag | Exclusion) -> str:
+    def describe(self, constraint: Lag | Exclusion) -> str:
         """A lag or an exclusion in words."""
 
         def named(r: int, first: int, last: int | None = None) -> str:

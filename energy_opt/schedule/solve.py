@@ -169,7 +169,7 @@ def _order(program: Program, x: np.ndarray, r: int) -> list[int]:
 
 def _earliest(schedule: Schedule) -> Schedule:
     """The same durations and modes with every robot as early as possible, from 0 on."""
-    program = Program(held(schedule))
+    program = Program(with_fixed_durations(schedule))
     program.cost = [0.0] * len(program.cost)
     for (_, step), variable in program.start.items():
         if step == 0:
@@ -182,7 +182,7 @@ def _earliest(schedule: Schedule) -> Schedule:
     return replace(schedule, starts=tuple(s - s[0] + f for s, f in zip(schedule.starts, first, strict=True)))
 
 
-def held(schedule: Schedule) -> Problem:
+def with_fixed_durations(schedule: Schedule) -> Problem:
     """The problem with the durations and modes of a schedule; only starts are free."""
     rings = []
     for ring, lengths, modes in zip(schedule.problem.rings, schedule.durations, schedule.modes, strict=True):
@@ -232,7 +232,7 @@ def _no_schedule_error(impossible: bool, problem: Problem, seconds: float, expla
                 limit="duration",
             )
     if impossible:
-        conflict = "; ".join(map(problem.said, _conflict(problem))) if explain else ""
+        conflict = "; ".join(map(problem.describe, _conflict(problem))) if explain else ""
         these = f"; these cannot be kept together: {conflict}" if conflict else ""
         return Infeasible(f"no schedule keeps all lags and zones within the cycle time{these}", limit="duration")
     return Infeasible(f"no schedule was found in {seconds:g} s", limit=UNDECIDED)

@@ -135,7 +135,7 @@ class JointLaws:
             return viscous
         return sum(law(v, tau, *values) for law, values in self._dry) / np.sqrt(v * v + REST_SPEED**2) + viscous
 
-    def known(self, q: np.ndarray, tau: np.ndarray) -> np.ndarray | float:
+    def compensated_torque(self, q: np.ndarray, tau: np.ndarray) -> np.ndarray | float:
         """Known torque (n,) [N m] that the motor must add and the controller compensates: springs and gear losses."""
         out: np.ndarray | float = 0.0
         if self._spring:
@@ -143,7 +143,7 @@ class JointLaws:
             out = -stiffness * (q - rest)
         return out + self._gear_mean[0] * tau if self._gear_mean else out
 
-    def unknown(self, q: np.ndarray, v: np.ndarray, travel: np.ndarray) -> np.ndarray | float:
+    def disturbance_torque(self, q: np.ndarray, v: np.ndarray, travel: np.ndarray) -> np.ndarray | float:
         """Torque (n,) [N m] that the motor must add and the controller does not know: the specials.
 
         Args:

@@ -186,7 +186,7 @@ class MujocoArm:
             mujoco.mj_step1(m, d)
             goal_v = rest if row == 0 else velocity[row]
             friction = laws.damping(v, tau)
-            known = laws.known(q, tau)
+            known = laws.compensated_torque(q, tau)
             # u = push - pull v+, v+ the speed at the end of the step
             pull = kd + STEP * kp
             push = kp * (position[row] - q) + kd * goal_v + bias + known + laws.damping(goal_v, tau) * goal_v
@@ -195,7 +195,7 @@ class MujocoArm:
                 moving = np.abs(v) > REST_HEADING
                 travel = np.where(moving & (v * heading < 0), 0.0, travel + np.abs(v) * STEP)
                 heading = np.where(moving, np.sign(v), heading)
-                unknown = laws.unknown(q, v, travel)
+                unknown = laws.disturbance_torque(q, v, travel)
             applied[:] = push - known - unknown
             damping[:] = friction + pull
             passive[:] = -damping * v

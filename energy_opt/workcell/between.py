@@ -6,8 +6,8 @@ it would be d seconds later. The bisection of `cell.proof` proves an interval of
 with it, by allowing the second arm any position that it can reach within half of that interval. If that fails, the
 interval of d is halved.
 
-`meeting` gives the times at which two steps of two arms may not meet: a guess from samples, which the proof confirms or
-widens.
+`conflicting_parts` gives the parts of two steps that may not happen at the same time. This is a guess from samples; the
+proof confirms or widens it.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class TwoArms:
         """The clearance (P,) [m] of each pair."""
         return np.asarray(self.clearance[self._sides])
 
-    def rested(self, poses: np.ndarray) -> TwoArms:
+    def at_rest_in(self, poses: np.ndarray) -> TwoArms:
         """These arms for poses (N, n) of both in which they may rest at the same time.
 
         A pair of bodies that is nearer than twice its clearance in some of them keeps half of its least distance there.
@@ -206,7 +206,7 @@ STEP = 1 / (SAMPLES - 1)
 Shares = tuple[float, float]
 
 
-def meeting(arms: TwoArms, one: Part, two: Part) -> tuple[Shares | None, Shares | None]:
+def conflicting_parts(arms: TwoArms, one: Part, two: Part) -> tuple[Shares | None, Shares | None]:
     """The parts of two steps that may not happen at the same time, as shares of the steps' durations.
 
     None represents a whole step: for a wait, or if samples find nothing near.

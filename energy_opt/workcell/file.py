@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, StrictBool, model_validator
 
-from energy_opt.errors import BadInput, near
+from energy_opt.errors import BadInput, suggest
 from energy_opt.files import read_toml
 from energy_opt.schedule import Group
 from energy_opt.schema import Name, Number, Table, parse
@@ -179,7 +179,7 @@ class WorkCell(Table):
         """
         known = self.step_names
         if name not in known:
-            raise BadInput(f"no step {name!r}{near(name, known)}; steps are named `robot.step`")
+            raise BadInput(f"no step {name!r}{suggest(name, known)}; steps are named `robot.step`")
         return known[name]
 
     @property
@@ -276,7 +276,7 @@ def _wrong_names(cell: WorkCell) -> list[str]:
             known = modes | set(step.power)
             for mode in step.modes or ():
                 if mode not in known:
-                    faults.append(f"{where}: step {steps[k]}: no mode {mode!r}{near(mode, known)}")
+                    faults.append(f"{where}: step {steps[k]}: no mode {mode!r}{suggest(mode, known)}")
             waits, arm = step.wait is not None, robot.robot is not None
             said = {
                 "a wait needs a [[mode]], or power = { NAME = W }": waits and not arm and not known,
@@ -309,7 +309,9 @@ def _wrong_names(cell: WorkCell) -> list[str]:
     for where, table, there in placed:
         for pose in () if table.posture == "any" else table.posture:
             if pose not in there:
-                faults.append(f"{where}mode {table.name}: posture {pose!r} is no pose, nor a wait{near(pose, there)}")
+                faults.append(
+                    f"{where}mode {table.name}: posture {pose!r} is no pose and no wait{suggest(pose, there)}"
+                )
     if (
         cell.supply is not None
         and cell.supply.max_power is not None
@@ -323,4 +325,4 @@ def _wrong_names(cell: WorkCell) -> list[str]:
 
 def _unknown(cell: WorkCell, name: str, where: str) -> list[str]:
     known = cell.step_names
-    return [] if name in known else [f"{where} = {name!r}: no such step{near(name, known)}; named `robot.step`"]
+    return [] if name in known else [f"{where} = {name!r}: no such step{suggest(name, known)}; named `robot.step`"]

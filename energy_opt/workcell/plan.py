@@ -23,7 +23,7 @@ from energy_opt.errors import Infeasible
 from energy_opt.schedule import UNDECIDED, Exclusion, Run, Schedule, solve
 from energy_opt.workcell.arm import SOLVED, Arm
 from energy_opt.workcell.aside import aside
-from energy_opt.workcell.between import Between, TwoArms, meeting, prove_apart
+from energy_opt.workcell.between import Between, TwoArms, conflicting_parts, prove_apart
 from energy_opt.workcell.motion import Part, PeriodicMotion, nearest
 from energy_opt.workcell.stage import SECONDS, Candidate, Levers, Stage, with_lever
 
@@ -75,7 +75,7 @@ class Planning(Stage):
                     for (first, here), (second, there) in both
                     if first.stop and second.stop and (here.zone is None or here.zone != there.zone)
                 ]
-                out[a, b] = out[a, b].rested(np.array(ends)) if ends else out[a, b]
+                out[a, b] = out[a, b].at_rest_in(np.array(ends)) if ends else out[a, b]
         return out
 
     def _price(self) -> None:
@@ -277,7 +277,7 @@ class Planning(Stage):
         a, b = between.robots
         rings, parts = found.schedule.problem.rings, found.parts_at(between)
         i, j = ([s.name for s in rings[r].steps].index(part.name) for r, part in zip((a, b), parts, strict=True))
-        runs = meeting(self._pairs_of_arms[a, b], parts[0], parts[1])
+        runs = conflicting_parts(self._pairs_of_arms[a, b], parts[0], parts[1])
         key = (a, i, b, j)
         known = self.exclusions.get(key)
         first, second = (Run(r, k, k, part) for r, k, part in zip((a, b), (i, j), runs, strict=True))

@@ -238,7 +238,7 @@ def test_a_lower_optimum_is_entered_from_a_neighbour(panda):
     planner = Planner(panda, source_method_2(), settings, cell=load_cell(panda, CellRequest()))
     move = Move(START, down)
     steps = Neighbours(planner.single(move))
-    neighbour = steps.alone(1.6)
+    neighbour = steps.single_move(1.6)
     slowed = planner.slowed(move, 1.5)
     poor = Optimum(slowed, planner.score(slowed), True)
     assert poor.energy.stored < -0.5 * poor.energy.loss

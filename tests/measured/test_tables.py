@@ -10,7 +10,7 @@ from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
 from energy_opt.measured import nodes, operator, read_set
 from energy_opt.measured.importing import import_files
-from energy_opt.measured.joints import clean, held
+from energy_opt.measured.joints import clean, update_indices
 from energy_opt.measured.layout import Csv, layout_of
 from energy_opt.measured.names import cut, energy_column, joint_columns, power_column, product_columns, time_columns
 from energy_opt.measured.table import Table
@@ -122,8 +122,11 @@ def test_missing_rows_are_counted_and_gaps_cut():
 def test_a_held_reading_is_told_from_a_coarse_one():
     rng = np.random.default_rng(0)
     slow = np.repeat(rng.normal(size=80), 12)
-    assert held(slow).tolist() == list(range(12, 960, 12))
-    assert held(np.round(np.cumsum(rng.normal(size=2000)) / 30)) is None and held(rng.normal(size=500)) is None
+    assert update_indices(slow).tolist() == list(range(12, 960, 12))
+    assert (
+        update_indices(np.round(np.cumsum(rng.normal(size=2000)) / 30)) is None
+        and update_indices(rng.normal(size=500)) is None
+    )
 
 
 # -- headers -----------------------------------------------------------------------------------------------------------

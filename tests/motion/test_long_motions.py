@@ -7,7 +7,7 @@ import pytest
 
 from energy_opt.effects import CopperLoss, Standby
 from energy_opt.motion.judge import energy
-from energy_opt.motion.judge.certificate import certify, looked_at
+from energy_opt.motion.judge.certificate import certify, certify_and_score
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.limits.joint import Effort, Jerk, Position, Velocity
 from energy_opt.motion.limits.own import Power
@@ -35,7 +35,7 @@ def test_pieces_find_what_the_whole_has(
     whole = certify(motion, scorer, limits), scorer.energy(motion), scorer.filled(motion)
     monkeypatch.setattr(energy, "BLOCK", 1700)
     assert len(energy.blocks(motion, 10)) == 4
-    pieces = looked_at(motion, scorer, limits)
+    pieces = certify_and_score(motion, scorer, limits)
     assert certify(motion, scorer, limits) == pieces[0]
     assert pieces[0].samples == whole[0].samples == 6001
     assert [x.limit for x in pieces[0].found] == ["velocity", "via", "power"]

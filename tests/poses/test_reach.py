@@ -12,8 +12,8 @@ from scipy.optimize import least_squares
 from tool_poses import by_pinocchio, pose_at
 
 from energy_opt.poses.inverse import ToolKinematics, jacobian_of, reach, solve
-from energy_opt.poses.pose import Freedom, Pose, missed, pose_from
-from energy_opt.poses.sets import unreached
+from energy_opt.poses.pose import Freedom, Pose, pose_error, pose_from
+from energy_opt.poses.sets import unreachable_error
 from energy_opt.robot import load_robot
 
 
@@ -26,7 +26,7 @@ def ur_branches(tool: ToolKinematics, pose: Pose) -> int:
     """How many branches there are, by exhaustion: a grid of starts over all joints, each brought to the pose."""
     found: list[np.ndarray] = []
     for start in product((-2.5, -0.8, 0.8, 2.5), (-2.2, -0.7), (-1.5, 1.5), (-1.0, 1.0), (-1.5, 1.5), (0.5,)):
-        result = least_squares(lambda q: tool.missed(pose, q[None])[0], np.array(start), xtol=1e-14)
+        result = least_squares(lambda q: tool.pose_error(pose, q[None])[0], np.array(start), xtol=1e-14)
         if np.abs(result.fun).max() < 1e-8:
             q = (result.x + np.pi) % (2 * np.pi) - np.pi
             if all(np.abs((q - other + np.pi) % (2 * np.pi) - np.pi).max() > 1e-3 for other in found):
@@ -100,7 +100,7 @@ def test_a_pose_beyond_a_limit_alone_names_the_joint(name: str, joint: int, by: 
         found = reach(tool, pose, starts=80)
         if not len(found.positions):
             break
-    error = unreached(pose, found)
+    error = unreachable_error(pose, found)
     assert error.joint in tool.robot.joints and error.limit == "position"
     value = float(str(error).rpartition("would have to be at ")[2].split()[0])
     k = tool.robot.joints.index(error.joint)
@@ -118,7 +118,7 @@ def test_what_is_said_to_be_nearest_is(name: str, words: str) -> None:
     low, high = np.maximum(limits.lower, -7.0), np.minimum(limits.upper, 7.0)
 
     def missed_by(q: np.ndarray) -> np.ndarray:
-        return tool.missed(pose, q[None])[0] / [0.3, 0.3, 0.3, 1, 1, 1]
+        return tool.pose_error(pose, q[None])[0] / [0.3, 0.3, 0.3, 1, 1, 1]
 
     starts = np.random.default_rng(8).uniform(low, high, (12, len(low)))
     least = min(2 * least_squares(missed_by, q, bounds=(low, high), max_nfev=60).cost for q in starts)
@@ -129,15 +129,15 @@ def test_freedom_counts_within_its_range_and_not_beyond() -> None:
     turn = pin.exp3(np.array([0.0, 0.0, 0.5]))
     shifted, origin = turn[None], np.array([[0.0, 0.002, 0.0]])
     free = Pose(np.eye(4), (Freedom.of("rz"), Freedom.of("y:-5:5")))
-    assert np.abs(missed(free, shifted, origin)).max() < 1e-12
+    assert np.abs(pose_error(free, shifted, origin)).max() < 1e-12
     narrow = Pose(np.eye(4), (Freedom.of("rz:-10:10"), Freedom.of("y:-1:1")))
-    off = missed(narrow, shifted, origin)[0]
+    off = pose_error(narrow, shifted, origin)[0]
     assert off[1] == pytest.approx(0.001)
     assert off[5] == pytest.approx(0.5 - np.radians(10))
     two = Pose(np.eye(4), (Freedom.of("rx"), Freedom.of("ry")))
     tilted = (pin.exp3(np.array([0.3, 0, 0])) @ pin.exp3(np.array([0, -0.7, 0])))[None]
-    assert np.abs(missed(two, tilted, np.zeros((1, 3)))).max() < 1e-12
-    assert np.abs(missed(two, tilted @ turn, np.zeros((1, 3)))).max() == pytest.approx(0.5)
+    assert np.abs(pose_error(two, tilted, np.zeros((1, 3)))).max() < 1e-12
+    assert np.abs(pose_error(two, tilted @ turn, np.zeros((1, 3)))).max() == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("free", [(), ("rz",), ("ry:-40:60", "x:-100:50")])
@@ -146,13 +146,13 @@ def test_the_derivative_of_what_is_missed_is_that_of_differences(ur: ToolKinemat
     pose = pose_at(ur, rng.uniform(-1, 1, 6), free=tuple(map(Freedom.of, free)))
     q = rng.uniform(-1.5, 1.5, (20, 6))
     steps = 1e-6 * np.eye(6)
-    apart = [(ur.missed(pose, q + d) - ur.missed(pose, q - d)) / 2e-6 for d in steps]
-    exact = jacobian_of(ur, pose, q, ur.missed(pose, q))
+    apart = [(ur.pose_error(pose, q + d) - ur.pose_error(pose, q - d)) / 2e-6 for d in steps]
+    exact = jacobian_of(ur, pose, q, ur.pose_error(pose, q))
     assert np.abs(exact - np.stack(apart, axis=2)).max() < 1e-7
 
 
 def test_a_range_may_go_past_half_a_turn() -> None:
     pose = Pose(np.eye(4), (Freedom.of("rz:150:210"),))
     turns = np.stack([pin.exp3(np.array([0.0, 0.0, np.radians(angle)])) for angle in (160, -170, -140)])
-    off = missed(pose, turns, np.zeros((3, 3)))[:, 5]
+    off = pose_error(pose, turns, np.zeros((3, 3)))[:, 5]
     assert off == pytest.approx([0.0, 0.0, np.radians(10)], abs=1e-9)

@@ -9,7 +9,7 @@ import pytest
 
 from energy_opt.effects import CoulombFriction
 from energy_opt.power import PowerModel
-from energy_opt.power.assumptions import assumptions, grouped, said
+from energy_opt.power.assumptions import assumptions, assumptions_line, grouped
 from energy_opt.power.break_even import break_even
 from energy_opt.power.known import careful, friction_range, source_method_1, source_method_2
 from energy_opt.robot import Robot, known_robots, load_robot
@@ -122,14 +122,16 @@ def test_every_assumption_is_said_with_its_source(tmp_path: Path) -> None:
     assumed = [(row.what, row.joint) for row in rows if row.source == "assumed"]
     assert {what for what, _ in assumed} == {"acceleration", "jerk", "friction", "electrical values"}
     assert {joint for what, joint in assumed if what == "friction"} == {"j1", "j2"}
-    assert said(rows) == (
+    assert assumptions_line(rows) == (
         "assumed: acceleration 10 rad/s², jerk (no source), friction, electrical values: "
         "run `diagnose` or give `--limits`, `--model`"
     )
     own = source_method_2("panda")  # a user's own values: neither friction nor electrical values are assumed
-    assert "friction" not in said(assumptions(robot, [own])) and "electrical" not in said(assumptions(robot, [own]))
+    assert "friction" not in assumptions_line(assumptions(robot, [own])) and "electrical" not in assumptions_line(
+        assumptions(robot, [own])
+    )
     assert all(row.source in ("published", "urdf") for row in assumptions(load_robot("panda"), [careful("panda")]))
-    assert said(assumptions(load_robot("panda"), [careful("panda")])) == ""
+    assert assumptions_line(assumptions(load_robot("panda"), [careful("panda")])) == ""
     assert len(grouped(rows)) < len(rows)
 
 

@@ -235,7 +235,7 @@ def test_a_mode_with_postures_is_possible_there_alone(tmp_path: Path, capsys: py
     assert list(waits) == [("b", "parked")] and waits["b", "parked"]["duration"] >= 2.0
     document["mode"][1]["posture"] = ["barked"]
     assert run(tmp_path, document)[0] == 2
-    assert "mode brakes: posture 'barked' is no pose, nor a wait; did you mean 'parked'?" in capsys.readouterr().err
+    assert "mode brakes: posture 'barked' is no pose and no wait; did you mean 'parked'?" in capsys.readouterr().err
 
 
 def test_faults_of_a_file_are_named_with_their_place(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

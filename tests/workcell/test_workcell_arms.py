@@ -139,10 +139,10 @@ def test_arms_keep_half_of_what_their_poses_leave_where_that_is_less_than_the_de
     arms = TwoArms(Cell(panda, CellRequest()), Cell(panda, second))
     forward, back = (REST + np.array([0.0, by, 0.0, by, 0.0, 0.0, 0.0]) for by in (0.6, -0.3))
     near, touching, far = (np.concatenate([q, q]) for q in (REST, forward, back))
-    rested = arms.rested(np.array([near, touching, far])).wanted
+    rested = arms.at_rest_in(np.array([near, touching, far])).wanted
     assert rested.min() == pytest.approx(apart / 2, abs=2e-5)
     assert 0 < (rested < 0.002).sum() < 6 and rested.max() == 0.002  # of the bodies that are near there alone
-    assert (arms.rested(np.array([touching, far])).wanted == 0.002).all()
+    assert (arms.at_rest_in(np.array([touching, far])).wanted == 0.002).all()
 
 
 @pytest.mark.slow

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from energy_opt.cell.scene import SIZES, Kind, SceneObject, Shape
-from energy_opt.errors import BadInput, near
+from energy_opt.errors import BadInput, suggest
 from energy_opt.files import inside
 
 FARTHEST = 10_000.0  # [m] largest size or position in a cell: larger ones are in another unit
@@ -235,7 +235,7 @@ def name_of(value: Any, key: str) -> str:
 def unknown_key(key: Any, known: Iterable[str]) -> str:
     """Message for an unknown key."""
     names = list(known)
-    return f"unknown key {brief(key)}" + (near(str(key), names) or f"; known are {', '.join(names)}")
+    return f"unknown key {brief(key)}" + (suggest(str(key), names) or f"; known are {', '.join(names)}")
 
 
 LARGEST = 100_000_000  # [bytes] largest mesh file; a binary STL of a million triangles has half of that

@@ -53,11 +53,11 @@ def cheap_paths(
         about = lines[0], lines[k % len(lines)]
         net = _Net(looks, ends, rate, about, np.random.default_rng([seed, k]), EASE[k % len(EASE)])
         for way in found:
-            net.shun(way)
+            net.penalize(way)
         corners = net.shortest()
         if corners is not None:
             found.append(_dense(corners))
-            yield net.passed(found[-1])
+            yield net.timed_poses(found[-1])
 
 
 class _Net:
@@ -97,7 +97,7 @@ class _Net:
         """The speed at which poses are passed, up to a factor: the root of the cost of being there."""
         return np.sqrt(self._rate(q) + self._ease)
 
-    def shun(self, way: np.ndarray) -> None:
+    def penalize(self, way: np.ndarray) -> None:
         """Increase the weights of edges near a path (M, n)."""
         from scipy.spatial import KDTree
 
@@ -131,7 +131,7 @@ class _Net:
             self._known[number] = 1 if self._looks.line(self._q[a], self._q[b]) else -1
         return bool(self._known[number] > 0)
 
-    def passed(self, way: np.ndarray) -> np.ndarray:
+    def timed_poses(self, way: np.ndarray) -> np.ndarray:
         """Poses (SAMPLES, n) evenly in time: a path passed from rest to rest, fast in costly regions."""
         from scipy.ndimage import gaussian_filter1d
 

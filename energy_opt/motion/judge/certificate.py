@@ -120,7 +120,7 @@ def certify(
     return _pieces(trajectory, scorer, limits, factor, lambda dense: None)
 
 
-def looked_at(
+def certify_and_score(
     trajectory: Trajectory, scorer: Scorer, limits: Sequence[Limit]
 ) -> tuple[Certificate, Energy, Trajectory]:
     """Certificate, energy, and the trajectory with effort and power, in one pass with bounded memory."""
@@ -130,13 +130,13 @@ def looked_at(
 
     def look(dense: Dense) -> None:
         own = slice(DENSER if spent else 0, None, DENSER)  # pieces share their ends
-        spent.append(scorer.spent(dense))
+        spent.append(scorer.energy_of_piece(dense))
         effort.append(dense.effort[own].copy())
         power.append(dense.power[own].copy())
 
     certificate = _pieces(trajectory, scorer, limits, DENSER, look)
     filled = replace(trajectory, effort=np.concatenate(effort), power=np.concatenate(power))
-    return certificate, scorer.together(trajectory, spent), filled
+    return certificate, scorer.energy_of_pieces(trajectory, spent), filled
 
 
 def _pieces(

@@ -121,7 +121,7 @@ class Scorer:
         tau_m, power, parts, bus, powers = law(q, v, a, rigid, t[:, None], idle[:, None], back[:, None], self._values)
         return tau_m, power[:, 0], parts, powers, bus[:, 0]
 
-    def alone(self, dense: Dense, joint: int) -> np.ndarray:
+    def single_joint_parts(self, dense: Dense, joint: int) -> np.ndarray:
         """Parts of the power (N, len(self.parts)) [W] on a dense grid as if only one joint moved and had a torque."""
         own = np.arange(self.robot.n) == joint
         law, still = Batch(self._drive, len(dense.q)), np.zeros((len(dense.q), 1))
@@ -154,7 +154,7 @@ class Scorer:
         rigid, out = body.energy(q, still, payload, gravity), np.zeros(len(q))
         for weight, member in self.model.weighted:
             named = [(effect, effect.named(ca.DM(effect.full(n)), n)) for effect in member.effects]
-            passed = np.prod([float(effect.passed(values)) for effect, values in named])
+            passed = np.prod([float(effect.return_factor(values)) for effect, values in named])
             springs = [
                 [float(effect.stored(ca.DM(row), ca.DM(still[0]), values)) for row in q]
                 for effect, values in named
@@ -188,14 +188,14 @@ class Scorer:
 
     def energy(self, trajectory: Trajectory, factor: int = DENSER) -> Energy:
         """Energy of the curve through the samples, on a grid `factor` (even) times denser."""
-        pieces = [self.spent(self.dense(trajectory, factor, part)) for part in blocks(trajectory, factor)]
-        return self.together(trajectory, pieces)
+        pieces = [self.energy_of_piece(self.dense(trajectory, factor, part)) for part in blocks(trajectory, factor)]
+        return self.energy_of_pieces(trajectory, pieces)
 
     def energy_of(self, dense: Dense) -> Energy:
         """Energy of a trajectory that is already on a dense grid (of an even factor), by Simpson's rule."""
-        return self.together(dense.trajectory, [self.spent(dense)])
+        return self.energy_of_pieces(dense.trajectory, [self.energy_of_piece(dense)])
 
-    def together(self, trajectory: Trajectory, spent: Sequence[tuple[float, dict[str, float]]]) -> Energy:
+    def energy_of_pieces(self, trajectory: Trajectory, spent: Sequence[tuple[float, dict[str, float]]]) -> Energy:
         """The energy of a trajectory, from the energies of its pieces."""
         total = sum(whole for whole, _ in spent)
         by_effect = {name: sum(parts[name] for _, parts in spent) for name in spent[0][1]}
@@ -203,7 +203,7 @@ class Scorer:
         stored = self.stored(trajectory)
         return Energy(total, standby, stored, total - standby - stored, by_effect)
 
-    def spent(self, dense: Dense) -> tuple[float, dict[str, float]]:
+    def energy_of_piece(self, dense: Dense) -> tuple[float, dict[str, float]]:
         """Energy [J] of a piece of a trajectory, in all and by effect."""
         weight = dense.weight
         by_effect = dict(zip(self.parts, (weight @ dense.parts).tolist(), strict=True))
@@ -234,7 +234,7 @@ def loss_by_joint(scorer: Scorer, trajectory: Trajectory) -> dict[str, np.ndarra
     names = list(scorer.parts)
     spent = np.zeros((scorer.robot.n, len(names)))
     for j in range(scorer.robot.n):
-        spent[j] = dense.weight @ scorer.alone(dense, j)
+        spent[j] = dense.weight @ scorer.single_joint_parts(dense, j)
     together = dense.weight @ dense.parts
     standing = {e.name for e in scorer.model.effects if e.overhead or e.stores} | {"mechanical"}
     out = {}

@@ -51,7 +51,7 @@ def is_at_rest(move: Move) -> bool:
     return bool(not move.via and np.abs(move.goal - move.start).max() < 1e-12 and not np.any(move.end_velocities))
 
 
-def unseen(move: Move) -> bool:
+def below_resolution(move: Move) -> bool:
     """True if the move, from rest to rest, is smaller than an encoder's resolution, so that no search is needed."""
     if move.via or np.any(move.end_velocities) or np.abs(move.goal - move.start).max() >= RESOLUTION:
         return False
@@ -59,7 +59,7 @@ def unseen(move: Move) -> bool:
     return move.path is None or bool(np.abs(move.path(knots) - move.start).max() < RESOLUTION)
 
 
-def unsearched(context: Context, move: Move, timing: Timing) -> Candidate:
+def without_search(context: Context, move: Move, timing: Timing) -> Candidate:
     """The minimum-time timing, slowed evenly to the wanted duration, without a search.
 
     Raises:

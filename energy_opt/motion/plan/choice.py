@@ -104,7 +104,9 @@ def choose(
     )
 
 
-def instead(context: Context, move: Move, timing: Timing | None, result: Result, trajectory: Trajectory) -> Result:
+def with_trajectory(
+    context: Context, move: Move, timing: Timing | None, result: Result, trajectory: Trajectory
+) -> Result:
     """The result with another trajectory and the baselines of its duration; without a lower bound."""
     judged = context.judge(trajectory)
     baselines = baselines_of(context, move, timing, trajectory.duration)
@@ -127,7 +129,7 @@ def least(
     asked for comes before a candidate of less energy.
     """
     energy_counts = context.settings.objective == "energy"
-    judged = [(name, context.judge(t)) for name, t in (*work.candidates, *further) if answers(move, t)]
+    judged = [(name, context.judge(t)) for name, t in (*work.candidates, *further) if fits_move(move, t)]
     wanted = None if energy_counts else move.mode
 
     def valid() -> tuple[str, Judged] | None:
@@ -140,12 +142,12 @@ def least(
     if solution is not None and _may_win(solution, best, energy_counts):
         repaired = repaired_timing(context, move, solution)
         iterations = repaired.iterations
-        if repaired.trajectory is not None and answers(move, repaired.trajectory):
+        if repaired.trajectory is not None and fits_move(move, repaired.trajectory):
             judged.append(("retime", context.judge(repaired.trajectory)))
             best = valid()
     if energy_counts and best is not None:  # the same with its creeping joints at rest
         trajectory = at_rest(best[1].trajectory, context.model)
-        if trajectory is not None and answers(move, trajectory):
+        if trajectory is not None and fits_move(move, trajectory):
             judged.append((best[0], context.judge(trajectory)))
             best = valid()
     return best, iterations
@@ -168,7 +170,7 @@ def _duration(move: Move, work: Work) -> float:
     return work.timing.duration if work.timing is not None else np.inf
 
 
-def answers(move: Move, trajectory: Trajectory) -> bool:
+def fits_move(move: Move, trajectory: Trajectory) -> bool:
     """Does a trajectory have the ends and the duration that the move asks for?"""
     ends = np.abs(np.stack([trajectory.position[0] - move.start, trajectory.position[-1] - move.goal])).max()
     speeds = np.abs(trajectory.velocity[[0, -1]] - np.stack(move.end_velocities)).max()

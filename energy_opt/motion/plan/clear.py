@@ -15,7 +15,7 @@ from energy_opt.cell.planes import Near
 from energy_opt.motion.move import Move
 from energy_opt.motion.plan.candidates import REPAIRS, Candidate, reference_time, task_of
 from energy_opt.motion.plan.context import Context, path_of
-from energy_opt.motion.plan.further import alike, further_lines, passed, wider_optima
+from energy_opt.motion.plan.further import alike, further_lines, line_along, wider_optima
 from energy_opt.motion.reshape.clear import PLACES, TRUST, ClearSearch
 from energy_opt.motion.reshape.curve import Curve, Outcome, between
 from energy_opt.motion.reshape.search import trajectory_of
@@ -78,7 +78,7 @@ def kept_clear(
     work.search_from(wider)
     if work.little(timing) and not context.stopped():
         for way in context.further():
-            work.finish(task.curve(level.shape, passed(way, work.first.duration)), TRUST)
+            work.finish(task.curve(level.shape, line_along(way, work.first.duration)), TRUST)
     if context.settings.initial_paths:
         known = [work.first, *(outcome.curve for outcome in (wider.outcome, work.best) if outcome is not None)]
         found = further_lines(context, work.search.cell, task, level, known)
@@ -282,7 +282,7 @@ def _lines(
         duration = float(np.clip(timing.duration, *task.durations))  # exactly the duration asked for, if it is fixed
         lines.append(Line.of(context.judge.slowed(timing, duration).trajectory))
     else:
-        lines.append(passed(path_of(move), reference))
+        lines.append(line_along(path_of(move), reference))
     return lines
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from energy_opt.cell.cell import Cell, Clearance
 from energy_opt.motion.dense import LONG, Dense
-from energy_opt.motion.judge.certificate import Certificate, certificate_of, certify, looked_at
+from energy_opt.motion.judge.certificate import Certificate, certificate_of, certify, certify_and_score
 from energy_opt.motion.judge.clearance import clearance_of
 from energy_opt.motion.judge.energy import DENSER, Energy, Scorer
 from energy_opt.motion.limits.base import Limit
@@ -49,7 +49,7 @@ class Judged:
 
     @cached_property
     def _looked_at(self) -> tuple[Certificate, Energy, Trajectory]:
-        return looked_at(self.trajectory, self.scorer, self.limits)
+        return certify_and_score(self.trajectory, self.scorer, self.limits)
 
     @cached_property
     def filled(self) -> Trajectory:

@@ -26,7 +26,7 @@ WIDER = 3  # most further seeds to look for optima without bodies, if initial pa
 PASSED = 400  # points of a path that an initial curve is fitted to
 
 
-def passed(path: JointPath, duration: float) -> Line:
+def line_along(path: JointPath, duration: float) -> Line:
     """A path, passed smoothly from rest to rest."""
     u = np.linspace(0, 1, PASSED)
     return Line(u, path(u**3 * (10 - 15 * u + 6 * u**2)), duration)
@@ -39,7 +39,7 @@ def further_lines(context: Context, cell: Cell, task: Task, level: Level, known:
         known: curves around which cheap paths are looked for, free or not; the first has the move's duration.
     """
     duration, u = known[0].duration, np.linspace(0, 1, PASSED)
-    yield from (passed(way, duration) for way in context.initial_paths)
+    yield from (line_along(way, duration) for way in context.initial_paths)
     if context.settings.tube is not None or task.vias:
         return
 

@@ -107,7 +107,7 @@ class Neighbours:
         known = {d: found for d, found in self._known.items() if found is not None}
         return known[min(known, key=lambda d: abs(d / duration - 1))] if known else None
 
-    def alone(self, duration: float) -> Optimum:
+    def single_move(self, duration: float) -> Optimum:
         """The optimum of solving the move alone at exactly `duration` s.
 
         Raises:
@@ -138,9 +138,9 @@ class Neighbours:
         return all(max(duration / other, other / duration) > ALONE for other in self._alone_at)
 
     def _single_or_none(self, duration: float) -> Optimum | None:
-        """As `alone`, but None if nothing valid was found."""
+        """As `single_move`, but None if nothing valid was found."""
         try:
-            return self.alone(duration)
+            return self.single_move(duration)
         except Infeasible:
             return None
 

@@ -24,8 +24,8 @@ from energy_opt.motion.limits.registry import limits_of
 from energy_opt.motion.move import Move, Settings, long_turns
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.plan.anytime import Progress
-from energy_opt.motion.plan.candidates import unseen
-from energy_opt.motion.plan.choice import instead
+from energy_opt.motion.plan.candidates import below_resolution
+from energy_opt.motion.plan.choice import with_trajectory
 from energy_opt.motion.plan.context import Context, Judge, Workshop, path_of
 from energy_opt.motion.plan.first_path import check_free, first_path
 from energy_opt.motion.plan.single import Single
@@ -142,10 +142,10 @@ class Planner:
             out.settings = replace(self.settings, end_acceleration="free")
         return out
 
-    def instead(self, result: Result, move: Move, trajectory: Trajectory) -> Result:
+    def with_trajectory(self, result: Result, move: Move, trajectory: Trajectory) -> Result:
         """The result with another trajectory of the move, judged by the planner's limits, with its own baselines."""
         single = self.single(move)
-        return instead(single.context, single.move, single.timing, result, trajectory)
+        return with_trajectory(single.context, single.move, single.timing, result, trajectory)
 
     def certify(self, trajectory: Trajectory, move: Move | None = None) -> Certificate:
         """The certificate of any trajectory under the limits, those of its move included."""
@@ -231,13 +231,13 @@ class Planner:
 
     def sketch(self, move: Move, warm: Sequence[Trajectory] = ()) -> Trajectory:
         """A quick estimate of the answer, in a fraction of the time of `solve`: without bodies, limits nearly held."""
-        if move.mode == "retime" or unseen(move):
+        if move.mode == "retime" or below_resolution(move):
             return self.solve(move, warm, confirm=False).trajectory
         return sketched(replace(self.context(move), cell=None), move, warm)
 
     def settle(self, move: Move, motion: Trajectory, open_: Open = FIXED, clear: bool = True) -> Settled:
         """The optimum near a motion, with the open coordinates optimized too; `clear`: of bodies."""
-        if move.mode == "retime" or self.settings.objective != "energy" or unseen(move):
+        if move.mode == "retime" or self.settings.objective != "energy" or below_resolution(move):
             return motion, move.via
         planner = (self if clear else self.around(None)).as_ending(motion)
         return settled(planner.context(move), move, motion, open_)
@@ -249,7 +249,7 @@ class Planner:
         """
         named = error.shortest_duration
         if named is None or progress.ended():
-            return error.named(None) if progress.late() else error
+            return error.with_shortest_duration(None) if progress.late() else error
         begin = process_time()
         for longer in LONGER:
             if process_time() - begin > CONFIRMING and longer < LONGER[-1]:
@@ -261,8 +261,8 @@ class Planner:
                 and self._is_solvable(replace(move, duration=share * tried, max_duration=None))
                 for share in BEYOND
             ):
-                return error.named(tried)
-        return error.named(None)
+                return error.with_shortest_duration(tried)
+        return error.with_shortest_duration(None)
 
     def _is_solvable(self, move: Move) -> bool:
         try:

@@ -24,7 +24,7 @@ import numpy as np
 
 from energy_opt.cell.cell import Cell
 from energy_opt.errors import BadInput
-from energy_opt.motion.judge.certificate import ALLOWED, certify, looked_at
+from energy_opt.motion.judge.certificate import ALLOWED, certify, certify_and_score
 from energy_opt.motion.judge.energy import Energy, Scorer
 from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.plan.anytime import Progress
@@ -160,7 +160,7 @@ class RobustPlanner:
         if baseline is None or not (best.costlier().any() or exceeds(self._value(best.totals), value)):
             return best
         message = "no other move that was found is cheaper than the evenly slowed one under every model"
-        found = self._planner.instead(best.result, move, baseline.trajectory)
+        found = self._planner.with_trajectory(best.result, move, baseline.trajectory)
         return replace(self._answer(replace(found, chosen=baseline.name, message=message)), bound=best.bound)
 
     def sketch(self, move: Move, warm: Sequence[Trajectory] = ()) -> Trajectory:
@@ -227,7 +227,7 @@ class RobustPlanner:
         if shares is None or shares[0] > 1 - SAME:  # no mean, or the evenly slowed move alone
             return None
         mean = blended([baseline.trajectory, *(a.result.trajectory for a in same)], shares).on_nanoseconds()
-        found = self._planner.instead(result, move, mean)
+        found = self._planner.with_trajectory(result, move, mean)
         return self._answer(found) if found.certificate.valid else None
 
     def _answer(self, result: Result) -> _Answer:
@@ -280,10 +280,10 @@ class RobustPlanner:
             for k, (rival, energy) in enumerate(zip(self._judges, answer.energies, strict=True))
         ]
         several = len(self.rivals if self.kind == "mean" else self._judges) > 1
-        peak, _, filled = looked_at(result.trajectory, scorer, ())
+        peak, _, filled = certify_and_score(result.trajectory, scorer, ())
 
         def stated(baseline: Baseline) -> Baseline:
-            own, energy, trajectory = looked_at(baseline.trajectory, scorer, ())
+            own, energy, trajectory = certify_and_score(baseline.trajectory, scorer, ())
             return replace(baseline, trajectory=trajectory, energy=energy, peak_power=own.peak_power)
 
         return replace(

@@ -13,14 +13,14 @@ from energy_opt.motion.move import Move
 from energy_opt.motion.plan.anytime import Progress
 from energy_opt.motion.plan.candidates import (
     Candidate,
+    below_resolution,
     in_tube,
     is_at_rest,
     least_energy_timing,
     repaired_timing,
     reshaped,
     small_enough,
-    unsearched,
-    unseen,
+    without_search,
 )
 from energy_opt.motion.plan.choice import Work, baselines_of, choose
 from energy_opt.motion.plan.clear import kept_clear, nearly_clear
@@ -54,8 +54,8 @@ def candidates_of(
     Raises:
         Infeasible: no timing or no path holds the limits.
     """
-    if timing is not None and timing.path.moves and unseen(move):
-        answer = unsearched(context, move, timing)
+    if timing is not None and timing.path.moves and below_resolution(move):
+        answer = without_search(context, move, timing)
         return Work(
             timing, None, answer if move.mode == "reshape" else None, answer if move.mode == "retime" else None, warm
         )

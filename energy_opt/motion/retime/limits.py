@@ -138,7 +138,7 @@ class PathLimits:
         k, j = np.unravel_index(int(np.argmax(use)), use.shape)
         return Worst(limit, int(j), float(s[k]), float(use[k, j] - 1))
 
-    def hold(self, control: np.ndarray, *, always: bool = False) -> bool:
+    def add_broken(self, control: np.ndarray, *, always: bool = False) -> bool:
         """Make constraints of the limits that `control` breaks and of those near them; True if there were any.
 
         With `always`, also if nothing is broken; else `control` is the solution under the present constraints.
@@ -207,7 +207,7 @@ class PathLimits:
             held.tight *= factor
         return broken
 
-    def loose(self, control: np.ndarray) -> np.ndarray:
+    def slack_controls(self, control: np.ndarray) -> np.ndarray:
         """The control values (N + 2,) that may change slightly: inner ones with no limit near its bound."""
         out = np.ones(len(control), dtype=bool)
         out[[0, -1]] = False

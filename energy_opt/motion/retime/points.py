@@ -93,7 +93,7 @@ class AnyLaw:
     ) -> None:
         numbers, functions = np.vstack([at, weight]).T, general_terms(shared_by, n, compile)
         self._terms, self._kinks, self._hessian = (
-            Batch(f, len(weight)).held(k, numbers, shared) for k, f in zip((1, 1, 2), functions, strict=True)
+            Batch(f, len(weight)).fixing(k, numbers, shared) for k, f in zip((1, 1, 2), functions, strict=True)
         )
         self._last: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None  # x, r, s where the Hessian was last wanted
 
@@ -130,7 +130,7 @@ class Symbolic:
         These are the model's values, unit, width and the limit's values.
         """
         functions = limit_terms(shared_by, (len(at) - 1) // 6, LimitByStructure(limit))
-        value, curvature = (Batch(f, len(scale)).held(k, at.T, shared) for k, f in enumerate(functions, start=1))
+        value, curvature = (Batch(f, len(scale)).fixing(k, at.T, shared) for k, f in enumerate(functions, start=1))
         return cls((value, curvature), scale)
 
     def value(self, z: np.ndarray) -> np.ndarray:

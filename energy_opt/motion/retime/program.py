@@ -268,8 +268,8 @@ class Retiming:
 
         whole = program(PathConstraints(), WIDTHS[0])
         size = max(abs(whole.cost(x)), 1e-3 * abs(price) * start.duration, 1e-12)
-        self.limits.hold(self.shortest.control, always=True)
-        self.limits.hold(start.control, always=True)
+        self.limits.add_broken(self.shortest.control, always=True)
+        self.limits.add_broken(start.control, always=True)
         widths = [WIDTHS[-1]] if law.coefficients is not None else list(WIDTHS)
         wider: tuple[float, np.ndarray] | None = None  # the last width that was solved, and its answer
         rounds, rough, halved = 0, False, False  # `halved`: True if a width between two others was tried
@@ -301,7 +301,7 @@ class Retiming:
             rounds += 1
             if not answer.success or rounds == ROUNDS:
                 break
-            if not self.limits.hold(control) and (only_bound or not self.limits.refine(control)):
+            if not self.limits.add_broken(control) and (only_bound or not self.limits.refine(control)):
                 break
         timing = Timing(start.path, start.knots, control)
         bound = None

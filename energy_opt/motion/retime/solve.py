@@ -255,7 +255,7 @@ def _stretched(work: Retiming, timing: Timing, duration: float) -> Timing:
     evenly = _stretched_at(timing, duration)
     if work.limits.worst(evenly.control).excess <= HELD:
         return evenly
-    loose = work.limits.loose(timing.control)
+    loose = work.limits.slack_controls(timing.control)
     locally = _stretched_at(timing, duration, loose) if loose.any() else evenly
     return locally if work.limits.worst(locally.control).excess <= HELD else evenly
 

@@ -211,7 +211,7 @@ def settled(name: str, robot: str, seed: int, motions: int = 2) -> str:
     told = " + ".join(row["name"] for row in after["effects"]) or "nothing"
     return (
         f"{name} of {robot}: open between {' or '.join(rivals)}; a motion of {t.duration:.1f} s on which they differ "
-        f"by {motion.difference:.2f} W rms beyond what links, level and their own numbers can take up; "
+        f"by {motion.difference:.2f} W rms beyond what links, level and their own parameters can explain; "
         f"then {after['verdict']}: {told}"
     )
 

@@ -43,12 +43,12 @@ def write_report(path: Path, records: Sequence[Row], summary: dict[str, Any]) ->
             f"The batch {per_year_words(summary['per_year'], summary['per_year']['cycles_per_year'])}, each move once."
         )
     if not summary["complete"]:
-        report.warning("The batch is not complete; --resume does what is left.")
+        report.warning("The batch is not complete; --resume runs the remaining moves.")
     _failures(report, summary["failures"])
     _savings(report, summary["savings"], records)
     if summary["proxies"]:
         report.section("Other objectives against energy")
-        report.text("How much more loss is left where another quantity is minimised, on the same move and duration.")
+        report.text("Additional loss if another quantity is minimised, for the same move and duration.")
         names = ("robot", "mode", "model", "timing", "objective", "pairs")
         header = (*_heads(names), "loss mean [%]", "loss most [%]", "energy mean [J]")
         report.table(

@@ -64,7 +64,9 @@ class Clearance:
             return f"{self.verdict}: {self.pairs} pairs, none of them near"
         a, b = self.pair
         if self.proven:
-            return f"nothing is touched; nearest are {a} and {b}, {1e3 * self.min_distance:.3g} mm at {self.time:.4g} s"
+            return (
+                f"no contact; the nearest bodies are {a} and {b}, {1e3 * self.min_distance:.3g} mm at {self.time:.4g} s"
+            )
         if self.depth is not None:
             return f"{a} touches {b} at {self.time:.4g} s, {1e3 * self.depth:.3g} mm deep"
         return (
@@ -98,8 +100,8 @@ class Contact:
     @property
     def remedy(self) -> str:
         """Advice on a pose that would work."""
-        by_design = "; where these links touch by design, --srdf FILE names them, or --self-collision off"
-        return f"a pose that is free would work{by_design if self.own else ''}"
+        by_design = "; if these links may touch, list them with --srdf FILE, or use --self-collision off"
+        return f"choose a pose without contact{by_design if self.own else ''}"
 
     def __str__(self) -> str:
         a, b = self.pair
@@ -164,10 +166,10 @@ class Cell:
             reach = sum(float(np.linalg.norm(link.placement[:3, 3])) for link in self.robot.body.tree())
             out += [*self.scene.warnings, *out_of_scale(self.scene, self.request.base_pose, max(reach, 0.1))]
         if not self.has_body:
-            out.append(f"{self.robot.name}: its URDF has no collision geometry; its body is checked against nothing")
+            out.append(f"{self.robot.name}: its URDF has no collision geometry; its body is not checked")
         elif self.own is not None and not self.own_checks:
             out.append(
-                f"{self.robot.name}: no pair of its links is left to keep apart ({len(self.own.disabled)} may touch by "
+                f"{self.robot.name}: no pair of its links is checked ({len(self.own.disabled)} may touch by "
                 f"{Path(self.own.source).name}); the arm is not checked against itself"
             )
         if self.own is not None and self.own.sampled:
@@ -194,7 +196,7 @@ class Cell:
         return max(found, key=lambda contact: contact.depth, default=None)
 
     def free(self, q: np.ndarray) -> bool:
-        """Whether every pair keeps the clearance that is asked for at q (n,)."""
+        """Whether every pair keeps the required clearance for at q (n,)."""
         return not self.distances(q, self.asked)
 
     def beside(self, time: np.ndarray, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> Cell:

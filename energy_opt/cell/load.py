@@ -91,7 +91,7 @@ def _bodies(robot: Robot, cell: Cell | None) -> str:
     """One line on joints, mass and collision bodies."""
     mass = sum(link.mass for link in robot.body.tree())
     kept = (
-        "its body is not looked at (--self-collision off)"
+        "its body is not checked (--self-collision off)"
         if cell is None
         else f"{cell.links} collision bodies, {len(cell.bodies.pairs)} pairs kept apart"
     )

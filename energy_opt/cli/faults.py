@@ -35,11 +35,11 @@ def as_error(error: Exception) -> EnergyOptError:
     if isinstance(error, OSError) and error.errno is not None:
         reason = error.strerror or str(error)
         if error.errno in FULL:
-            reason = "the disk is full, or the file may not grow; nothing half written was left"
+            reason = "the disk is full, or the file may not grow; no incomplete file was left"
         return BadInput(f"{error.filename}: {reason}" if error.filename else reason)
     if isinstance(error, MemoryError):
         what = str(error) or "an allocation failed"
-        return BadInput(f"not enough memory: {what}; ask for less: a shorter duration, or fewer points or samples")
+        return BadInput(f"not enough memory: {what}; request a shorter duration, or fewer points or samples")
     if isinstance(error, RecursionError):
         return BadInput("nested too deeply to be read; flatten it")
     if isinstance(error, UnicodeError):

@@ -121,10 +121,10 @@ def shortened(measured: MeasuredSet) -> MeasuredSet:
     runs = measured.runs
     if share * len(runs) >= FEW_RUNS:
         kept = tuple(r for k, r in enumerate(runs) if int((k + 1) * share) > int(k * share))
-        how = f"{len(kept)} of {len(runs)} runs, spread evenly, are looked at"
+        how = f"{len(kept)} of {len(runs)} runs, spread evenly, are used"
     else:
         kept = tuple(_first(run, share) for run in runs)
-        how = f"the first {100 * share:.0f} % of each run are looked at"
+        how = f"the first {100 * share:.0f} % of each run are used"
     remark = f"The set is longer than {MOST_NODES} samples, the most that are fitted: {how}."
     return replace(measured, runs=kept, remarks=(*measured.remarks, remark))
 

@@ -115,7 +115,7 @@ def diagnose(
     others = [written(f) for f in (*found.rivals[1:], best)]
     ahead = foreseen(model, samples, noise, drift, offset, found.accepted, others, best.free)
     if found.misspecified and found.verdict != "nothing_missing":
-        ahead = replace(ahead, reason=ahead.reason or "a law acts that no effect has")
+        ahead = replace(ahead, reason=ahead.reason or "a law is present that is not among the effects")
     floor = found.after.noise
     records = side_records(side, joints, limits, found.accepted if enough else None)
     modes = modes_of(model, samples)
@@ -224,7 +224,9 @@ def _of_joints(measured: MeasuredSet, declared: PowerModel) -> Diagnosis:
     """
     side = joint_side(measured, declared)
     if side is None:
-        raise BadInput(f"{measured.path}: no readings of power, energy, currents or torques; nothing can be said")
+        raise BadInput(
+            f"{measured.path}: no readings of power, energy, currents or torques; a diagnosis is not possible"
+        )
     found = pushes(side, measured)
     kept, enough = free_runs(measured, found)
     if found and enough:

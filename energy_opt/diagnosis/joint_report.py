@@ -132,10 +132,12 @@ def side_remarks(side: JointSide | None, limits: Limits, records: Sequence[dict[
     seen = any(row["power"] is not None and row["power"]["ci95"][0] > row["own"]["ci95"][1] for row in records)
     if side.known.any() and not shows_friction(side, limits) and seen:
         what = "torques" if side.unit == "N m" else "currents"
-        out.append(f"The logged {what} hold no friction (measured behind the gears, or computed): not used for it.")
+        out.append(
+            f"The logged {what} contain no friction (measured behind the gears, or computed): not used for friction."
+        )
     off = [row["joint"] for row in records if row["unit"] == "1" and row["scale"] and abs(row["scale"] - 1) > STRANGE]
     if off:
-        out.append(f"The logged torques of {', '.join(off)} are no torques in N m; currents, by their size.")
+        out.append(f"The logged torques of {', '.join(off)} are not torques in N m; by their size, they are currents.")
     for row in records:
         if row["disagreement"] is not None and row["disagreement"] > DISAGREE:
             out.append(

@@ -334,4 +334,4 @@ def push_words(found: list[Push], enough: bool) -> list[str]:
     begin = f"Something outside pushed the arm in {len(found)} run(s): torque without power (up to {what})"
     if enough:
         return [f"{begin}: left out are {', '.join(p.file for p in found)}."]
-    return [f"{begin}: no cause can be claimed of such a set. Record it with nobody and nothing touching the arm."]
+    return [f"{begin}: no cause can be claimed from such a set. Record it without any contact with the arm."]

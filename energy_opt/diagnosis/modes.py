@@ -80,4 +80,4 @@ def mode_words(modes: list[Mode]) -> list[str]:
     if len(modes) < 2:
         return []
     each = ", ".join(f"{m.power:.4g} W ({m.seconds:.3g} s in {m.standstills} standstills)" for m in modes)
-    return [f"Power at rest has {len(modes)} levels, as of motors on, brakes on or drives off: {each}."]
+    return [f"Power at rest has {len(modes)} levels (for example motors on, brakes on, drives off): {each}."]

@@ -18,12 +18,12 @@ from energy_opt.robot import Robot
 from energy_opt.robot.limits import sliding
 
 WORDS = {
-    "explained": "Effects were found, and nothing is left above the noise.",
-    "partly": "Effects were found that hold on motions held out, and more is left than the noise.",
+    "explained": "Effects were found, and the remaining error is no larger than the noise.",
+    "partly": "Effects were found that hold on held-out motions, but the remaining error is larger than the noise.",
     "ambiguous": "The data cannot tell some effects apart; they are listed together.",
-    "nothing_missing": "The declared model is as good as the noise allows.",
-    "unexplained": "More is left than the noise, and no known effect accounts for it.",
-    "insufficient": "The data do not excite what would be needed.",
+    "nothing_missing": "The error of the declared model is no larger than the noise.",
+    "unexplained": "The error is larger than the noise, and no known effect explains it.",
+    "insufficient": "The motions do not excite the effects enough.",
 }
 SHOWN = 12  # most runs with a chart
 WILD = 3.0  # measured points above this multiple of a joint's largest friction are not drawn (slow, noisy)
@@ -35,7 +35,7 @@ def page(result: Result) -> Report:
     d = result.document
     report = Report(f"Diagnosis of {result.measured.path.name}: {d['verdict'] or 'stopped'}")
     report.headline(d["headline"])
-    report.text(WORDS.get(d["verdict"], "Stopped before there was a verdict; this is what was known."))
+    report.text(WORDS.get(d["verdict"], "Stopped before a verdict was reached; this page shows the results so far."))
     report.text(d["next_step"])
     for remark in d["remarks"]:
         report.warning(remark)
@@ -79,7 +79,7 @@ def page(result: Result) -> Report:
         records = [[r["signal"], r["joint"], r["strength"], w] for r, w in zip(goes, watts, strict=True)]
         report.table(["signal", "joint", "share of what is left [1]", "rms [W]"], records, 3)
     else:
-        report.text("With nothing beyond the noise.")
+        report.text("With no signal: the residual is noise.")
     report.charts(*_residuals(result, result.samples))
     if any(e.stage == "torque" and e.dissipates for e in result.model.effects):
         report.section("Friction against speed")

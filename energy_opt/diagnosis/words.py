@@ -50,19 +50,19 @@ def headline(document: dict[str, Any]) -> str:
     )
     if not verdict:
         found = [name for name in document["model_effects"] if name not in document["declared_effects"]]
-        said = f"Stopped before there was a verdict: no cause is claimed; {held}."
+        said = f"Stopped before a verdict was reached: no cause is claimed; {held}."
         return said + (f" Likeliest so far: {listed(found)}." if found else "")
     one = len(names) == 1 and names != ["link_inertia"]
     share = f"{'explains' if one else 'explain'} {100 * document['explained_share']:.1f} % of what was above the noise"
     if document["explained_share"] < SHARE:
         share = f"{'lowers' if one else 'lower'} an error that was near the noise before"
     if names == ["link_inertia"]:
-        said = f"The URDF's links are off: deviations of links {share}; {held}."
+        said = f"The links differ from the URDF: their deviations {share}; {held}."
     elif names:
         beside = f" (beside {listed(document['fitted'])}, fitted)" if document["fitted"] else ""
         said = f"{listed(names).capitalize()}{beside} {share}; {held}."
     elif verdict == "nothing_missing":
-        said = f"Nothing is missing: the declared model is as good as the noise allows; {held}."
+        said = f"Nothing is missing: the error of the declared model is no larger than the noise; {held}."
     else:
         said = f"No cause can be named; {held}."
     if verdict == "ambiguous" and document["alternatives"]:
@@ -79,7 +79,7 @@ def joints_headline(names: Sequence[str], unit: str) -> str:
     what = "currents" if unit == "A" else "torques"
     verb = "shows" if len(names) == 1 else "show"
     said = f"{listed(names).capitalize()} {verb} in the joints' {what}" if names else f"The {what} show no friction"
-    return f"{said}; without a meter nothing is said of standby, heat and supply."
+    return f"{said}; without a meter, standby, heat and supply cannot be diagnosed."
 
 
 def remarks(found: Inference, measured: MeasuredSet, declared: PowerModel) -> list[str]:
@@ -90,7 +90,7 @@ def remarks(found: Inference, measured: MeasuredSet, declared: PowerModel) -> li
         out.append(f"The declared model was written for {declared.robot!r}, the set says {measured.robot.name!r}.")
     if not found.follows:
         out.append(
-            "The measured power does not follow the motion: shifted against each other they fit as well. "
+            "The measured power does not depend on the motion: with a time shift they fit equally well. "
             "Are power and motion columns of the same recording, in the same order?"
         )
     if len(found.idle) == len(joints):
@@ -100,7 +100,7 @@ def remarks(found: Inference, measured: MeasuredSet, declared: PowerModel) -> li
         )
     elif found.idle:
         names = ", ".join(joints[j] for j in found.idle)
-        out.append(f"Never moving: {names}; what these joints lose in motion cannot be known from this set.")
+        out.append(f"Never moving: {names}; the losses of these joints in motion cannot be determined from this set.")
     if measured.payload is not None:
         mass, com = measured.payload.mass, ", ".join(f"{x:.3g}" for x in measured.payload.com)
         out.append(
@@ -131,7 +131,7 @@ def remarks(found: Inference, measured: MeasuredSet, declared: PowerModel) -> li
     if apart > WANDERS * model_fit.world.whiten.noise.white and len(model_fit.levels) > 2:
         out.append(
             f"The level differs from run to run by {apart:.2g} W (standard deviation), as where a meter or the standby "
-            "drifts: allowed for, not called a cause."
+            "drifts: included in the fit, not reported as a cause."
         )
     for f in found.rivals[1:]:
         more = [name for name in f.names if name not in f.world.given]
@@ -201,7 +201,7 @@ def speeds_seen(found: Inference, joints: Sequence[str]) -> list[str]:
 def next_step(document: dict[str, Any]) -> str:
     """The recommended next step."""
     if not document["verdict"]:
-        return "Next: let it run to its end."
+        return "Next: run the diagnosis again to its end."
     if document["usable"]:
         return "Next: good enough to plan with (optimize --model model.toml)."
     if document["verdict"] in ("ambiguous", "insufficient"):
@@ -227,7 +227,7 @@ def summary(d: dict[str, Any]) -> str:
     if d["alternatives"]:
         lines.append("  fit equally well: " + " | ".join(" + ".join(names) or "nothing" for names in d["alternatives"]))
     if d["nuisance"]:
-        lines.append("  allowed for, not called a cause: " + ", ".join(d["nuisance"]))
+        lines.append("  included in the fit, not reported as a cause: " + ", ".join(d["nuisance"]))
     for row in d["remainder"][:3]:
         lines.append(f"  what is left goes with {row['signal']} {row['joint'] or ''}: {row['watts']:.2f} W")
     for part in ("train", "holdout"):
@@ -247,10 +247,10 @@ def summary(d: dict[str, Any]) -> str:
 def _foreseen(d: dict[str, Any]) -> str:
     percent = d["foreseen"]["difference_percent"]
     if percent is None:
-        return "no motion, so nothing is known of differences of energy"
+        return "no motion, so differences of energy are unknown"
     usable = "good enough to plan with" if d["usable"] else "not shown to be good enough to plan with"
     within = f"{percent:.0f} %" if percent >= 0.5 else "the meter's noise"
-    return f"differences of energy between motions are foreseen within {within}: {usable}"
+    return f"differences of energy between motions are predicted within {within}: {usable}"
 
 
 def side_words(records: Sequence[dict[str, Any]]) -> list[str]:
@@ -258,7 +258,7 @@ def side_words(records: Sequence[dict[str, Any]]) -> list[str]:
     out = []
     for row in records:
         if row["scale"] is None:
-            out.append(f"{row['joint']}: its readings do not follow its torque; nothing can be said in N m")
+            out.append(f"{row['joint']}: its readings do not depend on its torque; no value in N m is possible")
             continue
         said = f"{row['joint']}: "
         said += f"Kt {row['scale']:.3g} N m/A" if row["unit"] != "1" else f"torque {row['scale']:.3g} times the reading"

@@ -31,7 +31,7 @@ STAGES = {
     "drive": "between joints and bus",
     "power": "adds to the arm's power",
     "supply": "between bus and meter",
-    "meter": "what the meter makes of it",
+    "meter": "reading of the meter",
 }
 TRAITS = {
     "overhead": "counted as standby", "stores": "stores energy", "dissipates": "never gives energy",

@@ -148,5 +148,5 @@ def _motion(samples: Samples) -> tuple[Trajectory, tuple[str, ...]]:
     rough = np.sqrt(np.mean(t.acceleration**2, axis=0)) > NOISY * np.sqrt(np.mean(a**2, axis=0))
     if not rough.any():
         return t, ()
-    note = f"{samples.where}: a recording with noise: positions are smoothed at {CUTOFF:g} Hz"
+    note = f"{samples.where}: noisy recording: positions are smoothed at {CUTOFF:g} Hz"
     return Trajectory(t.joints, time, q, v, a), (note,)

@@ -116,7 +116,7 @@ def opened(path: Path) -> Iterator[Bag]:
     except OSError as error:
         raise BadInput(f"{path}: {error.strerror}") from None
     if size > LARGEST:
-        raise BadInput(f"{path}: larger than {LARGEST / 1e9:g} GB; cut out the part that matters")
+        raise BadInput(f"{path}: larger than {LARGEST / 1e9:g} GB; cut out the needed part")
     if path.is_dir():
         _check_files(path)
     elif path.suffix.lower() == ".zstd":
@@ -129,7 +129,7 @@ def opened(path: Path) -> Iterator[Bag]:
         raise
     except Exception as error:  # a faulty bag may raise almost any exception in the library
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise BadInput(f"{path}: not a bag that can be read: {reason[:300]}") from None
+        raise BadInput(f"{path}: not a readable bag: {reason[:300]}") from None
 
 
 def _check_files(folder: Path) -> None:
@@ -239,7 +239,7 @@ class Budget:
             BadInput: they are more than `most`, or than all that is left.
         """
         if count > (self._left if most is None else most):
-            raise BadInput(f"{self._path}: unpacks to far more than it holds; cut out the part that matters")
+            raise BadInput(f"{self._path}: its unpacked size is far larger than the file; cut out the needed part")
         self._left -= count
 
     def unpack(self, new: Callable[[], Any], data: bytes) -> bytes:

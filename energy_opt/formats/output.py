@@ -53,7 +53,7 @@ class Written:
         return f"{w['limit']} of {w['joint']} is {w['value']:.6g} at {w['time']:.4g} s, its bound is {w['bound']:.6g}"
 
     def __str__(self) -> str:
-        return self.text if self.valid else f"{self.text}; THIS FILE DOES NOT HOLD: {self.broken}"
+        return self.text if self.valid else f"{self.text}; THIS FILE BREAKS A LIMIT: {self.broken}"
 
 
 def wanted(names: Sequence[str], joints: int | None = None) -> list[Format]:
@@ -271,7 +271,7 @@ def said(shares: Mapping[str, float], joules: float) -> str:
         return ""
     less = {name: share for name, share in shares.items() if share < SHOWN} or shares
     used = ", ".join(f"{name.replace('_', ' ')} at most {100 * share:.4g} %" for name, share in less.items())
-    return f"planned with room for the samples that are written ({used} of its bound): {joules:+.3g} J"
+    return f"planned with a margin for the written samples ({used} of its bound): {joules:+.3g} J"
 
 
 def _broken(certificates: Sequence[Certificate]) -> float:

@@ -108,7 +108,7 @@ def _power(bag: Bag, path: Path) -> tuple[Series, list[str]]:
         (tv, v), (ta, a) = _series(bag, volt, path), _series(bag, ampere, path)
         return (ta, np.interp(ta, tv, v) * a), [f"{path}: power is {volt} [V] times {ampere} [A]"]
     raise BadInput(
-        f"{path}: nothing that is power: a number on a topic named so, a BatteryState, or voltage and current; its "
+        f"{path}: no power: expected a number on a topic named power, a BatteryState, or voltage and current; its "
         f"topics are {bag.described()}"
     )
 

@@ -91,7 +91,7 @@ class Answer(Result, Answered):
         with written_whole(out, ANSWER) as aside:
             files = () if self.controllers is None else tuple(self.controllers(self, aside))
             bad = "; ".join(f"{Path(row.file).name}: {row.broken}" for row in files if not row.valid)
-            message = self.message or (bad and f"not every file holds the limits; {bad}")
+            message = self.message or (bad and f"not every file keeps the limits; {bad}")
             found = replace(self, files=files, written=tuple(row.document() for row in files), message=message)
             put(found, self.arm, found.document(), aside, self.cell)
         return found
@@ -183,7 +183,7 @@ def _under(row: Mapping[str, Any]) -> str:
     uncertainty = ""
     if "saving_joules_interval" in row:
         low, high = row["saving_joules_interval"]
-        uncertainty = f"; between {low:.3f} and {high:.3f} J (95 %) by what its data leave open"
+        uncertainty = f"; between {low:.3f} and {high:.3f} J (95 %) by the uncertainty of its data"
     return f"  under {row['name']}: {row['total']:.3f} J, saves {joules:.3f} J{of_loss}{uncertainty}"
 
 

@@ -98,7 +98,7 @@ def run(request: DiagnoseRequest, desk: Desk) -> Diagnosed:
     if result.samples is not None and not result.document["interrupted"] and not pressed():
         motion = _next_motion(result, request.seed, surroundings)
         with desk.working() as (pressed, show):
-            show("what it is worth: two plans of the set's longest move")
+            show("benefit of the diagnosis: two plans of the set's longest move")
             add_worth(result, surroundings, seed=request.seed, stopped=pressed)
             result = desk.keep(replace(result, next_motion=motion))
     worth = [worth_words(result.document["worth"])] if result.document.get("worth") else []
@@ -125,7 +125,7 @@ def _declared(request: DiagnoseRequest, measured: MeasuredSet) -> tuple[PowerMod
     # to start from, a usual copper loss [W/(N m)^2]: two watts at three tenths of the effort limit
     heat = CopperLoss(r_over_kt2=[2.0 / (0.3 * effort) ** 2 for effort in measured.robot.limits.effort])
     start = PowerModel(measured.robot.name, (Standby(power=max(level, 0.0)), heat))
-    said = "No --model: starting from mechanical power; standby and copper loss are fitted and not called causes."
+    said = "No --model: starting from mechanical power; standby and copper loss are fitted and not reported as causes."
     return start, ("standby", "copper_loss"), said
 
 
@@ -150,6 +150,6 @@ def _next_motion(result: Diagnosis, seed: int, surroundings: CellRequest) -> Tra
         return None
     result.document["next_motion"] = NEXT
     result.document["next_step"] = next_step(result.document)
-    more = "beyond what links, level and their own numbers can take up"
+    more = "beyond what links, level and their own parameters can explain"
     remarks.append(f"Record {NEXT} next: over it the alternatives differ by {motion.difference:.3g} W rms {more}.")
     return motion.trajectory

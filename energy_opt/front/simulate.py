@@ -125,7 +125,7 @@ def _guard(request: SimulateRequest, asked: str, force: bool) -> None:
         return
     truth = out / "truth.toml"
     if not truth.is_file() or read_toml(truth).get("request") != asked:
-        held = "what another request simulated" if truth.is_file() else "a measured set"
+        held = "the simulation of another request" if truth.is_file() else "a measured set"
         raise BadInput(f"{out} holds {held}; choose another --out, or overwrite it with --force")
 
 

@@ -35,7 +35,7 @@ from energy_opt.robot import Robot
 
 ANSWER = "tradeoff.json"
 MOST = 1000  # most durations of a front; each needs a solve or more: some minutes
-DURATIONS = "expected FIRST:LAST:COUNT, seconds above 0 in rising order and how many"
+DURATIONS = "expected FIRST:LAST:COUNT, two durations above 0 s, the smaller first, and a count"
 
 
 @dataclass(frozen=True, repr=False)

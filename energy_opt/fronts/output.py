@@ -51,7 +51,7 @@ def document(front: Front, *, robot: str, joints: tuple[str, ...], mode: str, cy
     }
     if front.status == "infeasible":
         shortest = np.nan if front.fastest is None else front.fastest.duration
-        out["message"] = f"no duration asked for can be done; the shortest that can is {shortest:.6g} s"
+        out["message"] = f"none of the requested durations is possible; the shortest possible one is {shortest:.6g} s"
     if cycle is not None:
         best = front.cycle_minimum
         over = None if best is None else _over_cycle(best)

@@ -112,7 +112,7 @@ def stated(result: JobResult, rivals: Sequence[Rival]) -> JobResult:
         plan = slowed
         warnings = (
             *warnings,
-            f"no cycle was found that costs less than the evenly slowed one under {costly[0][1].name!r} too",
+            f"no cycle was found that takes less energy than the evenly slowed one under {costly[0][1].name!r} too",
         )
     totals = [row["total"] for row in compared(replace(result, plan=plan), rivals).models]
     robust = {"kind": "mean", "total": sum(totals) / len(totals), "lower_bound": result.bound}

@@ -193,7 +193,10 @@ def run_job(
         bound = shares.bound + sum(standing_power(work.scorers, step, step.brakes) * (step.wait or 0) for step in waits)
     baselines = tuple(Plain(name, None if p is None else energy(p), p) for name, p in plain.items())
     changed = [leg.name for before, leg in zip(asked, legs, strict=True) if before.mode != leg.mode]
-    warnings = (*job.remarks, *(f"{name}: the path that it would keep is not free; it is reshaped" for name in changed))
+    warnings = (
+        *job.remarks,
+        *(f"{name}: its path is not free of contact, so the step is reshaped" for name in changed),
+    )
     return JobResult(job, best, baselines, bound, work.scorers, work.cells, stopped(), warnings=warnings)
 
 

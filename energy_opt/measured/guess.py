@@ -79,7 +79,7 @@ def guess_robot(table: Table) -> tuple[Robot, str]:
     if len(names) == 1:
         return by_name(names[0]), "by its joints' columns"
     if not names:
-        raise BadInput(f"{table.path}: no robot known has such columns; say which with --robot")
+        raise BadInput(f"{table.path}: no known robot has such columns; name it with --robot")
     errors = {name: _torque_error(table, name) for name in names}
     known = {name: error for name, error in errors.items() if error is not None}
     if len(known) == len(names):

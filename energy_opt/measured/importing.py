@@ -63,7 +63,7 @@ def import_files(
     moving = [table for table in tables if robot is not None or is_motion(table)]
     if robot is None:
         if not moving:
-            raise BadInput(f"{tables[0].path}: no joints' positions in any file; say the arm with --robot")
+            raise BadInput(f"{tables[0].path}: no file has positions of joints; name the arm with --robot")
         robot, why = guess_robot(moving[0])
         words.append(f"robot: {robot.name} ({why})")
     joints, meters = _joints_and_meters(tables, robot, hand)

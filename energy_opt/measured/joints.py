@@ -68,9 +68,9 @@ def clean(time: np.ndarray, values: np.ndarray) -> Stamped:
         else:
             kept, stamps, moved = _moved_to_gaps(kept, stamps, same)
             if moved:
-                remarks.append(f"{moved} rows with the stamp of the row before moved to the free place behind it")
+                remarks.append(f"{moved} rows with a repeated stamp moved to the missing stamp after them")
             if int(same.sum()) - moved:
-                remarks.append(f"{int(same.sum()) - moved} rows with the stamp of the row before dropped")
+                remarks.append(f"{int(same.sum()) - moved} rows with a repeated stamp dropped")
     spread = _spread_bunches(stamps)
     if spread is not None:
         stamps = spread
@@ -265,7 +265,7 @@ def read_joints(table: Table, rules: Mapping[str, Rule], robot: Robot, kind: str
     samples = clean(time[index], np.column_stack([values[index] for values in signals.values()]))
     dropped, index = np.concatenate([spiked, np.delete(index, samples.kept)]), index[samples.kept]
     if spiked.size:
-        said = f"{len(spiked)} rows dropped whose positions jump away and back (first: row "
+        said = f"{len(spiked)} rows dropped: positions jump away and back (first: row "
         samples = replace(samples, remarks=(*samples.remarks, f"{said}{table.row_number(int(spiked[0]))})"))
     kept = {name: values[index] for name, values in signals.items() if np.isfinite(values[index]).all()}
     jumps = leaps(samples.time, kept["position"], robot)

@@ -104,7 +104,7 @@ def collect(log: LogFile, robot: Robot) -> tuple[list[Run], list[str], list[str]
         shows = f"means over {interval:.3g} s" if mean else "the power at its stamps"
         found[0].remarks.append(
             f"meter: a reading every {interval:.3g} s, taken for {shows}, "
-            + ("which fits the motion better" if sure else "though the motion does not tell")
+            + ("which fits the motion better" if sure else "the motion does not decide this")
             + " ([meter] window states it otherwise)"
         )
     faults += [fault for one in found for fault in one.faults]

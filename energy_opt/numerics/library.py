@@ -63,7 +63,7 @@ def folder() -> Path:
         tag = above / OWN / TAG
         if not tag.is_file():
             if any(path.name != TAG for path in (above / OWN).iterdir()):
-                raise Unusable(f"{above / OWN}: not a cache of this program: it holds files and no {TAG}")
+                raise Unusable(f"{above / OWN}: not a cache of this program: it contains files, but no {TAG}")
             tag.touch(mode=0o600)
     except (OSError, RuntimeError) as error:  # RuntimeError: there is no home
         raise Unusable(f"no cache folder: {error}") from None

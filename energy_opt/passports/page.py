@@ -27,8 +27,8 @@ def page(arms: Sequence[Arm], changes: Sequence[Change], headline: str, request:
     for arm in arms:
         _values(report, arm)
     report.section("Friction").text(
-        "Torque against the motion without load, the mean of both directions; bands are 95 % intervals where the model "
-        "says how sure it is."
+        "Torque against the motion without load, the mean of both directions; bands are 95 % intervals if the model "
+        "has a covariance."
     )
     report.charts(*_curves(arms))
     for arm in arms:
@@ -61,7 +61,7 @@ def _values(report: Report, arm: Arm) -> None:
     if not any(arm.measured(e.name) for e in arm.model.effects):
         report.text("Nothing here was measured on this arm: the values are published, declared or assumed, as stated.")
     if len(arm.modes) > 1:
-        report.text("Levels of power at rest, as of motors on, brakes on or drives off:")
+        report.text("Levels of power at rest (for example motors on, brakes on, drives off):")
         report.table(
             ["power [W]", "seconds", "standstills"], [[m["power"], m["seconds"], m["standstills"]] for m in arm.modes]
         )

@@ -43,7 +43,7 @@ class Passport(Found):
             return f"{len(real)} of {len(self.changes)} quantities really changed, most of all {worst}."
         if any(change.real is not None for change in self.changes):
             return "No change is outside of the intervals."
-        return "Differences are listed; whether they are real cannot be said without both models' covariances."
+        return "Differences are listed; without the covariances of both models, it is unknown whether they are real."
 
     def document(self) -> dict[str, Any]:
         """The content of passport.json."""

@@ -64,6 +64,6 @@ def headline(found: Mapping[str, Any]) -> str:
     mean = f" in the mean of {' and '.join(models)}" if models else ""
     words = f"{at}: {found['energy_total']:.4g} J a cycle{mean}"
     if found["saving"] is None:
-        return words + "; the job cannot be done where it was given."
+        return words + "; the job is not possible at the given place."
     given, percent = found["given"]["energy_total"], found["saving"]["percent"]
-    return words + f", {percent:.3g} % less than the {given:.4g} J where it was given."
+    return words + f", {percent:.3g} % less than the {given:.4g} J at the given place."

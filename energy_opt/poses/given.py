@@ -169,5 +169,5 @@ def in_base(pose: Pose, robot: Robot, scene: Scene | None, base: np.ndarray) -> 
         raise BadInput(f"{pose.name}: no frame {frame!r}{suggest(frame, known)}; frames are {frames}")
     thing = objects[frame]
     if thing.frame is not None or thing.attached_to is not None:
-        raise BadInput(f"{pose.name}: {frame} moves with the arm; a pose in its frame says nothing")
+        raise BadInput(f"{pose.name}: {frame} moves with the arm, so a pose in its frame is not fixed")
     return replace(pose, matrix=np.linalg.inv(base) @ thing.place @ pose.matrix, frame="")

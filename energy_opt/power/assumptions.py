@@ -17,7 +17,7 @@ NOTES = {
     ("acceleration", "assumed"): "full speed in no less than 0.2 s, and no more than 50 rad/s²",
     ("jerk", "assumed"): "full acceleration in no less than 0.01 s",
     ("velocity", "assumed"): "no usable limit is stated",
-    ("effort", "assumed"): "no limit is held; a measure of the drive, for friction and electrical values",
+    ("effort", "assumed"): "no limit is used; a rating of the drive, for friction and electrical values",
 }
 ELECTRICAL, FRICTION = "electrical values", "friction"
 SIGNS = {"rad/s^2": "rad/s²", "m/s^2": "m/s²"}
@@ -76,7 +76,7 @@ def _records(robot: Robot, what: str, known: Known) -> list[Assumption]:
     if not p.per_joint:
         return [Assumption(what, None, float(values[0]), p.unit, known.source, note)]
     if values.ndim > 1:
-        note = f"{note}; the value is that when creeping"
+        note = f"{note}; the value holds for very slow motion"
         values = values[:, 0]
     numbers = np.broadcast_to(values, n).tolist()
     units = [sliding(p.unit) if slides else p.unit for slides in robot.slides]

@@ -39,7 +39,7 @@ def page(
     if worth := yearly(document):
         report.numbers(worth)
     if document["status"] != "solved":
-        report.warning("Not every step is solved; the table says which.")
+        report.warning("Not every step is solved; the table marks them.")
     for warning in document.get("warnings", ()):
         report.warning(warning)
     steps = document["steps"]
@@ -48,13 +48,13 @@ def page(
     report.player(player(robot, [Played("result", cycle)], bodies, scene, phases=phases))
     drawn = [] if power is None else [Line("power", *power)]
     report.section("Timeline").charts(
-        Chart("What the arm does", "time [s]", "", timed=True, blocks=timeline(steps)),
+        Chart("Motion of the arm", "time [s]", "", timed=True, blocks=timeline(steps)),
         Chart("Electrical power of the cycle", "time [s]", "power [W]", drawn, timed=True),
     )
     durations, energies = (
         {name: float(row[key]) for name, row in zip(names, steps, strict=True)} for key in ("duration", "energy_total")
     )
-    report.section("Where the cycle goes").charts(
+    report.section("Time and energy of the steps").charts(
         Chart("Time of each step", "duration [s]", "", bars={"result": durations}),
         Chart("Energy of each step", "energy, standby included [J]", "", bars={"result": energies}),
     )
@@ -67,7 +67,7 @@ def page(
     )
     several = document.get("robust")
     bound = (several or document["optimality"])["lower_bound"]
-    report.section("Against plain ways of running it").table(
+    report.section("Comparison with simple cycles").table(
         ["", "energy of the cycle [J]"],
         [
             ["this plan", document["energy_total"]],

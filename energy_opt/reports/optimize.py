@@ -51,7 +51,7 @@ def page(
     _models(report, document)
     assumed(report, document)
     _certificate(report, document, robot)
-    report.section("How it was found")
+    report.section("Search")
     optimality, solver = document["optimality"], document["solver"]
     report.facts({"taken from": document.get("chosen"), **_first_path(document), **_named(solver, "s", "seconds")})
     report.facts(
@@ -206,7 +206,7 @@ def _energy(report: Report, document: Mapping[str, Any]) -> None:
     report.section("Energy")
     report.charts(Chart("Energy by effect, standby left out", "energy [J]", "", bars=bars))
     records = energy_records([(d, e) for _, d, e, _ in columns], "{} [J]", "of the total: {} [J]")
-    records.append(["valid: within all that was checked", *(valid for _, _, _, valid in columns)])
+    records.append(["valid: all checked limits are kept", *(valid for _, _, _, valid in columns)])
     report.table(["", *(name for name, _, _, _ in columns)], records)
 
 
@@ -226,7 +226,7 @@ def assumed(report: Report, document: Mapping[str, Any]) -> None:
     """The section of values that were not given, with sources; of friction that ends the saving; of long travel."""
     records = [Assumption(**row) for row in document.get("assumptions", ())]
     if records:
-        report.section("What was not given")
+        report.section("Assumed values")
         report.table(["what", "value", "source", "note"], [list(row) for row in grouped(records)])
     share = document.get("break_even_friction")
     if records and share is not None:
@@ -269,7 +269,7 @@ def _certificate(report: Report, document: Mapping[str, Any], robot: Robot) -> N
             {
                 "clearance": c["verdict"],
                 "proven lower bound [m]": c["lower_bound"],
-                "least distance seen [m]": c["min_distance"],
+                "smallest measured distance [m]": c["min_distance"],
                 "nearest pair": c["pair"],
                 "at [s]": c["time"],
                 "pairs checked": _count(c.get("pairs")),

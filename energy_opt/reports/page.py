@@ -153,7 +153,7 @@ class Report:
     def command(self, request: Mapping[str, Any] | None) -> Report:
         """Add the command line that a request holds, if one does."""
         words = (request or {}).get("command")
-        return self.section("The command that made this").code(words) if words else self
+        return self.section("Command").code(words) if words else self
 
     def picture(self, png: bytes, caption: str = "") -> Report:
         """Add a PNG (see `plots.png`), embedded."""

@@ -44,7 +44,7 @@ def page(
     marks = {} if best is None else {"least energy": (best["duration"], best["energy_total"])}
     cycle = document.get("cycle")
     charts = [Chart("Energy of the move", "duration [s]", "energy [J]", lines, marks=marks)]
-    charts.append(Chart("What can be changed: the loss", "duration [s]", "energy [J]", lines[2:3]))
+    charts.append(Chart("Loss: the part that can be changed", "duration [s]", "energy [J]", lines[2:3]))
     if cycle is not None:
         inside = [p for p in points if p.get("cycle")]
         over = np.array([p["cycle"]["energy_total"] for p in inside], dtype=float)
@@ -63,7 +63,7 @@ def page(
     chosen = _nearest(motions, best["duration"]) if best is not None and motions else None
     played = [Played(f"{d:.4g} s", motion, shown=d == chosen) for d, motion in sorted(motions.items())]
     if played:
-        report.section("Any of its points, moving").player(player(robot, played, bodies, scene))
+        report.section("Motion at any point of the front").player(player(robot, played, bodies, scene))
     models = document.get("models") or []
     if models:
         report.section("The front's minimum under other models").table(

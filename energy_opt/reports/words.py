@@ -18,7 +18,7 @@ def clearance_words(found: Mapping[str, Any]) -> str:
     pair = "–".join(found.get("pair") or ())
     measured = found.get("min_distance")
     if found["verdict"] == "proven":
-        near = "no pair comes near" if measured is None else f"nearest measured {1e3 * measured:.3g} mm: {pair}"
+        near = "no pair is near" if measured is None else f"nearest measured {1e3 * measured:.3g} mm: {pair}"
         bound = found.get("lower_bound")
         return f"clearance proven{'' if bound is None else f' ≥ {floored(1e3 * bound)} mm'} ({near})"
     if found["verdict"] == "colliding":

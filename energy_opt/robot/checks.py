@@ -88,7 +88,9 @@ def check_masses(description: Description, still: Collection[str], links: Sequen
     """
     length = sum(float(np.linalg.norm(link.placement[:3, 3])) for link in links)
     if length > FARTHEST:
-        raise BadInput(f"{description.path}: from joint to joint the arm is {length:.4g} m long; in mm? Expected m")
+        raise BadInput(
+            f"{description.path}: from joint to joint the arm is {length:.4g} m long; is the unit mm? Expected m"
+        )
     carried = carriers(description, still)
     moving = [name for name, on in carried.items() if on]
     mass = sum(link.mass for link in links)
@@ -116,11 +118,11 @@ def check_masses(description: Description, still: Collection[str], links: Sequen
             if moments[0] < -NOISE:
                 raise BadInput(f"{at}a principal moment of {moments[0]:.3g} kg m^2 is negative (ixx … izz)")
             raise BadInput(
-                f"{at}principal moments {', '.join(f'{m:.3g}' for m in moments)} kg m^2 are those of no body: the "
+                f"{at}principal moments {', '.join(f'{m:.3g}' for m in moments)} kg m^2 are impossible: the "
                 "largest exceeds the sum of the others (ixx … izz)"
             )
     if odd:
-        said.append(f"{_few(odd)}: inertia of no body, too slight, too light or too still to matter; used as it is")
+        said.append(f"{_few(odd)}: an impossible inertia with negligible effect; used unchanged")
     return [*said, *_link_warnings(links)]
 
 
@@ -244,10 +246,12 @@ def doubtful_masses(effort: np.ndarray, gravity: np.ndarray, mass: float, reach:
             f"{100 * share:.0f} % of the postures; masses or effort limits are wrong"
         )
     if mass > DENSEST * max(reach, SHORTEST) ** 2:
-        out.append(f"{mass:.4g} kg move on an arm of {reach:.3g} m: several times what such arms weigh; used as it is")
+        out.append(
+            f"{mass:.4g} kg move on an arm of {reach:.3g} m: several times the mass of such arms; used unchanged"
+        )
     if mass < LIGHTEST_OF_SIZE * length**3:
         out.append(
-            f"{mass:.4g} kg move on an arm of {length:.3g} m: a fraction of what such arms weigh; "
-            "energies are too low; used as it is"
+            f"{mass:.4g} kg move on an arm of {length:.3g} m: a fraction of the mass of such arms; "
+            "energies are too low; used unchanged"
         )
     return out

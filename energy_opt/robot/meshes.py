@@ -57,8 +57,8 @@ def mesh_files(
         out[name] = found.absolute()
     if missing:
         raise BadInput(
-            f"{path}: {len(missing)} of {len(wanted)} collision meshes not found, first {missing[0]}; say where its "
-            "package lies with --package-dir DIR, or go on without the arm's body by --self-collision off"
+            f"{path}: {len(missing)} of {len(wanted)} collision meshes not found, first {missing[0]}; give the "
+            "folder of its package with --package-dir DIR, or plan without the arm's body with --self-collision off"
         )
     return out
 

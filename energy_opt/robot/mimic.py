@@ -88,7 +88,7 @@ def leaders_limits(limits: Limits, links: Sequence[Link]) -> tuple[Limits, list[
                 raise BadInput(
                     f"{leader.name}: no position in its limits [{lower:g}, {upper:g}] leaves {link.name}, which "
                     f"follows it (mimic: {ratio:g} times it plus {offset:g}), in [{low:g}, {high:g}]; --lock "
-                    f"{leader.name}=VALUE holds it where it takes no part"
+                    f"{leader.name}=VALUE holds it at a fixed position"
                 )
             if ends[0] > lower + room or ends[1] < upper - room:
                 lower, upper = max(lower, ends[0]), min(upper, ends[1])

@@ -35,7 +35,7 @@ def read_robot_xml(path: Path) -> ElementTree.Element:
         raise BadInput(f"{path}: {path.stat().st_size:,} bytes; expected at most {LARGEST:,}")
     text = read_text(path)
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise BadInput(f"{path}: declares a document type, which is not read")
+        raise BadInput(f"{path}: declares a document type, which is not supported")
     try:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError, RecursionError) as error:

@@ -178,7 +178,7 @@ def identify(robot: str, poses: Sequence[Pose]) -> Identification:
     if low <= 0:
         return refused(
             f"the poses do not vary enough: r_over_kt2 lies in [{low:.3g}, {high:.3g}] W/(N m)^2, "
-            "which holds 0; `energy-opt identify --suggest N` proposes poses that tell more"
+            "which holds 0; `energy-opt identify --suggest N` proposes better poses"
         )
     line = {
         "standby": standby,

@@ -282,7 +282,7 @@ def _wrong_names(cell: WorkCell) -> list[str]:
                 "a wait needs a [[mode]], or power = { NAME = W }": waits and not arm and not known,
                 "a move needs the arm: robot = NAME_OR_URDF in [[robot]]": step.moves and not arm,
                 "a curve belongs to a robot without an arm (no `robot = ...`)": step.curve is not None and arm,
-                "power: the arm's power model says what its motors take": MOTORS in step.power and arm,
+                "power: the power of its motors follows from the arm's power model": MOTORS in step.power and arm,
                 "any_order belongs to a move; its waits go with it": step.any_order and not step.moves and arm,
             }
             faults += [f"{where}: step {steps[k]}: {text}" for text, wrong in said.items() if wrong]
@@ -317,7 +317,7 @@ def _wrong_names(cell: WorkCell) -> list[str]:
         and cell.supply.max_power is not None
         and all(robot.robot is None for robot in cell.robot)
     ):
-        faults.append("supply: max_power needs an arm: robot = NAME_OR_URDF; curves say nothing of peaks")
+        faults.append("supply: max_power needs an arm: robot = NAME_OR_URDF; curves contain no peak power")
     for lag in cell.lag:
         faults += _unknown(cell, lag.begin, "lag: from") + _unknown(cell, lag.end, "lag: to")
     return faults

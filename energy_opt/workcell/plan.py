@@ -296,7 +296,7 @@ class Planning(Stage):
         bodies = "" if between.pair is None else f" ({between.pair[0]} and {between.pair[1]})"
         self.exclusions = wanted
         problem = self.problem(True)
-        poses = "other poses, or bases that are farther apart, may give room"
+        poses = "other poses, or a larger distance of the bases, may help"
         help_ = f"nor does a cycle of {LONGER[-1] * self.cell.cycle_time:.4g} s; {poses}"
         for longer in LONGER:
             cycle, seconds = longer * self.cell.cycle_time, SECONDS / len(LONGER)

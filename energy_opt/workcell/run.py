@@ -168,7 +168,7 @@ def _supply_error(schedule: Schedule, moves: list[tuple[int, int]], drawn: Suppl
     names = ", ".join(f"{rings[r].name}.{rings[r].steps[k].name}" for r, k in moves) or "all robots wait then"
     if drawn.overflow > 0:
         return Infeasible(
-            f"supply: {drawn.lost:.4g} J that the arms brake fit nowhere ({names}): resistor = false; neither other "
+            f"supply: {drawn.lost:.4g} J of braking cannot be stored ({names}): resistor = false; neither other "
             "times nor slower moves avoid it; a larger capacity, or a longer cycle_time, gives room",
             limit="capacity",
         )

@@ -82,7 +82,7 @@ def test_what_a_diagnosis_knows_is_written(
     load_model(out / "model.toml").check(6)
     assert d["interrupted"] == ("page" not in place) and d["error"]["after"]["train"]["power_rmse"] > 0
     if "search" in place or "take_samples" in place:
-        assert d["verdict"] is None and not d["effects"] and "before there was a verdict" in d["headline"]
+        assert d["verdict"] is None and not d["effects"] and "before a verdict was reached" in d["headline"]
     else:
         assert d["verdict"] == "explained" and [row["name"] for row in d["effects"]] == ["coulomb_friction"]
 

@@ -94,7 +94,7 @@ def test_noise_in_place_of_power_gives_no_effect(coulomb, tmp_path, kind):
         write_table(other / row["file"], list(table), list(table.values()))
     result = diagnose(read_set(other), coulomb.declared)
     assert result.document["verdict"] == "unexplained" and names(result) == []
-    assert any("does not follow the motion" in remark for remark in result.document["remarks"])
+    assert any("does not depend on the motion" in remark for remark in result.document["remarks"])
 
 
 def test_power_that_an_unlisted_cause_rules_still_follows_the_motion(tmp_path):

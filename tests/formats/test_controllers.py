@@ -183,7 +183,7 @@ def test_a_file_that_does_not_hold_says_so(tmp_path: Path, panda: Robot, model: 
     curve = swing(panda.joints, START, GOAL, 0.5)
     for name in ("franka", "yaml"):
         (row,) = output.write(curve, judge, output.wanted([name]), tmp_path)
-        assert not row.valid and "THIS FILE DOES NOT HOLD: " in str(row) and row.worst["joint"] in panda.joints
+        assert not row.valid and "THIS FILE BREAKS A LIMIT: " in str(row) and row.worst["joint"] in panda.joints
     with pytest.raises(BadInput, match="write franka: for arms of seven joints; this one has 6"):
         output.wanted(["franka"], 6)
     with pytest.raises(BadInput, match="write urscript: for arms of six joints; this one has 7"):

@@ -42,7 +42,7 @@ def test_a_given_duration_is_kept_at_a_rate(more: list[str], panda: Robot, tmp_p
     words = ["optimize", "--robot", "panda", f"--start={start}", f"--goal={goal}", *more, *QUICK]
     assert main([*words, "--write", "json", "--rate", "125", "--out", str(tmp_path)]) == 0
     said = capsys.readouterr().err
-    assert "125 Hz" in said and "slowed" not in said and "planned with room for the samples" in said
+    assert "125 Hz" in said and "slowed" not in said and "planned with a margin for the written samples" in said
     assert held(panda, json.loads((tmp_path / "trajectory.json").read_text())) == pytest.approx(
         float(more[-1]), abs=1e-9
     )

@@ -115,4 +115,4 @@ def test_the_console_says_it_in_one_line_and_the_report_in_a_table(tmp_path, cap
     assert {"what", "joint", "value", "unit", "source", "note"} == set(document["assumptions"][0])
     assert {"break_even_friction", "travel"} <= set(document)
     report = (tmp_path / "report.html").read_text()
-    assert "What was not given" in report and "full speed in no less than 0.2 s" in report
+    assert "Assumed values" in report and "full speed in no less than 0.2 s" in report

@@ -116,7 +116,7 @@ def test_files_that_make_no_set_are_refused(tmp_path: Path) -> None:
             Z1,
             "no column of power, energy, currents or torques",
         ),
-        ([put(tmp_path / "c.csv", lines("t,x,power", [t, t, p]))], None, "no joints' positions in any file"),
+        ([put(tmp_path / "c.csv", lines("t,x,power", [t, t, p]))], None, "no file has positions of joints"),
         (
             [put(tmp_path / "d.csv", lines(f"t,{JOINTS},power", [np.where(t > t[50], t - 0.3, t), q, p]))],
             Z1,

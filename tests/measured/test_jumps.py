@@ -18,7 +18,7 @@ def test_rows_whose_positions_jump(tmp_path, stays):
     path = put(tmp_path / "a.csv", lines("t," + ",".join(f"q{j}" for j in SIX) + ",power", [t, q, p]))
     import_files([path], tmp_path / "set", Z1)
     whole = read_set(tmp_path / "set")
-    said = "cut at 1 row(s) where a position jumps and stays" if stays else "1 rows dropped whose positions jump"
+    said = "cut at 1 row(s) where a position jumps and stays" if stays else "1 rows dropped: positions jump"
     assert any(said in remark and f"(first: row {k + 2})" in remark for remark in inspect_set(tmp_path / "set")[1])
     for run in whole.runs:
         speed = np.abs(np.diff(run.position, axis=0)) / np.diff(run.time)[:, None]

@@ -82,7 +82,7 @@ def test_of_too_many_runs_some_are_left_out_evenly_and_long_ones_are_cut(whole, 
     many = replace(whole, runs=whole.runs * 6)
     monkeypatch.setattr(clusters, "MOST_NODES", 2 * nodes)
     less = clusters.shortened(many)
-    assert len(less.runs) == len(many.runs) // 3 and "runs, spread evenly, are looked at" in less.remarks[-1]
+    assert len(less.runs) == len(many.runs) // 3 and "runs, spread evenly, are used" in less.remarks[-1]
     few = whole.runs[:6]
     monkeypatch.setattr(clusters, "MOST_NODES", sum(len(run.power) // recordings.per_bin(run) for run in few) // 2)
     cut = clusters.shortened(replace(whole, runs=few))

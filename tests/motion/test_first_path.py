@@ -84,7 +84,7 @@ def test_an_end_that_touches_is_named_with_pair_and_depth(panda: Robot, model: P
     assert caught.value.exit_code == 3 and caught.value.position == 0.0 and (caught.value.excess or 0) > 0.001
     assert "srdf" not in str(caught.value)
     folded = np.array([0, 0.5, 0, -3.0, 0, 0.1, 0])
-    with pytest.raises(Infeasible, match=r"start: panda_.* touches panda_.*srdf FILE names them, or self_collision"):
+    with pytest.raises(Infeasible, match=r"start: panda_.* touches panda_.*with srdf FILE, or use self_collision"):
         planner(Cell(panda, CellRequest()), model).solve(Move(folded, OVER))
 
 

@@ -94,7 +94,7 @@ def test_a_change_is_real_where_it_is_outside_of_the_joint_intervals():
 def test_without_intervals_nobody_says_that_a_change_is_real():
     made = eo.passport([model(), model(DRY * 1.5)])
     assert made.changes and all(c.real is None for c in made.changes)
-    assert "cannot be said" in made.headline
+    assert "it is unknown" in made.headline
 
 
 def test_what_has_changed_since_names_only_what_differs():

@@ -84,7 +84,7 @@ def test_one_effort_for_all_joints_that_is_too_little_for_some_is_a_placeholder(
 def test_an_arm_that_is_too_heavy_for_its_size_or_drives_is_named(tmp_path: Path) -> None:
     heavy = load_robot(two_joints(tmp_path, effort="50", mass="3300", inertia="100"))
     assert any("more than every effort limit" in w for w in heavy.warnings)
-    assert any("several times what such arms weigh" in w for w in heavy.warnings)
+    assert any("several times the mass of such arms" in w for w in heavy.warnings)
     assert not any("kg move" in w for name in known_robots() for w in load_robot(name).warnings)
 
 
@@ -96,7 +96,7 @@ def test_an_arm_that_is_too_light_for_its_size_is_named(tmp_path: Path) -> None:
         path.write_text(path.read_text().replace('origin xyz="0.3 0 0"', 'origin xyz="2.5 0 0"'))
         said[mass] = [w for w in load_robot(path).warnings if "kg move" in w]
     assert said["5"] == [
-        "6 kg move on an arm of 2.5 m: a fraction of what such arms weigh; energies are too low; used as it is"
+        "6 kg move on an arm of 2.5 m: a fraction of the mass of such arms; energies are too low; used unchanged"
     ]
     assert said["200"] == []
 

@@ -203,7 +203,7 @@ def written(folder: Path, document: dict) -> Path:
     ("step", "more", "said"),
     [
         (1, {"modes": ["brakes"]}, "robot a: step grip: none of modes = ['brakes'] is possible here"),
-        (1, {"power": {"motors": 9.0}}, "robot a: step grip: power: the arm's power model says"),
+        (1, {"power": {"motors": 9.0}}, "robot a: step grip: power: the power of its motors follows"),
         (1, {"wait": None, "duration": [1.0, 2.0], "curve": [[1, 9.0]]}, "a curve belongs to a robot without an arm"),
         (0, {"to": [0.0, 0.5]}, "robot a: step 1 (pick): 2 values; the robot has 7 joints"),
         (0, {"duration": [1.0, 2.0]}, "`duration` does not belong to a step with `to`"),

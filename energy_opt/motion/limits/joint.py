@@ -178,7 +178,7 @@ class Effort(JointLimit):
 
         def text(k: int, j: int) -> str:
             unit = d.robot.unit("effort", d.robot.joints[j])
-            return f"moving slowly takes {held[k, j]:.4g} {unit}, the limit is {self.bound[j]:.4g} {unit}"
+            return f"slow motion needs {held[k, j]:.4g} {unit}, the limit is {self.bound[j]:.4g} {unit}"
 
         return Fixed(held / self.bound - 1, text, holding=True)
 

@@ -105,7 +105,7 @@ class Keep(Limit):
             above = np.ceil(1e3 * value.max()) / 1e3
             return (
                 f"the tool is {value[k, j]:.4g} {self.unit} from {_OF[self.name]}, allowed are {self.most:.4g} "
-                f"(--keep {self.name}:{above:g} would let it pass)"
+                f"(--keep {self.name}:{above:g} would allow it)"
             )
 
         return Fixed(value / self.most - 1, text)

@@ -167,7 +167,7 @@ class OwnLimit(Limit):
 
         def text(k: int, j: int) -> str:
             value = f"{held[k, j] * self.scale[j]:.4g} {self.unit}"
-            what = f"{self.name} of {value} is on the path" if self._of_position else f"standing still takes {value}"
+            what = f"{self.name} of {value} occurs on the path" if self._of_position else f"holding still needs {value}"
             return f"{what}, the limit is {self.scale[j]:.4g} {self.unit}"
 
         return Fixed(held - 1, text, holding=not self._of_position)

@@ -81,7 +81,7 @@ def choose(
     interrupted, message = context.progress.interrupted(), work.asked.message
     late = context.progress.cut and not interrupted
     if late:
-        message = "the search ended at its deadline; this is the best proven answer by then"
+        message = "the search ended at its deadline with this best proven answer"
     context.progress.found(best.energy.loss)
     report = SolverReport(
         context.settings.solver, iterations, build_seconds, solve_seconds, context.workshop.compiled, work.asked.starts

@@ -40,7 +40,7 @@ HOPES = (1.3, 1.1)  # largest merit relative to the best after the first and sec
 HALF = 0.05  # share of the cost: if the optimum without bodies saves more, a search starts half-way to it
 LITTLE = 0.25  # share of the loss of the first path slowed evenly: if less is saved, another initial path is looked for
 HAIR = 0.0005  # [m] a mixture of two curves may miss the required clearance by this much
-NOTHING = "reshaping found nothing that keeps clear and is better than the path as it is"
+NOTHING = "reshaping found no collision-free motion that is better than the given path"
 
 
 def nearly_clear(context: Context, move: Move, curve: Curve) -> bool:

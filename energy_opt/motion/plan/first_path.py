@@ -81,7 +81,7 @@ def first_path(
         return move, FirstPath(source, seconds), tuple(way.path for way in paths)
     if paths:
         return replace(move, path=paths[0].path), FirstPath(paths[0].source, seconds), tuple(w.path for w in paths[1:])
-    extra = "" if ompl.installed() else "; pip install 'energy-opt[plan]' brings a planner that looks further"
+    extra = "" if ompl.installed() else "; pip install 'energy-opt[plan]' installs a planner that can find more paths"
     if move.path is not None:
         blocked = f"the {what} is not free: at {found.time:.4g} of it {found}"
     else:

@@ -328,7 +328,7 @@ class Planner:
         if move.mode == "retime":
             raise BadInput(f"--objective {objective} is for --mode reshape; retime minimises energy or time")
         if move.duration is None:
-            raise BadInput(f"--objective {objective} says nothing of duration; give --duration")
+            raise BadInput(f"--objective {objective} does not determine the duration; give --duration")
 
     def _check_ends(self, move: Move) -> None:
         limits, rest = self.limits(move), [not np.any(v) for v in move.end_velocities]

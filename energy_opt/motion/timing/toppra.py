@@ -324,7 +324,7 @@ def _failure(held: _Constraints, s: np.ndarray, ends: tuple[float, float], sets:
         )
     joint, limit, excess = _tightest(held, k, b)
     return Infeasible(
-        f"{joint}: {text}: the {limit} limit stands in the way",
+        f"{joint}: {text}: the {limit} limit prevents it",
         joint=joint,
         limit=limit,
         position=float(s[k]),

@@ -1,6 +1,5 @@
-"""Everything that can touch: the collision geometry of the links, what they carry, and the bodies of the cell.
-
-`pairs` decides which of them must not touch.
+"""All bodies that can touch: those of the links, the bodies that links carry, and those of the cell. The module `pairs`
+selects the pairs that must not touch.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The arm's body and its cell. It is built once and then asked many times whether a motion touches anything."""
+"""The arm's body and its cell. A `Cell` is built once and then used for many checks of poses and motions."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ REMEMBERED = 8  # most proofs that a cell remembers
 
 @dataclass(frozen=True)
 class Clearance:
-    """The distance of a motion from all that it must not touch.
+    """The distance of a motion from all bodies that it must not touch.
 
     Attributes:
         verdict: "proven", "colliding" or "undecided".
@@ -114,7 +114,7 @@ class Cell:
     """A robot's body among the bodies around it.
 
     Args:
-        robot: the arm. request: what was asked for. scene: what is around the arm; None: only the request's floor.
+        robot: the arm. request: the options. scene: the arm's surroundings; None: only the request's floor.
 
     Raises:
         BadInput: a mesh cannot be read, or the tool or an object is attached to a link that does not exist.
@@ -221,7 +221,7 @@ class Cell:
         return out
 
     def _contact(self, q: np.ndarray, pair: int, distance: float) -> Contact:
-        """What `touching` reports of a pair at q (n,), with the depth of the overlap."""
+        """The contact of a pair at q (n,), with the depth of the overlap; see `touching`."""
         scene = Scenery(self.bodies, q[None])
         a, b = self.bodies.pairs[pair].tolist()
         depth = self.bodies.ruler(pair).depth(scene.placed(0, a), scene.placed(0, b))

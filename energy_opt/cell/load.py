@@ -1,4 +1,4 @@
-"""Loading of a cell from what was asked for, and the inspection of a robot, which `check` uses: it is held still."""
+"""Loading of a cell from a request, and the inspection of a robot at rest, which `check` uses."""
 
 from __future__ import annotations
 

@@ -113,7 +113,7 @@ def _always_touching(
 
 @dataclass(frozen=True)
 class Kept:
-    """A body, and what it may touch.
+    """A body, and the links that it may touch.
 
     Attributes:
         body: the body. own: whether it is a link of the arm. may_touch: names of links that it may touch.

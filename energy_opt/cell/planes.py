@@ -158,7 +158,7 @@ class Near:
         return np.asarray(out + self.clouds.lowest(b, into(poses.rotation[k, jb], -normal))[1])
 
     def constraints(self, u: np.ndarray, q: np.ndarray, margin: np.ndarray, reach: float) -> PlaneConstraints:
-        """Constraints at places u (K,), positions q (K, n), for what is nearer than `reach` [m] there.
+        """Constraints at places u (K,) and positions q (K, n), for pairs that are nearer than `reach` [m] there.
 
         Args:
             margin: (K, P) what each pair keeps at each place [m].

@@ -1,4 +1,4 @@
-"""What a user asks for about the arm's body and its cell; plain and hashable, to be sent to worker processes."""
+"""The user's options for the arm's body and its cell; plain and hashable, for worker processes."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ class CellRequest:
         scene: the file of the scene; None without one.
         base: x, y, z [m], roll, pitch, yaw [rad] of the robot's base in the scene's frame.
         floor: everything below this height of the scene's frame is solid [m].
-        clearance: what is kept [m]; None for `CLEARANCE`, and half of an end's clearance where that is less.
-        planner: where a first path comes from when the straight line is not free.
+        clearance: required clearance [m]; None for `CLEARANCE`, or half of an end's clearance if that is less.
+        planner: source of the first path if the straight line is not free.
         package_dirs: folders in which `package://` of a URDF is looked for.
         allow_outside, allow_large: files outside of the scene's folder, and larger than usual (meshes of the arm
             too), are read.
         payload_size: edges [m] of the payload's box; None for a point.
         payload_at: the centre of that box [m], in the last joint's frame.
         moved: an object of the scene, and x, y, z [m], roll, pitch, yaw [rad] of its frame in place of the file's.
-        tool: FRAME[,X,Y,Z], in whose frame what the tool holds is; None for the last joint's frame.
+        tool: FRAME[,X,Y,Z], the frame of the bodies that the tool holds; None for the last joint's frame.
     """
 
     self_collision: bool = True

@@ -84,7 +84,7 @@ class SceneObject:
 
 @dataclass(frozen=True)
 class AllowedPairs:
-    """Which pairs of links and objects may touch, as MoveIt's allowed collision matrix says it.
+    """Which pairs of links and objects may touch, as in MoveIt's allowed collision matrix.
 
     Attributes:
         entries: pairs (in alphabetical order) that are named, and whether they may touch.
@@ -117,7 +117,7 @@ class PlacedShape:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What is around the arm.
+    """The arm's surroundings.
 
     Attributes:
         objects: every name once.

@@ -37,7 +37,7 @@ class Answer:
 
 @dataclass(frozen=True)
 class Piece:
-    """A part of the cycle: a leg's motion, or a wait.
+    """A part of the cycle: the motion of a leg, or a wait.
 
     Attributes:
         steps: the job's steps that it does; empty for remaining time.

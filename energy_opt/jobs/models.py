@@ -1,4 +1,4 @@
-"""A job under several models: stated under the first, and never more costly than the evenly slowed cycle."""
+"""A job under several models: stated under the first, and never with more energy than the evenly slowed cycle."""
 
 from __future__ import annotations
 

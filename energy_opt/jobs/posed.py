@@ -36,7 +36,7 @@ from energy_opt.poses.sets import DETOUR, Layer, Ring, Target, positions_near, p
 from energy_opt.power import PowerModel
 
 SWEEPS = 3  # sweeps over all ends, by estimates
-WORTH = 1e-3  # share of the losses: ends are not settled again if bending promises to save less
+WORTH = 1e-3  # share of the losses: ends are not optimized again if bent motions promise to save less
 SETTLED = 5  # most rough cycles
 RINGS = 24  # most rings through the branches to estimate for alternatives
 SAME = 0.1  # [rad, m] positions this near each other settle at the same optimum

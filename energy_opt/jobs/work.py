@@ -205,9 +205,7 @@ FOLDER = ".answers"
 
 
 class Answers:
-    """Trajectories by everything that they depend on: leg, duration, and the rest in `about` (model, limits,
-    settings).
-    """
+    """Trajectories on disk; their key is leg, duration and `about` (all else: model, limits, settings)."""
 
     def __init__(self, out: Path, joints: Sequence[str], about: object, resume: bool) -> None:
         """In `out`; without `resume` the answers of an earlier run are ignored."""

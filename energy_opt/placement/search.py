@@ -79,7 +79,7 @@ class Search:
         return x, y, z, self.given[3], self.given[4], yaw
 
     def posed(self, point: np.ndarray, pool: dict[int, np.ndarray] | None = None) -> Posed:
-        """The choice of positions at a placement `point` (4,).
+        """The choice of joint positions at a placement `point` (4,).
 
         Args:
             pool: starts (K, n) by step; with them the choice is quick and ignores bodies.

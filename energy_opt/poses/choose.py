@@ -1,7 +1,7 @@
-"""The cheapest of many goals: all branches are looked at, the most promising are solved, freedom that is left is used.
+"""The cheapest of many goals: all branches are estimated, the most promising are solved, freedom is used.
 
 reach       every joint goal that the poses and goals allow
-estimate    what the straight move to each is likely to cost; goals that touch something are left out
+estimate    the energy of the straight move to each goal; goals in contact are left out
 improve     the most promising are moved along their freedom to where the estimate is least
 screen      these are sketched, in order, while the next may be better than the best
 settle      of each sketch, curve and goal are optimized together, within what the pose leaves free
@@ -44,7 +44,7 @@ Sketch = Callable[[Move], Trajectory]
 
 
 class Solve(Protocol):
-    """Solver of a move in full, see `Planner.solve`; unless it must confirm an error, it raises it sooner."""
+    """Solver of a move in full, see `Planner.solve`; without `confirm`, errors are raised sooner."""
 
     def __call__(self, move: Move, warm: Sequence[Trajectory] = (), *, confirm: bool = True) -> Result:
         """The answer."""
@@ -300,7 +300,7 @@ class Chooser:
         return float(fastest(self.tool.robot, _last_leg(move), goal)) + 1e-3 * float(way.sum())
 
     def _no_goal_error(self, move: Move, goals: Sequence[Target], found: Sequence[Candidate]) -> Infeasible:
-        """The error if no goal is left: all touch something, or all take too long."""
+        """The error if no goal remains: all are in contact, or all take too long."""
         name = next((goal.name for goal in goals if isinstance(goal, Pose)), "--goal")
         touching = [c for c in found if c.status == "colliding"]
         if touching and self.cell is not None:

@@ -1,4 +1,4 @@
-"""Start and goal of a move, if they are not one position each; and errors of chosen positions from their poses."""
+"""Start and goal of a move, if they are not single positions; and the errors of chosen positions at their poses."""
 
 from __future__ import annotations
 

@@ -1,12 +1,12 @@
-"""What moves between joint positions are likely to cost: straight lines with a quintic timing, under the power model.
+"""Estimated energy of moves between joint positions: straight lines with a quintic timing, under the power model.
 
     q(t) = start + (goal - start) s(t / T),   s(x) = x^3 (10 - 15 x + 6 x^2)
 
-Many moves are looked at together. Over the duration, energy is close to
+Many moves are estimated together. Over the duration, energy is close to
 
     E(T) = a T + b + c / T + d / T^3
 
-(holding, what path and friction take, viscous friction, losses of acceleration), which four durations determine.
+(holding power; path and friction; viscous friction; losses of acceleration). Four durations determine the coefficients.
 
 Where a joint is near its velocity limit v, a quintic would exceed it. With a trapezoid of velocity, whose plateau is v,
 losses of acceleration are 2 b^3 / (b - 1) way^2 / T^3 with b = v T / way; with a quintic they are 120/7 way^2 / T^3.

@@ -122,7 +122,7 @@ def reach(
 
 
 def _limiting_joint(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> tuple[str, str]:
-    """The joint farthest beyond its limits, for the start in q (N, n) that reaches the pose with the least excess."""
+    """The joint that exceeds its limits most, for the solution from q (N, n) with the least excess."""
     robot, limits = tool.robot, tool.robot.limits
     q, error = solve(tool, pose, q, limited=False)
     turning = ~np.array(robot.slides, dtype=bool)

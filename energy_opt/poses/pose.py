@@ -58,7 +58,7 @@ class Freedom:
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """Where the tool must be: `Pose([0.4, 0, 0.3, 3.14, 0, 0], ["rz"], "1mm,1deg")`.
+    """A required pose of the tool: `Pose([0.4, 0, 0.3, 3.14, 0, 0], ["rz"], "1mm,1deg")`.
 
     Attributes:
         matrix: (4, 4) pose of the tool in the robot's base frame, lengths in m; given as such, or as x, y, z, roll,

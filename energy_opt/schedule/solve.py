@@ -16,11 +16,11 @@ from energy_opt.errors import Infeasible
 from energy_opt.schedule.problem import Exclusion, Lag, Move, Problem, Ring, Wait, in_blocks, possible
 from energy_opt.schedule.program import Program
 
-SMALL = 1e-9  # relative: a tangent nearer than this to the curve is not added
+SMALL = 1e-9  # relative: a tangent nearer to the curve than this is not added
 EARLIEST = 5.0  # [s] time limit for moving starts forward, which changes no energy
 ROUNDED = 1e-7  # [s] by which a robot's longest wait may then change, because the sum of durations is rounded
 EXPLAINED = 10.0  # [s] time limit for finding the conflicting constraints
-UNDECIDED = "solve time"  # `limit` of an `Infeasible` that means only that none was found in time
+UNDECIDED = "solve time"  # `limit` of an `Infeasible` if no schedule was found in time; one may exist
 ROUNDS = 100  # most rounds of adding tangents; each at least halves the remaining error
 
 
@@ -203,7 +203,8 @@ def _no_schedule_error(impossible: bool, problem: Problem, seconds: float, expla
     """The error of a problem without a schedule.
 
     Args:
-        impossible: the solver proved it. problem: as given. seconds: [s] that the solver had. explain: seek what binds.
+        impossible: the solver proved it. problem: as given. seconds: [s] that the solver had. explain: find the
+            conflicting constraints.
     """
     for ring in problem.rings:
         shortest = [

@@ -35,7 +35,8 @@ from energy_opt.workcell.motion import ArmMove, Part, at_rest, nearest
 
 # durations of evenly slowed moves to evaluate, as multiples of the shortest
 SLOWER = (1.0, 1.15, 1.35, 1.6, 2.0, 2.5, 3.2, 4.2, 6.0)
-SOLVED = (1.0, 1.6, 3.2)  # durations at which moves are optimized before the first schedule; tight cells need 1
+# durations at which moves are optimized before the first schedule, as multiples of the shortest; short cycles need 1
+SOLVED = (1.0, 1.6, 3.2)
 # [s] least rise time of the acceleration at a move's ends, and its factor over that of jerk-limited ramps
 BLEND, ROOM = 4e-3, 1.05
 WITHIN = 1.001  # times the shortest duration: programs round times to nanoseconds, and all files must hold the limits
@@ -85,7 +86,7 @@ class Arm:
         ramps = limits.acceleration / limits.jerk
         self._blend = float(whole(max(ROOM * ramps[np.isfinite(ramps)].max(initial=0.0), BLEND)))
         self.moves = [self._move(leg) for leg in legs_of(self.job.steps)]
-        # of these, all regenerated power counts: the use of it in the link is computed elsewhere
+        # with these models, all negative power is used again: the link's losses are computed elsewhere
         self._feeding = Scorers(self.job.robot, unloaded(model.replaced(Regeneration(efficiency=1.0))))
         self.modes = {mode.name: mode for mode in (*cell.mode, *table.mode)}
 

@@ -1,9 +1,9 @@
 """The arrangement of the arms' steps: their order where it is free, and the pose in which an arm waits.
 
-An arrangement is estimated by the schedule of its arm alone, with evenly slowed moves. That is also a bound: no cell
-with it takes less than the sum of these. Combinations of arrangements are scheduled in the order of their bounds, until
-none of the others can be better. Groups with few orders are enumerated; for larger ones a bounded search keeps the best
-orders it finds.
+An arrangement is estimated by the schedule of its arm alone, with evenly slowed moves. The sum of these energies is
+also a lower bound for the cell. Combinations of arrangements are scheduled in the order of their bounds, until none of
+the others can be better. Groups with few orders are enumerated; for larger ones a bounded search keeps the best orders
+it finds.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ ORDERS = 720  # most orders of an arm's groups to enumerate: six steps
 MET = 300  # most estimates of a bounded search
 KEPT = 24  # most arrangements of an arm to combine with others', and most combinations to schedule
 AWAY = 4  # orders of an arm, the best first, in which waiting elsewhere is tried
-# an arm goes elsewhere to wait only if this takes less than this share of the power at the best of its own poses
+# an arm moves to another pose to wait only if the power there is below this share of that at its best own pose
 CHEAPER = 0.98
 SECONDS = 5.0  # [s] for the schedule of one arm, and of a combination
 CLOSE = 1e-6  # relative: energies that differ by less are equal

@@ -1,8 +1,8 @@
-"""A move around other arms in their motion, for cells in which no shift of times keeps the arms apart.
+"""A move around other moving arms, for cells in which no shift of times keeps the arms apart.
 
-The schedule is fixed. A first curve that keeps clear of the others is searched among bends and delays of the move; from
-there the reshaping continues, with the others' bodies at every place where they are at that instant, and as early and
-late as they may be. The result is proven with the whole cycle, like every plan.
+The schedule is fixed. First, bends and delays of the move give a curve that keeps clear of the other arms. From this
+curve the reshaping continues. At every instant it uses the positions of the other arms' bodies at this instant, and at
+the earliest and latest allowed times. The result is proven with the whole cycle, like every plan.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """The proof that two robots never touch: both move periodically, and each may be early or late.
 
-Both arms are combined into one tree with the joints of both, whose motion is that of the two side by side. If each is
-early or late by up to J, one is ahead of the other by any d in [-2 J, 2 J]: relative to the first, the second is where
-it would be d seconds later. The bisection of `cell.proof` proves an interval of time; here an interval of d is proven
-with it, by allowing the second arm any position that it can reach within half of that interval. If that fails, the
-interval of d is halved.
+Both arms are combined into one tree that has the joints of both. If each arm is early or late by up to J, the time
+shift d between them is in [-2 J, 2 J]: relative to the first arm, the second is at the position that it reaches d
+seconds later. The bisection of `cell.proof` proves an interval of time; here an interval of d is proven with it, by
+allowing the second arm any position that it can reach within half of that interval. If that fails, the interval of d is
+halved.
 
 `conflicting_parts` gives the parts of two steps that may not happen at the same time. This is a guess from samples; the
 proof confirms or widens it.
@@ -129,7 +129,7 @@ def placed_links(cell: Cell, shift: int) -> list[Link]:
 
 
 class _LateCurve(MotionCurve):
-    """A curve whose joints from `count` on may be early or late by `slack` [s]."""
+    """A curve in which the joints from `count` on may be early or late by `slack` [s]."""
 
     def loosened(self, count: int, slack: float) -> _LateCurve:
         """This curve with a slack."""

@@ -1,4 +1,4 @@
-"""Arms in one cycle: moves, schedule and proof between the arms, repeated until all agree.
+"""Arms in one cycle: moves, schedule and proof between the arms, repeated until they are consistent.
 
 arrange      every move slowed evenly; candidates: orders of steps and poses to wait in, ranked by their energy
 price        every move of a candidate optimized at a few durations

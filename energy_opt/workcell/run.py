@@ -1,6 +1,6 @@
 """A cell from its file to a plan: schedule, motions, proof between arms, and the saving of each lever.
 
-A plan is brought within the limits of its supply by other starts first, then by slower moves at the power's peaks.
+If a plan exceeds the limits of its supply, its starts are changed first; then moves at the peaks of power are slowed.
 """
 
 from __future__ import annotations

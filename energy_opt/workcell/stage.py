@@ -1,12 +1,11 @@
 """A cell's arms in an arrangement of their steps, as a scheduling problem, with the saving of each lever.
 
-Levers are pulled one after the other, at the same cycle time:
+The levers are added one after the other, at the same cycle time:
 
-as_is   every move in its present duration by the file, else as fast as possible; waits at full readiness (the first
-        mode of a wait)
-speeds  durations of the moves chosen
-modes   modes of the waits chosen, too
-order   the order of steps chosen, too, if a group of them leaves it free
+as_is   every move in its present duration by the file, else as fast as possible; waits in the first mode of each wait
+speeds  also the durations of the moves are chosen
+modes   also the modes of the waits are chosen
+order   also the order of the steps is chosen, if the order of a group is free
 """
 
 from __future__ import annotations
@@ -167,7 +166,7 @@ class Levers:
     Attributes:
         steps: pairs (lever, schedule), each with the levers before it.
         alone: pairs (lever, schedule), each lever by itself on top of "as_is".
-        relaxed: at full speed waits had to last longer than their bounds.
+        relaxed: True if at full speed the waits had to last longer than their bounds.
     """
 
     steps: tuple[tuple[str, Schedule], ...]

@@ -29,7 +29,7 @@ AT_REST = 1e-6  # [rad/s] slower waits may be left to the servo by a program
 
 @dataclass(frozen=True)
 class Interval:
-    """Part of a motion from `start` to `end` [s]: whether all joints rest, the load, and whether brakes hold."""
+    """Part of a motion from `start` to `end` [s]: whether all joints rest, the payload, and whether brakes hold."""
 
     start: float
     end: float

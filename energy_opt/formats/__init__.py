@@ -1,6 +1,6 @@
-"""File formats of the field: trajectories and waypoints are read, trajectories written; one module per format.
+"""Standard file formats: reads trajectories and waypoints, writes trajectories; one module per format.
 
-Joints are matched by name, never by order. Nothing here needs a ROS installation.
+Joints are matched by name, never by order. No ROS installation is needed.
 """
 
 from __future__ import annotations

@@ -165,7 +165,7 @@ def _at(parts: Sequence[Part], rate: float) -> Trajectory:
 
 
 def _carried(parts: Sequence[Part]) -> str:
-    """Text on what such a file cannot contain: changes of payload, and modes of waits."""
+    """Text on data that such a file cannot contain: changes of payload, and modes of waits."""
     loads, modes, at, before = [], [], 0.0, 0.0
     for part in parts:
         mass = part.payload[0] if part.payload is not None else 0.0

@@ -21,8 +21,8 @@ class Judging:
 
     Attributes:
         scorer: gives torque and power under the model. limits: those to keep. cell: bodies to keep clear of; None:
-            none. samples: number of places of the certificate; None: the usual density.
-            holder: gives what limits are compared with; None: `scorer`.
+            none. samples: number of places of the certificate; None: the usual density. holder: scorer whose torque and
+            power are compared with the limits; None: `scorer`.
     """
 
     scorer: Scorer

@@ -24,7 +24,7 @@ FIELDS = {
     "position": "positions", "velocity": "velocities", "acceleration": "accelerations", "effort": "effort",
 }  # fmt: skip
 SAME = 1e-9  # [rad or m] parts of a plan whose ends differ by less are one motion
-CUT = "..."  # what `ros2 topic echo` writes in place of the rest of a long array
+CUT = "..."  # text of `ros2 topic echo` in place of the rest of a long array
 
 
 def read_yaml(path: Path) -> Samples:

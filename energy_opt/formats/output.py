@@ -1,5 +1,6 @@
-"""Files of a planned trajectory for controllers: formats, rates, and plans that leave room for samples. Every file is
-read back and judged.
+"""Files of a planned trajectory for controllers: formats, rates, and plans with a margin for the written samples.
+
+Every file is read back and judged.
 """
 
 from __future__ import annotations
@@ -29,8 +30,8 @@ class Written:
 
     Attributes:
         rate: samples per second, None for samples of their own.
-        valid: what it holds stays within all limits and touches nothing; worst: the limit that it uses most.
-        text: what it is and how it was sampled, for the console.
+        valid: True if its motion keeps all limits and touches nothing; worst: the limit that it uses most. text: line
+            for the console on its content and sampling.
     """
 
     file: str
@@ -46,7 +47,7 @@ class Written:
 
     @property
     def broken(self) -> str:
-        """What breaks the limit that it uses most."""
+        """Text on the limit that it breaks most."""
         w = self.worst
         if w["limit"] == "clearance":
             return str(w["joint"])
@@ -266,7 +267,7 @@ def with_room(
 
 
 def said(shares: Mapping[str, float], joules: float) -> str:
-    """Sentence on the room that was left in the limits, and its cost; empty if there is none."""
+    """Sentence on the margin in the limits and its cost in energy; empty if there is none."""
     if not shares:
         return ""
     less = {name: share for name, share in shares.items() if share < SHOWN} or shares

@@ -35,7 +35,7 @@ class Checked(Found):
     """Faults of files.
 
     Attributes:
-        faults: of each file. remarks: what else the user should know, of each file.
+        faults: of each file. remarks: further remarks for the user, for each file.
     """
 
     faults: Mapping[str, list[str]]

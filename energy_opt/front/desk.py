@@ -1,6 +1,6 @@
-"""The desk of a verb: where it writes, what it says and shows, and when it stops.
+"""The desk of a verb: its output folder, its messages and progress, and requests to stop.
 
-A call from Python uses a silent desk that writes nothing. The command line uses one that talks to the terminal.
+A call from Python uses a silent desk that writes nothing. The command line uses a desk that prints to the terminal.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class Answered(Found):
 
 
 class Show:
-    """A display of progress that shows nothing."""
+    """Progress that is not shown."""
 
     def __call__(self, text: str, share: float | None = None) -> None:
         """The verb begins to do `text`; `share` of all its work is done."""
@@ -114,19 +114,19 @@ class Desk:
     verbose: bool = False
 
     def say(self, text: str) -> None:
-        """A message for a person."""
+        """Print a message for the user."""
 
     def complain(self, text: str) -> None:
-        """A fault that does not end the work."""
+        """Print a fault that does not end the work."""
 
     @contextmanager
     def showing(self) -> Iterator[Show]:
-        """A block with progress in which a request to stop ends everything, as there is no result yet."""
+        """A block with progress; a request to stop ends the program, because there is no result yet."""
         yield Show()
 
     @contextmanager
     def working(self) -> Iterator[tuple[Callable[[], bool], Show]]:
-        """A block that obeys a request to stop; yields whether there was one, and where to show progress."""
+        """A block in which the user may request a stop; yields a test for this request, and the progress."""
         yield self.ends, Show()
 
     def stamped(self, request: Mapping[str, Any]) -> dict[str, Any]:
@@ -166,7 +166,7 @@ class Desk:
             self.say(f"warning: {warning}")
 
     def failed(self, answer: str, error: Infeasible, **about: Any) -> None:
-        """Write why there is no answer; `about` goes into the error's document."""
+        """Write the reason why there is no answer; `about` is added to the error's document."""
         error.about = about
         if self.out is not None:
             with written_whole(self.out, answer) as aside:
@@ -177,7 +177,7 @@ def verb(request: Callable[P, Asked], run: Callable[[Asked, Desk], Given]) -> Ca
     """The verb as a Python function whose arguments are the fields of its request.
 
     Args:
-        request: the class of the request. run: does what a request asks for, with a desk.
+        request: the class of the request. run: does the work of a request, with a desk.
 
     Returns:
         The function; its signature and its text come from the request's fields. It raises BadInput for an unknown

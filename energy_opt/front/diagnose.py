@@ -41,7 +41,7 @@ class Diagnosed(Found, Diagnosis):
     """A diagnosis with its request.
 
     Attributes:
-        request: what was asked; `run` repeats it.
+        request: the request; `run` repeats it.
         next_motion: the motion to record next, if one would help.
         interrupted: stopped early.
     """
@@ -141,7 +141,7 @@ def _next_motion(result: Diagnosis, seed: int, surroundings: CellRequest) -> Tra
         result.document["interrupted"] = True
         remarks.append("No motion to record next is proposed: the search for one was interrupted.")
         return None
-    except Exception as error:  # the results exist already: no fault of bodies, meshes or limits may lose them
+    except Exception as error:  # the results exist already; an error of bodies, meshes or limits must not lose them
         logging.getLogger(__name__).debug("the search for the next motion failed", exc_info=True)
         remarks.append(f"No motion to record next is proposed: {error}.")
         return None

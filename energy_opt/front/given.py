@@ -44,7 +44,7 @@ def robot_from(
     given: AnyRobot | None, limits: str | PathLike[str] | None = None, lock: Mapping[str, float] | None = None,
     prefix: str = "",
 ) -> Robot:  # fmt: skip
-    """A robot, or the one of a name or of a URDF file.
+    """The given robot, or the robot of a name or of a URDF file.
 
     Raises:
         BadInput: none is given, or limits and locked joints for a robot that is loaded already.

@@ -70,7 +70,7 @@ class Suggested(Found):
 
 
 def run(request: IdentifyRequest, desk: Desk) -> Identification | Suggested:
-    """The source paper's two methods from the static poses of a measured set; or poses that would tell most.
+    """The source paper's two methods from the static poses of a set; or the poses that determine the losses best.
 
     Raises:
         BadInput: neither a set nor `suggest`, or a fault of the set.

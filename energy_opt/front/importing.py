@@ -22,7 +22,7 @@ from energy_opt.results import Found
 
 @dataclass(frozen=True, repr=False)
 class Set(Found):
-    """A measured set that was written: what it was made from and its folder.
+    """A measured set that was written, with its folder and its sources.
 
     Attributes:
         out: the folder. imported: its robot, runs, guesses and remarks. request: what was asked.

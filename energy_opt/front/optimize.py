@@ -60,8 +60,8 @@ def run(request: OptimizeRequest, desk: Desk) -> Answer:
     """One move to minimum energy, judged, beside its baselines.
 
     Raises:
-        BadInput: something given is not usable; says what and what would be.
-        Infeasible: no motion holds the limits; says which, where and what would work.
+        BadInput: an argument is not usable; the message names it and what is expected.
+        Infeasible: no motion keeps the limits; the message names the limit, the place, and what would work.
     """
     robot, _ = robot_of(request), request.worth
     check_controllers(request, robot.n)

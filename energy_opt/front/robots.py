@@ -1,4 +1,4 @@
-"""The verbs `robots` and `effects`: what is known by name."""
+"""The verbs `robots` and `effects`: lists of the known names."""
 
 from __future__ import annotations
 

@@ -94,7 +94,7 @@ def run(request: TradeoffRequest, desk: Desk) -> Tradeoff | JobFront:
     """Energy against duration of one move, planned under the same models as `optimize`, or of a job.
 
     Raises:
-        BadInput: something given is not usable; says what and what would be.
+        BadInput: an argument is not usable; the message names it and what is expected.
         Infeasible: no duration works, or none that is within the cycle.
     """
     if request.objective != "energy":

@@ -1,4 +1,4 @@
-"""The verbs (what each is for, its request, the function that does it), and `run`, which repeats a written request."""
+"""The verbs (purpose, request and function of each), and `run`, which repeats a request from a file."""
 
 from __future__ import annotations
 
@@ -22,11 +22,10 @@ class Verb:
     """A verb.
 
     Attributes:
-        summary: what it is for, in one line.
-        request: what it can be asked.
+        summary: its purpose, in one line. request: the class of its request.
         place: the module with the function that does it, and after a colon its name where that is not `run`.
         out: the default folder of its results; empty if it has none, or if its request states it.
-        report: whether that holds a report.html.
+        report: True if that folder gets a report.html.
         answer: the file there that holds its answer; empty where that is no file.
         printed: True if its text is the answer: it is printed with --quiet, too.
     """
@@ -41,7 +40,7 @@ class Verb:
 
     @property
     def run(self) -> Callable[..., Any]:
-        """The function that does it, of a request and a desk."""
+        """The function of the verb; its arguments are a request and a desk."""
         module, _, name = self.place.partition(":")
         function: Callable[..., Any] = getattr(importlib.import_module(f"energy_opt.front.{module}"), name or "run")
         return function
@@ -126,7 +125,7 @@ def asked_in(given: Any) -> Request:
 
 
 def run(request: RunRequest, desk: Desk) -> Any:
-    """Do again what a written request asks for.
+    """Repeat a request from a file.
 
     Raises:
         BadInput: no such request; and what its verb raises.

@@ -2,8 +2,7 @@
 
 The minimum is a solve with free duration, the fastest point one of minimum time. Every other point is continued from
 its neighbours (see `motion.plan.neighbour`): out from the free optimum to both ends, then down and up the whole front
-while that reduces energy. The better result is kept, so a poorer optimum cannot leave a bump that a neighbour's answer
-would have avoided.
+while that reduces energy. The better result is kept, so that a poor local optimum leaves no bump in the front.
 """
 
 from __future__ import annotations
@@ -206,7 +205,7 @@ class _Tracer:
         return np.linspace(fastest, max(last, fastest), COUNT if last > fastest else 1)
 
     def _count(self) -> None:
-        """Count a solve, show the progress, and end the front if that was asked for."""
+        """Count a solve, show the progress, and end the front if the user requested it."""
         self.front.solves += 1
         self.progress(self.front, max(self.expected, self.front.solves))
         if self.stopped():

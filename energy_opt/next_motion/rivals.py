@@ -86,7 +86,7 @@ def _slack(f: Fit, model: PowerModel, n: int, numbers: bool = True) -> Slack:
 def separations(rivals: Sequence[Rival], body: RigidBody, trajectory: Trajectory, step: float) -> np.ndarray:
     """Rms difference [W] of the readings that every two rivals expect, (pairs,) in the order of `combinations`.
 
-    The part that uncertain numbers of a rival, the links and the run's level can explain is left out: with d the
+    The part that a rival's uncertain parameters, the links and the run's level can explain is left out: with d the
     difference, u ~ N(0, 1) these unknowns, G the readings' derivatives by them and s the noise of a reading, its square
     is the minimum of |d - G u|^2 + s^2 |u|^2 over the number of readings. Either rival may be the true one: the smaller
     difference counts.
@@ -103,7 +103,8 @@ def nearest(
 ) -> list[PowerModel]:
     """The rivals' models, one of a pair with the numbers by which it resembles the other most on a motion.
 
-    A motion that is changed to let these differ tells more than their numbers can take up (Danskin's theorem).
+    If a motion is changed to increase the difference of these models, the difference beyond their parameters'
+    uncertainty also increases (Danskin's theorem).
 
     Args:
         rivals: all of them. body: the arm's. trajectory: the motion. step: [s] between readings. pair: its index.
@@ -118,7 +119,7 @@ def nearest(
 def _unexplained_parts(
     rivals: Sequence[Rival], body: RigidBody, trajectory: Trajectory, step: float
 ) -> list[tuple[float, int, np.ndarray]]:
-    """Of every two rivals: the squares [W^2] that `separations` counts, which of them takes up more, its unknowns."""
+    """Of every two rivals: the squares [W^2] of `separations`, the rival that explains more, and its unknowns."""
     samples = samples_of(body, trajectory, step)
     shown = [_expected_readings(rival, samples) for rival in rivals]
     out = []

@@ -112,7 +112,7 @@ class _Judge:
         return separations(self.rivals, self.robot.body, joined(legs, self.robot.joints), step)
 
     def nearest(self, legs: Sequence[Curve], pair: int) -> list[PowerModel]:
-        """The models, those of a pair of rivals as similar on a motion as what is known of them allows."""
+        """The models; the two of a pair are as similar on a motion as their uncertainty allows."""
         return nearest(self.rivals, self.robot.body, joined(legs, self.robot.joints), COARSE, pair)
 
     def score(self, apart: np.ndarray) -> float:

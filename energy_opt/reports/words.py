@@ -1,4 +1,4 @@
-"""Text on certificates, in the same plain sentences on the console and in reports."""
+"""Texts on certificates and savings, the same on the console and in reports."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ ALLOWED = 1e-6  # share of a bound: tolerance, as in the certificate
 
 
 def clearance_words(found: Mapping[str, Any]) -> str:
-    """A certificate's clearance: what is proven, and beside it what was measured.
+    """A certificate's clearance as text: the proven and the measured value.
 
     >>> clearance_words({"verdict": "proven", "lower_bound": 0.0022, "min_distance": 0.056, "pair": ["A", "B"]})
     'clearance proven ≥ 2.2 mm (nearest measured 56 mm: A–B)'

@@ -47,8 +47,8 @@ class Identification(Found):
     Attributes:
         standby: overhead of Method 1, W; its 95 % interval `standby_ci95` (None for a single pose).
         line: Method 2 as {standby, r_over_kt2, ci95, r_squared}, or None where the poses do not determine it.
-        word: why Method 2 is refused, or a caution about it; otherwise empty.
-        request: what was asked, with version and command line, as identify.json has it.
+        word: the reason why Method 2 is refused, or a warning about it; otherwise empty. request: the request with
+            version and command line, as in identify.json.
     """
 
     robot: str
@@ -145,7 +145,7 @@ def identify(robot: str, poses: Sequence[Pose]) -> Identification:
     """Both methods on static poses.
 
     Raises:
-        BadInput: there is no pose at all.
+        BadInput: there is no pose.
     """
     if not poses:
         raise BadInput('no static pose: the set needs runs of kind = "static", or motion runs that pause')

@@ -1,11 +1,9 @@
 """Joint torques and electrical power of the virtual arm: drives, supply and meter.
 
-Torques are split so that a time step can treat friction implicitly. What opposes motion is written as D(v, tau) v with
-a secant damping D >= 0; the simulator takes v at the end of the step there, which is stable for any friction at any
-step and comes to rest without chatter. At rest friction is zero, as sign(0) is in the library's laws. What does not
-oppose motion is an explicit torque.
-
-The numbers here are numpy and share no code with the library's expressions.
+Torques are split so that a time step can treat friction implicitly. Torque against the motion is written as D(v, tau) v
+with a secant damping D >= 0. The simulator uses v at the end of the step there. This is stable for any friction and any
+step, and comes to rest without chatter. At rest friction is zero, as sign(0) in the package's laws. All other torque is
+explicit. The code uses NumPy and shares nothing with the package's expressions.
 """
 
 from __future__ import annotations

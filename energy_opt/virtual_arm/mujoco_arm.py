@@ -233,7 +233,7 @@ COUNT = ("origin", "parent", "child", "axis")  # elements of joints that place a
 
 
 def _urdf_without_shapes(urdf: Path) -> tuple[str, dict[str, Inertial]]:
-    """The text of a URDF's tree of joints, without what meshes and limits say; and the inertia of each link by name."""
+    """The text of a URDF's tree of joints, without shapes and limits; and the inertia of each link by name."""
     root = ElementTree.parse(urdf).getroot()
     inertials = {str(link.get("name")): _inertial(link.find("inertial")) for link in root.findall("link")}
     for element in list(root):
@@ -245,7 +245,10 @@ def _urdf_without_shapes(urdf: Path) -> tuple[str, dict[str, Inertial]]:
 
 
 def _inertial(given: ElementTree.Element | None) -> Inertial:
-    """What an <inertial> says; a robot that was loaded has all its numbers. A link without one has no mass."""
+    """Mass, centre and inertia from an <inertial>; a loaded robot has all these numbers.
+
+    A link without one has no mass.
+    """
     numbers = {} if given is None else {key: text for part in given.iter() for key, text in part.attrib.items()}
     place, rpy = (np.array([float(x) for x in numbers.get(key, "0 0 0").split()]) for key in ("xyz", "rpy"))
     xx, yy, zz, xy, xz, yz = (float(numbers.get(f"i{key}", "0")) for key in ("xx", "yy", "zz", "xy", "xz", "yz"))

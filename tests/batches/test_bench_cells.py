@@ -69,7 +69,7 @@ def test_a_scene_travels_as_text_with_its_meshes(folder: Path) -> None:
     assert cell.asked == 0.001 and {"post", "part", "held", "floor"} <= {body.name for body in cell.bodies.all}
 
 
-def test_the_key_follows_what_stands_around(folder: Path) -> None:
+def test_the_key_depends_on_the_surroundings(folder: Path) -> None:
     keys = {tasks(folder, line + MOVE)[0].key for line in ("", 'scene = "cell.yaml"\n', "self_collision = false\n")}
     keys.add(tasks(folder, 'scene = "cell.yaml"\nfloor = 0\n' + MOVE)[0].key)
     assert len(keys) == 4
@@ -102,7 +102,7 @@ def test_a_path_gives_the_ends_and_travels_with_the_move(folder: Path) -> None:
         (MOVE + 'path = "way.csv"\n', "start and goal, or a path"),
     ],
 )
-def test_what_is_wrong_is_named(folder: Path, text: str, says: str) -> None:
+def test_faults_are_named(folder: Path, text: str, says: str) -> None:
     (folder / "suite.toml").write_text(HEAD + text)
     faults = check_suite(folder / "suite.toml")
     assert faults and any(re.search(says, fault) for fault in faults), faults

@@ -53,7 +53,7 @@ def ran(tmp_path_factory):
     return outs
 
 
-def test_rows_are_what_is_promised(ran):
+def test_records_have_the_documented_columns(ran):
     rows = read_parquet(ran["1"] / "results.parquet")
     assert set(PROMISED) <= set(COLUMNS)
     assert [(row["move"], row["mode"]) for row in rows] == [

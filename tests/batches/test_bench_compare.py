@@ -84,7 +84,7 @@ def test_times_of_other_machines_are_not_compared(tmp_path):
     assert "not compared" in comparison_text(found)
 
 
-def test_what_cannot_be_compared_is_said(tmp_path):
+def test_incomparable_results_are_reported(tmp_path):
     with pytest.raises(BadInput, match="cannot be read"):
         compare(tmp_path, tmp_path)
     other = [{**row, "suite": "t"} for row in rows()]

@@ -22,7 +22,7 @@ def fill(folder, keys):
             journal.append(record(key))
 
 
-def test_what_is_written_is_read(tmp_path):
+def test_written_results_are_read(tmp_path):
     fill(tmp_path, "abc")
     header, records, whole = read_journal(tmp_path / NAME)
     assert (header["suite"], [r["key"] for r in records]) == ("s", ["a", "b", "c"])

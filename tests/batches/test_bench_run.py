@@ -112,7 +112,7 @@ def alive(pid):
         return False
 
 
-def test_ctrl_c_keeps_what_is_done(suite_file, tmp_path):
+def test_ctrl_c_keeps_finished_moves(suite_file, tmp_path):
     out = tmp_path / "out"
     process = started(suite_file, out)
     wait_for_lines(process, out / NAME, 4)

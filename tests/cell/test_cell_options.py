@@ -48,7 +48,7 @@ def test_without_options_the_body_alone_is_kept_clear() -> None:
     assert asked("--self-collision", "off", "--floor", "-0.2").checks
 
 
-def test_the_payload_s_box_stands_about_its_centre_of_mass() -> None:
+def test_the_payload_box_is_centred_at_the_centre_of_mass() -> None:
     request = asked("--payload", "1.5,0,0,0.1", "--payload-size", "0.1,0.2,0.3")
     assert request.payload_size == (0.1, 0.2, 0.3) and request.payload_at == (0.0, 0.0, 0.1)
 

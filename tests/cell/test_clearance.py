@@ -106,7 +106,7 @@ def test_between_two_rows_it_is_the_quintic_that_counts(ball: Robot) -> None:
     assert MotionCurve(time, q, thrown, still).sample(0.5)[0] == pytest.approx(1.25)
 
 
-def test_an_end_that_stands_nearer_asks_for_half_of_its_own_distance(ball: Robot) -> None:
+def test_a_nearer_end_requires_half_of_its_distance(ball: Robot) -> None:
     close = np.arccos((1 + 1.2**2 - 0.3002**2) / 2.4)  # 0.2 mm between the balls
     cell = Cell(ball, CellRequest(), post(1.2, 0.0))
     answer = judged(cell, along(straight([close], [1.5]), 2.0, 100))

@@ -215,7 +215,7 @@ def short(**changes: Any) -> dict[str, Any]:
         ([1], "expected a PlanningScene"),
     ],
 )
-def test_what_is_wrong_is_one_line_with_file_and_object(tmp_path: Path, document: Any, says: str) -> None:
+def test_a_fault_is_one_line_with_file_and_object(tmp_path: Path, document: Any, says: str) -> None:
     path = written(tmp_path, "a.json", document)
     with pytest.raises(BadInput, match=says) as caught:
         read_scene(path)

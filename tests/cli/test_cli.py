@@ -159,7 +159,7 @@ def test_help_ends_with_examples_that_parse(verb, capsys):
         (["optimize", "--robot", "panda", "--start", START, "--goal", GOAL, "--model", "carefull"], "careful"),
     ],
 )
-def test_what_is_nearly_right_is_named_also_in_json(words, hint, tmp_path, capsys, monkeypatch):
+def test_similar_names_are_proposed_also_in_json(words, hint, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main([*words, "--json"]) == 2
     out, err = capsys.readouterr()
@@ -202,12 +202,12 @@ def test_suggested_poses_are_not_overwritten_by_others(tmp_path, capsys):
     [("effects --json >&-", 2), ("effects --json >/dev/full", 2), ("--version >/dev/full", 0),
      ("optimize --robot none --start 0 --goal 0 --json >/dev/full", 2), ("effects --json >/dev/null 2>&-", 0)],
 )  # fmt: skip
-def test_a_standard_output_that_takes_nothing_is_one_line(words: str, code: int) -> None:
+def test_a_full_standard_output_gives_one_line(words: str, code: int) -> None:
     done = subprocess.run(f"exec {sys.executable} -m energy_opt {words}", shell=True, capture_output=True, text=True)
     assert done.returncode == code and len(done.stderr.splitlines()) == (code != 0), done.stderr
     assert "fault of the program" not in done.stderr
 
 
-def test_a_library_that_cannot_be_imported_is_said_to_be_that() -> None:
+def test_a_library_that_cannot_be_imported_is_reported_as_such() -> None:
     said = str(as_error(ImportError("cannot import name 'x' from 'pinocchio'")))
     assert said.startswith("a library cannot be imported: cannot import name 'x'") and "values" not in said

@@ -53,7 +53,7 @@ def test_an_answer_under_other_models_is_not_overwritten(tmp_path: Path, capsys:
     assert main(held) == 2 and "another request" in capsys.readouterr().err
 
 
-def test_what_the_tool_holds_stands_in_the_tools_frame(panda: Robot, tmp_path: Path) -> None:
+def test_attached_objects_are_in_the_frame_of_the_tool(panda: Robot, tmp_path: Path) -> None:
     file = tmp_path / "held.yaml"
     file.write_text("objects:\n  - {name: part, type: sphere, radius: 0.02, position: [0, 0, 0.15], attach: true}\n")
     places = []

@@ -90,7 +90,7 @@ def test_extremes_are_one_line(words: list[str], says: str, tmp_path: Path, caps
 
 
 @pytest.mark.parametrize("words", [["--rest", "nan"], ["--static", "inf"], ["--repeat", "1000000"]])
-def test_simulate_refuses_what_is_no_number_or_without_end(
+def test_simulate_refuses_nan_and_infinity(
     words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "plant.toml").write_text('format = "energy-opt/model/1"\nrobot = "z1"\n')
@@ -193,9 +193,7 @@ def test_out_is_tried_before_the_work_and_left_as_it_was(tmp_path: Path) -> None
             take_folder(tmp_path / name)
 
 
-def test_a_folder_where_another_run_is_writing_is_left_alone(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_folder_of_a_running_process_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Told before the work, in one line; the other run's death, by SIGKILL too, frees the folder."""
     out = tmp_path / "deep" / "out"
     hold = f"from energy_opt.folders import take_folder as t; t({str(out)!r}); print(1, flush=True); input()"
@@ -222,7 +220,7 @@ def _small_files() -> None:
     resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
 
 
-def test_a_full_disk_leaves_the_old_result_alone(tmp_path: Path) -> None:
+def test_a_full_disk_keeps_the_old_result(tmp_path: Path) -> None:
     words = [*COMMAND, *MOVE, *ENDS, "--duration", "2", "--out", str(tmp_path)]
     (tmp_path / "result.json").write_text("{}")
     (tmp_path / "trajectory.csv").write_text("old")

@@ -75,7 +75,7 @@ def test_unknown_effects_come_with_a_suggestion(tmp_path, capsys):
     assert "did you mean 'coulomb_friction'?" in capsys.readouterr().err
 
 
-def test_a_folder_with_the_result_of_another_request_is_left_alone(tmp_path, capsys):
+def test_a_folder_with_another_result_is_refused(tmp_path, capsys):
     words = ["optimize", "--robot", "z1", "--start", "0,1,-1,0,0,0", "--mode", "retime", "--out", str(tmp_path / "out")]
     assert main([*words, "--goal", "1,1,-1,0,0,0", "--quiet"]) == 0
     request = json.loads((tmp_path / "out/result.json").read_text())["request"]

@@ -37,14 +37,14 @@ def _said(stream: io.StringIO, **options: bool) -> str:
     return stream.getvalue()
 
 
-def test_a_terminal_sees_what_is_done_and_how_long_it_takes() -> None:
+def test_a_terminal_shows_the_task_and_the_time_left() -> None:
     said = _said(Terminal())
     assert "about 30 s left | compiling" in said and "leg 1: start 3" in said
     assert said.endswith("\r" + " " * terminal.WIDTH + "\r") and "\n" not in said  # the line is gone in the end
     assert LOG.parent is not None and not LOG.parent.handlers
 
 
-def test_the_time_left_goes_by_the_share_that_the_verb_says() -> None:
+def test_the_time_left_follows_from_the_share_of_work() -> None:
     shown = Progress(False, False, Terminal())
     shown("half", 0.25)
     begin = time.monotonic()

@@ -257,7 +257,7 @@ def test_an_elastic_belt_is_not_friction(tmp_path):
 
 
 @pytest.mark.slow
-def test_what_is_left_beside_a_partial_cause_counts_in_differences_of_energy(tmp_path):
+def test_the_residual_of_a_partial_diagnosis_counts_in_differences_of_energy(tmp_path):
     """A differential wrist rubs by two motors' speeds: with dry friction of each joint differences are off by 29 %."""
     truth = write_world(World("z1", 11400014, (0.0, 0.05), "ar1", unlisted="coupled_friction"), tmp_path / "set")
     d = diagnose(read_set(truth.folder, truth.robot), truth.declared).document

@@ -142,7 +142,7 @@ def proposed(ur5):
     return models, propose(plain(models), ur5, seed=1)
 
 
-def test_it_tells_more_than_the_straight_motion_that_it_began_with(proposed):
+def test_the_next_motion_separates_more_than_the_straight_one(proposed):
     _, motion = proposed
     assert motion.difference > 1.3 * motion.straight > 0
 
@@ -174,7 +174,7 @@ def test_the_difference_is_that_of_the_file(proposed, ur5):
     assert motion.difference == pytest.approx(np.sqrt(np.mean(apart**2)), rel=1e-3)
 
 
-def test_what_is_the_same_at_the_meter_stays_so(ur5):
+def test_effects_that_are_equal_at_the_meter_stay_equal(ur5):
     gain, supply = BASE.replaced(MeterGain(gain=1.25)), BASE.replaced(SupplyEfficiency(eta=0.8))
     assert propose(plain([gain, supply]), ur5) is None
 
@@ -204,7 +204,7 @@ def test_the_same_seed_gives_the_same_motion(proposed, ur5):
     assert np.array_equal(propose(plain(models), ur5, seed=1).trajectory.position, motion.trajectory.position)
 
 
-def test_what_links_and_level_can_take_up_tells_nothing(ur5, proposed):
+def test_differences_that_links_and_level_explain_do_not_count(ur5, proposed):
     """A payload against links: all of it where links are open, next to nothing left; and a level against a level."""
     payload = Payload(mass=0.8, com=[0.0, 0.03, 0.1])
     mass, com = payload.values["mass"][0], payload.values["com"]

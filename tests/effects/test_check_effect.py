@@ -40,7 +40,7 @@ def test_a_wrong_derivative_is_caught():
     assert any("finite differences" in fault for fault in check_effect(Wrong))
 
 
-def test_parameters_that_cannot_be_told_apart_are_caught():
+def test_parameters_with_equal_influence_are_reported():
     class Twice(ViscousFriction):
         parameters = (*ViscousFriction.parameters, Parameter("c", "N m s/rad", 0.0, 0.0, 1e4, "joint"))
 

@@ -52,7 +52,7 @@ def test_effects_of_the_documentation_pass_the_check(own):
         assert check_effect(kind) == []
 
 
-def test_other_processes_are_sent_what_is_registered_alone():
+def test_other_processes_get_only_registered_effects():
     kinds = load_file(OWN)
     assert [where for _, where in loaded_sources()] == [str(OWN)]
     for kind in kinds:

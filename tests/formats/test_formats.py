@@ -133,7 +133,7 @@ WRAPPED = {
 
 @pytest.mark.parametrize("suffix", [".yaml", ".json"])
 @pytest.mark.parametrize("name", WRAPPED)
-def test_messages_are_read_wherever_the_trajectory_stands(tmp_path: Path, name: str, suffix: str) -> None:
+def test_messages_are_read_at_any_level_of_the_document(tmp_path: Path, name: str, suffix: str) -> None:
     file = tmp_path / f"message{suffix}"
     text = yaml.safe_dump(WRAPPED[name]) + "---\n" if suffix == ".yaml" else json.dumps(WRAPPED[name])
     file.write_text(text)

@@ -41,7 +41,7 @@ def digest(result: eo.Result) -> str:
 
 
 @pytest.mark.parametrize("mode", ["retime", "reshape"])
-def test_neither_what_ran_before_nor_what_runs_beside_matters(mode: str) -> None:
+def test_results_do_not_depend_on_earlier_or_parallel_runs(mode: str) -> None:
     move, other = eo.Move(*A, mode, duration=1.5), eo.Move(*B, mode, duration=1.8)
     later = planner()
     later.solve(other)
@@ -53,7 +53,7 @@ def test_neither_what_ran_before_nor_what_runs_beside_matters(mode: str) -> None
 
 
 @pytest.mark.slow
-def test_neither_threads_nor_hashes_nor_caches_matter(tmp_path: Path) -> None:
+def test_results_do_not_depend_on_threads_hashes_or_caches(tmp_path: Path) -> None:
     (tmp_path / "post.yaml").write_text(
         "objects:\n- {name: post, type: box, size: [0.06, 0.06, 0.8], position: [0.3, 0.0, 0.4]}\n"
     )

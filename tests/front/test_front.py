@@ -195,7 +195,7 @@ def test_positions_that_are_none_are_refused(word: str, says: str) -> None:
         positions(word, load_robot("z1"), "goal")
 
 
-def test_what_is_loaded_already_takes_no_further_files() -> None:
+def test_a_loaded_robot_accepts_no_further_files() -> None:
     robot = load_robot("z1")
     for more in ({"limits": "limits.yaml"}, {"lock": {"joint1": 0.0}}):
         with pytest.raises(BadInput, match="belongs to a robot that is loaded"):

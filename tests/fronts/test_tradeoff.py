@@ -105,7 +105,7 @@ def test_too_short_durations_are_marked_with_a_reason():
     assert rows[1] == "0.5,,,,infeasible"
 
 
-def test_interrupted_front_keeps_what_is_there():
+def test_an_interrupted_front_keeps_its_points():
     class Interrupted(TwoOptima):
         def at(self, duration, neighbour):
             if self.steps == 5:

@@ -201,7 +201,7 @@ def test_a_payload_that_a_limit_cannot_hold_names_the_step(panda: Robot, tmp_pat
 
 
 @pytest.mark.slow
-def test_a_killed_job_goes_on_and_ends_the_same(panda: Robot, tmp_path: Path) -> None:
+def test_a_killed_job_is_continued_with_the_same_result(panda: Robot, tmp_path: Path) -> None:
     path, whole, killed = _written(tmp_path, RETIMED), tmp_path / "whole", tmp_path / "killed"
     assert main(["job", str(path), "--out", str(whole), "--quiet"]) == 0
     words = [sys.executable, "-m", "energy_opt", "job", str(path), "--out", str(killed), "--quiet"]
@@ -239,7 +239,7 @@ payload = 0.0
 POST = "{name: post, type: box, size: [0.1, 0.1, 0.5], position: [0.5, 0.1, 0.25]}"
 
 
-def test_a_job_goes_around_what_stands_in_its_way(panda: Robot, tmp_path: Path) -> None:
+def test_a_job_moves_around_obstacles(panda: Robot, tmp_path: Path) -> None:
     (tmp_path / "scene.yaml").write_text(f"objects:\n  - {POST}\n")
     (tmp_path / "empty.yaml").write_text("objects: []\n")
     there, out = AROUND.replace("payload = 0.0", 'scene = "empty.yaml"'), tmp_path / "out"

@@ -56,7 +56,7 @@ def test_a_job_over_its_cycle_time(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["energy_total"] == pytest.approx(found["points"][3]["energy_total"])
 
 
-def test_a_front_of_a_job_goes_on_where_it_was_stopped(tmp_path, monkeypatch):
+def test_a_stopped_front_of_a_job_is_continued(tmp_path, monkeypatch):
     """Legs that were answered are not solved again, and nothing is kept of a front that is done."""
     (tmp_path / "job.toml").write_text(JOB)
     words = ["tradeoff", str(tmp_path / "job.toml"), "--model", "source-method-2", "--compile", "never", "--quiet"]

@@ -20,7 +20,7 @@ from energy_opt.robot import load_robot
 FIG9 = Path(__file__).resolve().parents[3] / "shared/data/rad_ur3e_power/fig9.csv"
 
 
-def test_degrees_milliseconds_kilowatts_are_converted_and_said(tmp_path, capsys):
+def test_degrees_milliseconds_kilowatts_are_converted_and_reported(tmp_path, capsys):
     t, q, v, p = arm(Z1)
     header = "ms;" + ";".join(
         [*(f"Achse {k}" for k in range(1, 7)), *(f"Achse {k} speed" for k in range(1, 7)), "Leistung"]
@@ -71,7 +71,7 @@ def test_files_are_paired_and_runs_ordered(tmp_path):
         ),
     ],
 )
-def test_what_cannot_be_imported_is_said_and_nothing_written(tmp_path, capsys, text, expected):
+def test_unusable_files_are_reported_and_nothing_is_written(tmp_path, capsys, text, expected):
     path = put(tmp_path / "a.csv", text)
     assert main(["import", str(path), "--robot", "z1", "--out", str(tmp_path / "set")]) == 2
     error = capsys.readouterr().err

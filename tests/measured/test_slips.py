@@ -31,7 +31,7 @@ def panda() -> Robot:
     [("size: [800, 600, 30], position: [750, 0, -200]", "0.77"), ("size: [1.2, 0.8, 0.05], position: [1, 0, 0]", None),
      ("size: [1200, 800, 50], position: [0, 0, -200]", "0.2 m if"), ("size: [20, 0.1, 3], position: [15, 0, 0]", None)],
 )  # fmt: skip
-def test_a_scene_in_millimetres_is_told(panda: Robot, tmp_path: Path, thing: str, said: str | None) -> None:
+def test_a_scene_in_millimetres_causes_a_warning(panda: Robot, tmp_path: Path, thing: str, said: str | None) -> None:
     (tmp_path / "s.yaml").write_text(f"objects: [{{name: table, type: box, {thing}}}]\n")
     cell = Cell(panda, CellRequest(self_collision=False, scene=tmp_path / "s.yaml"), read_scene(tmp_path / "s.yaml"))
     words = [line for line in cell.warnings if "millimetres" in line]
@@ -63,7 +63,7 @@ def test_rates_in_degrees_are_refused(panda: Robot, tmp_path: Path, kind: str, f
         read_path(tmp_path / "p.csv", panda.joints)
 
 
-def test_the_long_way_of_a_joint_without_an_end_is_told() -> None:
+def test_the_long_turn_of_a_continuous_joint_causes_a_warning() -> None:
     kinova = load_robot("kinova")
     k = next(k for k, link in enumerate(kinova.body.own_links()) if link.continuous)
     start, goal = np.full(kinova.n, 1.0), np.full(kinova.n, 1.2)
@@ -88,7 +88,7 @@ def test_a_base_turned_by_degrees_is_refused() -> None:
     CellRequest(base=(0.5, 0.0, 0.2, 0.0, 0.0, np.pi))
 
 
-def test_a_duration_in_milliseconds_is_told(panda: Robot) -> None:
+def test_a_duration_in_milliseconds_causes_a_warning(panda: Robot) -> None:
     start, goal = START, START + 0.2 * (GOAL - START)
     planner = Planner(panda, source_method_2(), Settings(compile="never"))
     said = [" ".join(planner.solve(Move(start, goal, "retime", T)).warnings) for T in (500.0, 2.0)]

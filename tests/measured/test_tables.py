@@ -119,7 +119,7 @@ def test_missing_rows_are_counted_and_gaps_cut():
     )
 
 
-def test_a_held_reading_is_told_from_a_coarse_one():
+def test_held_readings_differ_from_coarse_ones():
     rng = np.random.default_rng(0)
     slow = np.repeat(rng.normal(size=80), 12)
     assert update_indices(slow).tolist() == list(range(12, 960, 12))
@@ -202,7 +202,7 @@ def test_libfrankas_log_with_a_meter_of_its_own(tmp_path):
     np.testing.assert_allclose(np.interp(same.power_time, t, p), same.power, atol=1e-3)
 
 
-def test_a_joint_states_bag_goes_by_the_names_in_the_message(tmp_path):
+def test_columns_of_a_joint_states_bag_follow_the_names_in_the_message(tmp_path):
     """As `rostopic echo -p` prints it: nanoseconds, the driver's alphabetical order, names in the rows."""
     t, q, v, p = arm(UR)
     order = sorted(range(6), key=lambda k: UR.joints[k])
@@ -246,7 +246,7 @@ def test_a_slow_meter_in_the_same_table(tmp_path, sparse):
         np.testing.assert_allclose(run.power, expected, atol=0.5)
 
 
-def test_a_meters_clock_is_found_and_said(tmp_path):
+def test_a_meters_clock_is_found_and_reported(tmp_path):
     t, q, _, p = arm(Z1, 60.0)
     own = np.arange(0.0, 50.0, 0.1)
     true = 4.0 + own * (1 + 1.5e-3)  # the joints' time of a reading
@@ -266,7 +266,7 @@ def test_a_meters_clock_is_found_and_said(tmp_path):
     assert read_set(folder).runs[0].clock == "shared"  # a tenth of a second is the meter's delay, which the fit finds
 
 
-def test_counters_totals_and_no_meter_at_all(tmp_path):
+def test_counters_totals_and_no_meter(tmp_path):
     t, q, _, p = arm(Z1)
     energy = np.concatenate([[0], np.cumsum((p[1:] + p[:-1]) / 2 * np.diff(t))])
     header = "time," + ",".join(f"{j}.position" for j in Z1.joints)

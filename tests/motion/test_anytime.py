@@ -40,7 +40,7 @@ def test_more_time_never_gives_a_worse_answer_and_progress_says_how_it_got_bette
     assert [row["loss"] for row in rows] == list(losses)
 
 
-def test_a_search_that_ends_in_time_is_not_said_to_be_cut() -> None:
+def test_a_search_that_ends_in_time_has_no_deadline_message() -> None:
     progress = Progress(1e-9)
     assert progress.late() and not progress.cut  # nobody had to stop
     assert progress.ended() and progress.cut

@@ -83,9 +83,7 @@ def test_a_mean_of_motions_saves_most_of_what_one_model_would_forbid(arm: Robot)
     assert savings[1] > 0.6  # J under `careful`; the models' weights alone come to 0.41
 
 
-def test_the_evenly_slowed_move_is_answered_with_its_own_certificate(
-    arm: Robot, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_evenly_slowed_move_has_its_own_certificate(arm: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(robust_plan.ROUNDS, "mean", 1)
     monkeypatch.setattr(RobustPlanner, "_blend", lambda *_: None)
     result = _optimized(arm)

@@ -168,7 +168,7 @@ def test_tool_speed_keeps_retiming_convex(panda: Robot, model: PowerModel) -> No
     assert peaks(panda, result.trajectory)[1] <= 0.7 * (1 + 1e-6)
 
 
-def test_what_cannot_be_is_said(panda: Robot, model: PowerModel) -> None:
+def test_impossible_requests_are_reported(panda: Robot, model: PowerModel) -> None:
     with pytest.raises(Infeasible, match=r"holding still needs .* the limit is 80 W") as caught:
         Planner(panda, model, Settings(max_power=80.0)).solve(Move(START, GOAL, duration=2.0))
     assert caught.value.limit == "power"

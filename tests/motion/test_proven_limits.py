@@ -87,7 +87,7 @@ def test_worst_places_are_those_of_many(robot: Robot, step: float) -> None:
 
 @pytest.mark.parametrize("model", [PLAIN, SMOOTH, ROUGH], ids=["plain", "smooth", "rough"])
 @pytest.mark.parametrize("kind", ["effort", "power"])
-def test_what_lies_between_the_places_is_found(robot: Robot, model: PowerModel, kind: str) -> None:
+def test_peaks_between_the_places_are_found(robot: Robot, model: PowerModel, kind: str) -> None:
     """A bound that holds at all places, and is broken between two of them; and one a little larger, which is proven."""
     scorer = Scorer(robot, model)
     for seed in range(20):

@@ -68,7 +68,7 @@ def test_searches_under_dry_friction_find_what_wide_kinks_lead_to():
 
 
 @pytest.mark.slow
-def test_a_search_among_kinks_goes_on_while_it_wins():
+def test_a_search_with_kinks_continues_while_it_improves():
     """A slow and short move under published friction, which ended as not converged."""
     start = [-0.892177, -0.634797, -1.505717, -0.271708, -0.177188, -1.580148]
     goal = [-0.893169, -0.594056, -1.650017, -0.204278, -0.210586, -1.440509]

@@ -207,7 +207,7 @@ def test_a_mean_over_microseconds_late_in_a_cycle_keeps_the_jerk() -> None:
     assert np.abs(jerk).max() == pytest.approx(acceleration / width, rel=0.02)
 
 
-def test_a_mean_over_time_stands_exactly_still_where_the_motion_does() -> None:
+def test_a_mean_over_time_is_exactly_at_rest_with_the_motion() -> None:
     x = np.linspace(0, 1, 41)[:, None]
     q, v, a = x**2 * (3 - 2 * x) / 3 + 0.1, 2 * x * (1 - x), 2 - 4 * x
     time = np.concatenate([x[:, 0], 1 + x[1:, 0], 2 + x[1:, 0]])  # there, a wait of a second, and on
@@ -221,7 +221,7 @@ def test_a_mean_over_time_stands_exactly_still_where_the_motion_does() -> None:
     assert out.time[(out.position == q[40]).all(axis=1)].min() > 1 and not out.acceleration[inside].any()
 
 
-def test_a_mean_over_microseconds_goes_on_moving() -> None:
+def test_a_mean_over_microseconds_has_no_pause() -> None:
     x = np.linspace(0, 1, 41)[:, None]
     out = Trajectory(("a",), x[:, 0], x**2 * (3 - 2 * x), 6 * x * (1 - x), 6 - 12 * x).averaged(4e-6)
     inside = (out.time > 0.01) & (out.time < 0.99)

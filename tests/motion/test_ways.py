@@ -125,14 +125,14 @@ def test_cheap_ways_pass_where_it_is_cheap_and_then_elsewhere(side: int) -> None
     assert not np.array_equal(found(1)[0], first)
 
 
-def test_what_is_dear_is_passed_fast() -> None:
+def test_costly_regions_are_passed_fast() -> None:
     free, ends = Wall(np.zeros(2), 9.0), Ends.of(START, GOAL, np.full(3, -2.0), np.full(3, 2.0), np.ones(3))
     line = np.linspace(START, GOAL, 50)
     (way,) = cheap_paths(Looks(free, STEP), ends, lambda q: np.where(q[:, 0] > 0, 10.0, 1.0), [line], 0, 1)
     assert (way[:, 0] > 0).mean() < 0.45
 
 
-def test_rounding_leaves_a_line_only_near_its_corners_and_tightens_where_told() -> None:
+def test_rounding_leaves_a_line_only_near_corners_and_can_be_tightened() -> None:
     points = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [3.0, 1.0]])
     rounding = Rounding(points)
     before = rounding.reach.copy()

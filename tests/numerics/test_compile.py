@@ -154,7 +154,7 @@ def test_a_dead_build_does_not_stand_in_the_way(cache):
     assert not library.mark(cache, "y.seen") and (cache / "precious").read_text() == "kept"
 
 
-def test_files_of_others_in_the_folder_named_are_left_alone(cache, functions):
+def test_foreign_files_in_the_cache_folder_are_not_changed(cache, functions):
     """Also a folder that has the cache's own name, without its mark."""
     for name in ("build-release/kept.o", "source-main.c", "compiled/build-debug/kept.o", "compiled/source-x.c"):
         (cache / name).parent.mkdir(parents=True, exist_ok=True)

@@ -101,7 +101,7 @@ def test_where_the_hessian_is_not_convex_enough_mass_is_added() -> None:
     assert g @ found.d + found.d @ full @ found.d / 2 < 0
 
 
-def test_numbers_that_overflow_are_said_to_be_no_program() -> None:
+def test_overflowing_numbers_are_reported_as_no_program() -> None:
     _, g, held, _ = problem(5, 0)
     h = Banded(np.full((SIZE, WIDTH), np.nan), np.zeros((SIZE, 0)), np.zeros((0, 0)))
     mass = Banded(banded(np.eye(SIZE)), np.zeros((SIZE, 0)), np.zeros((0, 0)))

@@ -177,7 +177,7 @@ def privates(module: Path) -> tuple[set[str], dict[str, int]]:
     return {name for name in made if hidden(name)}, {name: line for name, line in taken.items() if hidden(name)}
 
 
-def test_no_module_touches_what_is_private_to_another() -> None:
+def test_no_module_uses_private_names_of_another() -> None:
     found = {module: privates(module) for module in MODULES}
     ours = set().union(*(made for made, _ in found.values()))
     touched = [

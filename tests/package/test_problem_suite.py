@@ -35,7 +35,7 @@ def test_a_sample_of_the_problem_suite() -> None:
     assert sum(row["status"] == "solved" for row in rows) > 0.8 * len(rows)
 
 
-def test_the_second_opinion_tells_what_can_be_done() -> None:
+def test_the_second_evaluator_knows_feasible_moves() -> None:
     """A pendulum: what it can hold, lift straight through, swing through, and not."""
     text = (
         '<robot name="r"><link name="a"/><link name="b"><inertial><origin xyz="1 0 0"/><mass value="1"/>'

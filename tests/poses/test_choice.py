@@ -232,7 +232,7 @@ def test_the_nearest_goal_is_moved_along_its_freedom_where_it_is_the_cheapest(ur
     assert asked and not any(asked)  # a shortest duration is tried only for what is raised
 
 
-def test_goals_that_differ_by_a_free_turn_alone_are_looked_at_once(ur: ToolKinematics) -> None:
+def test_goals_that_differ_only_by_a_free_turn_are_tried_once(ur: ToolKinematics) -> None:
     robot, model, start = ur.robot, source_model(ur.robot), np.array([0.0, -1.5, 1.5, -1.6, -1.5, 0.0])
     planner, sketched = Planner(robot, model, Settings(starts=1)), []
     turn, origin = ur(start[None] + 0.3)
@@ -250,7 +250,7 @@ def test_goals_that_differ_by_a_free_turn_alone_are_looked_at_once(ur: ToolKinem
     assert all(np.abs(a - b).max() > 0.1 for k, a in enumerate(sketched) for b in sketched[:k])
 
 
-def test_what_is_raised_where_no_goal_is_possible_is_confirmed(ur: ToolKinematics) -> None:
+def test_the_shortest_duration_of_impossible_goals_is_confirmed(ur: ToolKinematics) -> None:
     robot, model = ur.robot, source_model(ur.robot)
     planner, asked = Planner(robot, model, Settings(starts=1)), []
 

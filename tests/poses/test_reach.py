@@ -88,7 +88,7 @@ def test_a_panda_is_found_at_every_angle_of_its_redundancy() -> None:
 
 
 @pytest.mark.parametrize(("name", "joint", "by"), [("panda", 4, 0.25), ("z1", 3, 0.25)])
-def test_a_pose_beyond_a_limit_alone_names_the_joint(name: str, joint: int, by: float) -> None:
+def test_a_pose_beyond_only_a_limit_names_the_joint(name: str, joint: int, by: float) -> None:
     """Judged by what the message says: at that value of that joint, others within their limits, the pose is reached."""
     tool = ToolKinematics(load_robot(name))
     limits = tool.robot.limits
@@ -111,7 +111,7 @@ def test_a_pose_beyond_a_limit_alone_names_the_joint(name: str, joint: int, by: 
 
 
 @pytest.mark.parametrize(("name", "words"), [("xarm7", "0.9,0,0.9,0,0,0"), ("ur3e", "0.6,0.3,0.5,1,2,0")])
-def test_what_is_said_to_be_nearest_is(name: str, words: str) -> None:
+def test_the_stated_nearest_pose_is_the_nearest(name: str, words: str) -> None:
     """No start of SciPy's bounded least squares comes nearer, with 0.3 m as much as a radian."""
     tool, pose = ToolKinematics(load_robot(name)), pose_from(words)
     limits, said = tool.robot.limits, reach(tool, pose)
@@ -141,7 +141,7 @@ def test_freedom_counts_within_its_range_and_not_beyond() -> None:
 
 
 @pytest.mark.parametrize("free", [(), ("rz",), ("ry:-40:60", "x:-100:50")])
-def test_the_derivative_of_what_is_missed_is_that_of_differences(ur: ToolKinematics, free: tuple[str, ...]) -> None:
+def test_the_derivative_of_the_pose_error_equals_differences(ur: ToolKinematics, free: tuple[str, ...]) -> None:
     rng = np.random.default_rng(5)
     pose = pose_at(ur, rng.uniform(-1, 1, 6), free=tuple(map(Freedom.of, free)))
     q = rng.uniform(-1.5, 1.5, (20, 6))

@@ -106,7 +106,7 @@ def test_a_saving_that_falls_with_friction_ends_where_it_is_nothing(tmp_path: Pa
     assert break_even(lambda other: saved(other, -1.0), model, robot) is None  # nothing is saved
 
 
-def test_an_arm_without_effort_limits_has_a_rating_of_its_own_weight(tmp_path: Path) -> None:
+def test_an_arm_without_effort_limits_is_rated_by_its_weight(tmp_path: Path) -> None:
     robot = arm(tmp_path, effort=0.0)
     lifts = 20 * 9.81 * 0.2  # N m, by the second joint, which is the only one that gravity loads
     assert np.isinf(robot.limits.effort).all() and robot.rated.estimated.all()
@@ -116,7 +116,7 @@ def test_an_arm_without_effort_limits_has_a_rating_of_its_own_weight(tmp_path: P
     assert [row.source for row in rows] == ["assumed"] * 2 and rows[1].value == robot.rated.effort[1]
 
 
-def test_every_assumption_is_said_with_its_source(tmp_path: Path) -> None:
+def test_every_assumption_is_stated_with_its_source(tmp_path: Path) -> None:
     robot = arm(tmp_path)
     rows = assumptions(robot, [source_method_2(robot), careful(robot)])
     assumed = [(row.what, row.joint) for row in rows if row.source == "assumed"]

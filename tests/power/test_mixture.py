@@ -202,7 +202,7 @@ def test_what_the_data_leave_open_reaches_the_saving(panda: Robot) -> None:
     assert [rival.get("base_tilt") for rival in tilted.rivals] == [model.standing(0.1, 0.0).get("base_tilt")]
 
 
-def test_draws_leave_what_is_given_as_it_is() -> None:
+def test_draws_keep_given_values() -> None:
     """A curve's speeds have no uncertainty; those of its torques must not reach them by rounding."""
     curve, count = FrictionCurve(speed=[0.0, 0.1, 0.9], torque=np.full((6, 3), 4.0)), 6 + 3 + 18
     places = (("copper_loss.r_over_kt2", 6), ("friction_curve.speed", 3), ("friction_curve.torque", 18))

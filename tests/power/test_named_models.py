@@ -76,7 +76,7 @@ def test_a_model_file_may_say_where_its_values_come_from(tmp_path):
     ("name", "effects"),
     [("panda", ["standby", "copper_loss", "sigmoid_friction"]), ("ur5e", ["copper_loss", "friction_curve"])],
 )
-def test_what_is_published_of_an_arm_is_a_model_file(name, effects):
+def test_published_values_of_an_arm_are_a_model_file(name, effects):
     file = Path(eo.__file__).parent / "power" / "published" / f"{name}.toml"
     model = model_of(file, name)
     model.check(eo.load_robot(name).n)

@@ -18,7 +18,7 @@ from energy_opt.robot import load_robot
 MODEL = PowerModel("z1", (Standby(power=88.04), CopperLoss(r_over_kt2=0.0036)))
 
 
-def test_one_clearance_is_said_everywhere():
+def test_one_clearance_is_stated_everywhere():
     found = {"verdict": "proven", "lower_bound": 0.00229, "min_distance": 0.0561, "pair": ["A", "B"]}
     document = {
         "energy": {"total": 10.0},
@@ -78,7 +78,7 @@ def test_losses_by_joint_are_those_of_the_formula():
     assert lost["copper_loss"] == pytest.approx(np.trapezoid(r * tau**2, time, axis=0), rel=1e-4)
 
 
-def test_a_given_trajectory_is_answered_at_its_own_duration(tmp_path):
+def test_a_given_trajectory_is_solved_at_its_own_duration(tmp_path):
     robot = load_robot("z1")
     home = np.array([0.0, 1.0, -1.0, 0.0, 0.0, 0.0])
     time = np.linspace(0.0, 2.4, 241)

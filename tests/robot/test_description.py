@@ -128,7 +128,7 @@ def test_fixed_and_locked_joints_pass_the_connection_on(tmp_path: Path) -> None:
     assert neighbours(read_description(path), {"j1"}) == [("l0", "l2"), ("l2", "l3")]
 
 
-def test_what_is_left_out_of_the_check_is_said(tmp_path: Path) -> None:
+def test_unchecked_pairs_are_reported(tmp_path: Path) -> None:
     fat = Cell(load_robot(chain(tmp_path, ball("0.5"), ball("0.5"), ball("0.5"))), CellRequest())
     assert not fat.checks and len(fat.warnings) == 2
     assert "no pair of its links is checked" in fat.warnings[0] and "l0 and l2" in fat.warnings[1]

@@ -103,7 +103,7 @@ def test_prismatic_continuous_and_skew_axes(slider: RigidBody, source: str) -> N
     assert verify(torque_function(slider, source), slider) < 1e-11
 
 
-def test_the_tree_is_what_the_urdf_says(slider: RigidBody) -> None:
+def test_the_tree_equals_the_urdf(slider: RigidBody) -> None:
     rail, swing, lift = slider.tree()
     assert (rail.prismatic, swing.prismatic, lift.prismatic) == (True, False, True)
     assert (rail.continuous, swing.continuous, lift.continuous) == (False, True, False)
@@ -174,7 +174,7 @@ def test_unknown_and_absent_sources_are_bad_input(monkeypatch: pytest.MonkeyPatc
             torque_function(body, source)
 
 
-def test_the_planner_tells_at_once_that_a_source_is_absent(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_planner_reports_a_missing_source_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pinocchio.casadi", None)
     with pytest.raises(BadInput, match="dynamics pinocchio: not available"):
         Planner(load_robot("z1"), source_method_2("z1"), Settings(dynamics="pinocchio"))

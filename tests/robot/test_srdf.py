@@ -84,7 +84,7 @@ def test_meshes_of_known_robots_are_found(name: str) -> None:
 
 
 @pytest.mark.parametrize("where", ["pkg/meshes/a.stl", "elsewhere/pkg/meshes/a.stl"])
-def test_package_paths_are_looked_for_above_the_file_and_where_told(tmp_path: Path, where: str) -> None:
+def test_package_paths_are_found_above_the_file_and_in_given_folders(tmp_path: Path, where: str) -> None:
     mesh = written(tmp_path, where, "solid a\nendsolid a\n")
     urdf = written(tmp_path, "pkg/urdf/r.urdf", URDF.format("package://pkg/meshes/a.stl"))
     if where.startswith("elsewhere"):

@@ -85,7 +85,7 @@ def test_xacro_says_what_to_do(tmp_path: Path) -> None:
     assert main(["check", str(path), str(path)]) == 2
 
 
-def test_what_xacro_writes_from_macros_alone_has_no_link_and_says_so(tmp_path: Path) -> None:
+def test_a_xacro_output_without_links_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "macros.urdf"
     path.write_text('<robot name="macros" xmlns:xacro="http://ros.org/wiki/xacro"><!-- defines a macro --></robot>')
     with pytest.raises(BadInput, match=r"macros.urdf: no <link>; .* the file that uses the robot's macro$"):

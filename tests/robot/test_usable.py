@@ -43,9 +43,7 @@ def test_what_a_plan_would_stumble_over_is_found_before(tmp_path: Path, capsys: 
     assert code == 2 and "no posture of 100 is held under gravity" in faults[0] and "j1 needs 4." in faults[0]
 
 
-def test_an_arm_without_bodies_is_usable_and_said_to_be_unchecked(
-    tmp_path: Path, capsys: pytest.CaptureFixture
-) -> None:
+def test_an_arm_without_bodies_is_usable_with_a_warning(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     code, faults, remarks = checked(chain(tmp_path, "", "", ""), capsys)
     assert code == 0, faults
     assert "0 collision bodies" in remarks[0] and any("no collision geometry" in line for line in remarks)

@@ -43,7 +43,7 @@ def test_method_1_is_the_mean():
     assert found.standby == 92.0 and found.model_1().values(7).tolist() == [92.0]
 
 
-def test_an_overhead_below_zero_is_told():
+def test_an_overhead_below_zero_is_reported():
     found = identify("panda", poses([1000, 1500, 2000, 2500], [3.2, 5.1, 6.8, 8.9]))
     assert found.line is not None and found.line["standby"] < 0 and "below zero" in found.word
     assert found.model_2().values(7)[0] == 0
@@ -63,7 +63,7 @@ def test_refusals_say_why(load, power, word):
     assert found.line is None and found.model_2() is None and word in found.word
 
 
-def test_no_pose_at_all():
+def test_a_set_without_poses():
     with pytest.raises(BadInput, match="no static pose"):
         identify("panda", [])
 

@@ -129,7 +129,7 @@ def test_the_arm_comes_to_rest_and_holds_gravity() -> None:
     assert np.abs(np.diff(last.torque[-100:], axis=0)).max() < 0.05  # no chatter
 
 
-def test_what_goes_in_comes_out_as_heat_and_work() -> None:
+def test_input_energy_equals_heat_and_work() -> None:
     """A closed motion with dry friction: the motors' work is the friction's, tau_c times the way."""
     body = arm("panda")
     friction = np.full(7, 0.8)

@@ -85,7 +85,7 @@ def test_what_was_shifted_begins_with_the_first_robot() -> None:
     assert starts == pytest.approx([0.0, 3.6, -0.5])
 
 
-def test_without_a_resistor_what_is_braked_must_fit() -> None:
+def test_without_a_resistor_braking_energy_must_be_stored() -> None:
     steps = (Move("move", 1.0, 1.0, Hull.of([(1.0, 150.0)])), Wait("wait", 0.0, 9.0, (Mode("motors", 50.0),)))
     schedule = solve(Problem(4.0, (Ring("a", steps),)))
     document = {

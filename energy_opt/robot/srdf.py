@@ -50,7 +50,7 @@ class Srdf:
         state = self.states[name]
         missing = [joint for joint in joints if joint not in state]
         if missing:
-            raise BadInput(f"{self.source}: the pose {name!r} has no position for {', '.join(missing)} is")
+            raise BadInput(f"{self.source}: the pose {name!r} gives no position for {', '.join(missing)}")
         return np.array([state[joint] for joint in joints])
 
 

@@ -140,7 +140,7 @@ def test_no_duration(value):
         (HEAD + "[[moves]]\nstart = [0, 0]\ngoal = [0, 0]\n", "moves 1 (move01) on panda: 2 values; the robot has 7"),
         (HEAD + "[[moves]]\nstart = [0, 0]\n", "moves 1: goal is missing"),
         (HEAD + "[[moves]]\nname = 'a'\nstart = {elbow = 1}\ngoal = {}\n", "unknown joint 'elbow'"),
-        (HEAD + "random = [{ count = 1 }, { count = 1 }]\n", "is there 2 times"),
+        (HEAD + "random = [{ count = 1 }, { count = 1 }]\n", "is given 2 times"),
         ('format = "energy-opt/suite/1"\nrobots = ["robbie"]\nrandom = { count = 1 }\n', "robots: 'robbie'"),
         ("robots = [\n", "not valid TOML"),
     ],

@@ -170,7 +170,7 @@ def test_links_that_are_off_are_the_cause_where_they_take_the_error_to_the_noise
     ratio = d["error"]["before"]["holdout"]["power_rmse"] / d["noise_floor"]
     assert ratio > 1.3  # the declared model does not fit
     assert d["verdict"] == "explained" and [row["name"] for row in d["effects"]] == ["link_inertia"]
-    assert "URDF's links are off" in d["headline"] and "link_inertia" in d["model_effects"]
+    assert "links differ from the URDF" in d["headline"] and "link_inertia" in d["model_effects"]
     assert any("N m" in remark and "links" in remark for remark in d["remarks"])
 
 

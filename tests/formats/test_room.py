@@ -107,4 +107,4 @@ def test_a_cycle_that_does_not_hold_ends_with_4(tmp_path: Path, capsys) -> None:
     code = main([*words, "--out", str(tmp_path / "b"), "--quiet"])
     found = json.loads((tmp_path / "b" / "job.json").read_text())
     (row,) = found["written"]
-    assert code == 4 and not row["valid"] and any("DOES NOT HOLD" in said for said in found["warnings"])
+    assert code == 4 and not row["valid"] and any("BREAKS A LIMIT" in said for said in found["warnings"])

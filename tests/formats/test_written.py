@@ -269,5 +269,5 @@ def test_a_recording_with_noise_is_smoothed(panda: Robot, tmp_path: Path) -> Non
         panda.joints, time, q, *(np.gradient(x, time, axis=0) for x in (q, np.gradient(q, time, axis=0)))
     )
     clean = eo.evaluate(exact, panda, "source-method-2").found[0].energies["source-method-2"]
-    assert "recording with noise" in found.motion.notes[0]
+    assert "noisy recording" in found.motion.notes[0]
     assert found.energies["source-method-2"].loss == pytest.approx(clean.loss, rel=0.02)

@@ -152,7 +152,7 @@ def test_a_front_and_measured_data_through_the_door(panda, tmp_path):
 def test_a_front_keeps_clear_and_says_what_cannot_be_done(tmp_path):
     ends = {"start": [0, 1, -1, 0, 0, 0], "goal": [0.5, 1, -1, 0, 0, 0], "mode": "retime"}
     found = eo.tradeoff("z1", **ends, durations=[0.01, 0.02])
-    assert found.document["status"] == "infeasible" and "shortest that can" in found.document["message"]
+    assert found.document["status"] == "infeasible" and "shortest possible one" in found.document["message"]
     (tmp_path / "s.yaml").write_text("objects: [{name: box, type: box, size: [2, 2, 2], position: [0, 0, 1.2]}]")
     with pytest.raises(eo.Infeasible, match="touches box"):
         eo.tradeoff("z1", **ends, durations=[2.0], scene=tmp_path / "s.yaml")

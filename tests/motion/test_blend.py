@@ -85,7 +85,7 @@ def test_a_mean_of_motions_saves_most_of_what_one_model_would_forbid(arm: Robot)
 
 def test_the_evenly_slowed_move_has_its_own_certificate(arm: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(robust_plan.ROUNDS, "mean", 1)
-    monkeypatch.setattr(RobustPlanner, "_blend", lambda *_: None)
+    monkeypatch.setattr(RobustPlanner, "_best_mean", lambda *_: None)
     result = _optimized(arm)
     assert result.chosen in ("scaled", "toppra")
     even = result.baseline(result.chosen)

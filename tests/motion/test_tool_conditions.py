@@ -156,7 +156,7 @@ def test_a_reshaped_move_keeps_the_tool(
     result = Planner(panda, model, Settings(**MOVE, keep=name, tool=TCP)).solve(move)
     found = hand.worst(result.trajectory)[name]
     assert result.status == "solved" and 0.9 * bound < found <= bound * (1 + 1e-6)
-    with pytest.raises(Infeasible, match=f"{TCP}: the tool is .* would let it pass.* at path position 0.5") as caught:
+    with pytest.raises(Infeasible, match=f"{TCP}: the tool is .* would allow it.* at path position 0.5") as caught:
         Planner(panda, model, Settings(**MOVE, keep=name, tool=TCP)).solve(
             Move(START, aside, "retime", duration=2.0, path=straight(START, aside))
         )

@@ -104,5 +104,7 @@ def test_an_arm_that_is_too_light_for_its_size_is_named(tmp_path: Path) -> None:
 def test_an_arm_in_millimetres_is_refused(tmp_path: Path) -> None:
     path = Path(two_joints(tmp_path))
     path.write_text(path.read_text().replace('origin xyz="0.3 0 0"', 'origin xyz="300 0 0"'))
-    with pytest.raises(BadInput, match=r"two\.urdf: from joint to joint the arm is 300 m long; in mm\? Expected m"):
+    with pytest.raises(
+        BadInput, match=r"two\.urdf: from joint to joint the arm is 300 m long; is the unit mm\? Expected m"
+    ):
         load_robot(path)

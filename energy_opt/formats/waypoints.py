@@ -124,8 +124,8 @@ class Samples:
         size = float(np.sum(derived**2))
         factor = float(np.sum(given * derived)) / size if size > 0 else 1.0
         left = float(np.sum((given - factor * derived) ** 2))
-        if left < UNLIKE * factor**2 * size and not 1 / SLIP < abs(factor) < SLIP:
-            unit = "deg" if abs(np.degrees(1) / factor - 1) < 0.1 else "another unit"
+        if left < UNLIKE * factor**2 * size and not 1 / SLIP < factor < SLIP:
+            unit = "deg" if abs(np.degrees(1) / factor - 1) < 0.1 else "another unit or direction"
             raise BadInput(
                 f"{self.where}: {kind} is {factor:.4g} times the rate at which "
                 f"{'positions change' if of is self.position else 'velocities change'}: in {unit}? Expected rad and s "

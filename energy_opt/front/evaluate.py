@@ -21,7 +21,7 @@ from energy_opt.formats.cycle import write_cycle
 from energy_opt.formats.output import Written
 from energy_opt.front.controllers import check_written
 from energy_opt.front.desk import Desk, verb
-from energy_opt.front.given import cell_of, named_robot, payload_document, robot_of
+from energy_opt.front.given import cell_of, named_robot, payload_document, refuse_degrees, robot_of
 from energy_opt.front.moves import documents
 from energy_opt.front.rivals import rivals_of
 from energy_opt.motion.standing import standstills
@@ -164,7 +164,9 @@ def robot_of_files(files: Sequence[AnyMotion], prefix: str = "") -> str:
 def _motion(given: AnyMotion, robot: Robot, prefix: str) -> Recorded:
     """A motion of a file, or a trajectory with its columns in the robot's order."""
     if not isinstance(given, Trajectory):
-        return load(Path(given), robot.joints, prefix)
+        found = load(Path(given), robot.joints, prefix)
+        refuse_degrees(robot, found.trajectory.position, found.name)
+        return found
     missing = set(robot.joints) - set(given.joints)
     if missing:
         raise BadInput(f"the trajectory has joints {', '.join(given.joints)}; missing: {', '.join(sorted(missing))}")

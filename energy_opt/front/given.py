@@ -146,6 +146,8 @@ def payload_from(given: Any) -> Payload:
             raise BadInput(f"--payload {given}: {len(numbers)} numbers; expected {PAYLOAD}")
     else:
         mapping = isinstance(given, Mapping)
+        if mapping and not {"mass"} <= given.keys() <= {"mass", "com"}:
+            raise BadInput(f"--payload: keys {', '.join(map(str, given))}; expected mass and com")
         values = [*np.ravel(given.get("mass")), *np.ravel(given.get("com", [0, 0, 0]))] if mapping else given
         try:
             numbers = np.atleast_1d(np.asarray(values, dtype=float))

@@ -117,7 +117,8 @@ def asked_in(given: Any) -> Request:
         raise BadInput(f'{where}: no request; expected a JSON object with "verb", or a result of this program')
     name = str(document["verb"])
     if name not in VERBS or name == "run":
-        raise BadInput(f"{where}: no verb {name!r}{suggest(name, VERBS)}; verbs are {', '.join(VERBS)}")
+        others = [each for each in VERBS if each != "run"]
+        raise BadInput(f"{where}: no verb {name!r} to run{suggest(name, others)}; verbs are {', '.join(others)}")
     try:
         return VERBS[name].request.from_document(document)
     except BadInput as error:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from energy_opt import formats
+from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
 from energy_opt.evaluations.source import load
 from energy_opt.files import write_json
@@ -42,3 +45,30 @@ def test_a_result_states_its_payload(tmp_path: Path) -> None:
 def test_a_folder_without_a_motion_is_refused(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match=r"a folder without result\.json or job\.json"):
         load(tmp_path, Z1.joints)
+
+
+def test_degrees_and_rates_of_the_other_sign_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found, file = motion(Z1), tmp_path / "motion.csv"
+    words = ["evaluate", str(file), "--robot", "z1", "--self-collision", "off", "--out", str(tmp_path / "out")]
+    turned = {name: np.degrees(getattr(found, name)) for name in ("position", "velocity", "acceleration")}
+    cases: list[tuple[dict[str, Any], str]] = [
+        (turned, "these look like degrees"),
+        ({"velocity": -found.velocity}, "velocity is -1 times the rate at which positions change"),
+    ]
+    for wrong, says in cases:
+        formats.write(replace(found, **wrong), file)
+        assert main(words) == 2
+        said = capsys.readouterr().err
+        assert says in said and said.count("\n") == 1 and str(file) in said
+
+
+def test_requests_by_hand_say_what_they_may_hold(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "request.json"
+    cases: list[tuple[dict[str, Any], str]] = [
+        ({"payload": {"mas": 1.0}}, "payload: keys mas; expected mass and com"),
+        ({"verb": "run"}, "no verb 'run' to run; verbs are optimize"),
+    ]
+    for changed, says in cases:
+        write_json(file, {"verb": "optimize", "robot": "z1", "start": START, "goal": GOAL, **changed})
+        assert main(["run", str(file), "--out", str(tmp_path / "out")]) == 2
+        assert says in capsys.readouterr().err

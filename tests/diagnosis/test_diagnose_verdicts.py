@@ -16,10 +16,8 @@ import pytest
 
 from energy_opt.cli.main import main
 from energy_opt.diagnosis import clusters, diagnose
-from energy_opt.diagnosis.errors import Quality, mostly_explained
 from energy_opt.diagnosis.joint_report import friction_findings
 from energy_opt.diagnosis.joint_side import joint_side
-from energy_opt.diagnosis.judge import contradicted
 from energy_opt.diagnosis.noise import Noise, Shared, Whitener
 from energy_opt.diagnosis.recordings import take_samples
 from energy_opt.effects import CopperLoss, Standby, WindingTemperature
@@ -220,35 +218,6 @@ def test_stamps_that_come_in_bunches_are_spread(repeated, tmp_path):
     assert np.abs((time - time[0]) - (true - true[0])).max() < 0.02
 
 
-def test_the_ratio_to_the_noise_is_the_worst_of_motion_and_rest():
-    def of(motion: float, rest: float) -> float:
-        return Quality(motion, rest, 1.0, 0.5, max(motion, rest), 1.0, np.zeros(1), np.ones(1)).ratio
-
-    assert of(1.5, 0.1) == 1.5 and of(0.1, 0.9) == 1.8
-
-
-def test_what_is_mostly_explained_is_so_without_its_best_motion():
-    def of(*squares: float) -> Quality:
-        return Quality(1.0, 1.0, 1.0, 1.0, 1.0, 1.0, np.array(squares), np.full(len(squares), 100.0))
-
-    before = of(20.0, 30.0, 40.0, 50.0)
-    assert mostly_explained(before, of(2.0, 2.0, 2.0, 2.0), unknown=False)
-    assert not mostly_explained(before, of(6.0, 8.0, 10.0, 12.0), unknown=False)
-    assert not mostly_explained(of(2.0, 3.0, 4.0, 500.0), of(2.0, 2.5, 3.0, 1.0), unknown=False)
-    assert mostly_explained(of(1.1, 2.2, 2.3, 3.7), of(1.1, 1.3, 1.0, 1.0), unknown=False)
-    assert not mostly_explained(of(1.1, 2.2, 2.3, 3.7), of(1.1, 1.3, 1.2, 1.3), unknown=True)
-
-
-def test_an_error_is_lower_in_watts_and_with_each_motion_counted_once():
-    def of(rmse: float, *squares: float) -> Quality:
-        return Quality(rmse, rmse, 1.0, 1.0, rmse, 1.0, np.array(squares), np.array([900.0, 10.0, 10.0]))
-
-    declared = of(2.0, 4.0, 1.0, 1.0)
-    assert of(1.0, 1.0, 1.0, 1.0).lower(declared)
-    assert not of(1.9, 3.6, 1.3, 1.3).lower(declared)  # one long motion gains, two others lose as much
-    assert not of(2.1, 1.0, 1.0, 1.0).lower(declared)
-
-
 @pytest.mark.slow
 def test_an_elastic_belt_is_not_friction(tmp_path):
     """Stribeck friction takes 0.01 W off the error held out, and adds to the squares over the noise."""
@@ -318,18 +287,6 @@ def test_an_effect_that_improves_some_motions_and_harms_others_is_not_claimed(tm
     truth = write_world(world, tmp_path / "set")
     result = diagnose(read_set(truth.folder, truth.robot), truth.declared)
     assert "gravity_spring" not in {x.name for x in result.effects} and result.verdict != "explained"
-
-
-@pytest.mark.parametrize(
-    ("gains", "against"),
-    [
-        ((2.0, 4.0, 30.0, -14.0, 117.0, -81.0, 43.0), True),
-        ((2.0, 4.0, 30.0, -6.0, 50.0), False),  # as chance has it
-        ((-19.0, 240.0, 13_000.0), False),  # small beside what other motions say
-    ],
-)
-def test_motions_veto_an_effect_that_they_are_worse_with(gains, against):
-    assert contradicted(gains) is against
 
 
 def test_a_payload_picked_up_in_mid_run_is_found_where_its_moment_is_uncertain(tmp_path):

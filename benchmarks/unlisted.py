@@ -34,7 +34,7 @@ import numpy as np
 from common import finish, table
 from misfit_world import ARMS, CAUSES, LAWS, MORE, NOISES, World, write_world
 from scipy.stats import beta
-from unlisted_judge import beyond_motion, contradictions, difference_error, held_out
+from unlisted_judge import beyond_motion, contradictions, difference_error, energy_error, held_out
 from unlisted_laws import KINDS
 
 from energy_opt.diagnosis import diagnose
@@ -48,6 +48,7 @@ SMALL = {"unlisted": 3, "mixed": 1, "listed": 2, "exact": 2, "clean": 2}
 WELL_KNOWN = ("coulomb_friction", "viscous_friction", "armature", "motion_power", "supply_efficiency")
 SAME = {"supply_efficiency": {"meter_gain"}, "meter_filter": {"meter_window"}}  # one cannot be told from the other
 TOLERANCE = 0.2  # of differences of energy, within which a model is usable
+ENERGY = 0.03  # of held-out energies, the default of `diagnose --tolerance`, within which a model is usable
 LEFT = 1.3  # times the best possible error: more is not explained
 
 
@@ -98,8 +99,10 @@ def run(job: tuple[str, World]) -> dict[str, Any]:
         found = bool(cause & set(named)) or any(cause & set(a) for a in d["alternatives"])
         part = "holdout" if d["split"]["holdout"] else "train"
         reached, best = held_out(truth, model, d["split"][part])
+        energies = energy_error(truth, model, d["split"][part])
         if beyond_motion(e.name for e in model.effects):
-            reached = d["error"]["after"][part]["power_rmse"]
+            after = d["error"]["after"][part]
+            reached, energies = after["power_rmse"], after["energy_percent"] / 100
         off = difference_error(truth, model, world.seed)
         row.update(
             verdict=d["verdict"],
@@ -113,7 +116,8 @@ def run(job: tuple[str, World]) -> dict[str, Any]:
             after_over_best=reached / best,
             difference_error=off,
             usable=bool(d["usable"]),
-            usable_right=bool(d["usable"]) == (off <= TOLERANCE),
+            energy_error=energies,
+            usable_right=bool(d["usable"]) == (off <= TOLERANCE and energies <= ENERGY),
             contradictions=wrong,
             headline=d["headline"],
         )
@@ -186,7 +190,7 @@ def lines(rows: list[dict[str, Any]]) -> list[Line]:
         out.append(("true numbers inside their stated 95 % interval", "93-97 %", reached, 0.93 <= share <= 0.97))
     out += at_most("documents that contradict themselves", [bool(r["contradictions"]) for r in rows], 0.0)
     judged = [r["usable_right"] for r in rows if "usable_right" in r]
-    out += at_least("`usable` right about differences of energy elsewhere", judged, 0.9)
+    out += at_least("`usable` right about differences of energy elsewhere and energies held out", judged, 0.9)
     return out
 
 

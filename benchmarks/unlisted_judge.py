@@ -60,6 +60,16 @@ def held_out(truth: Truth, model: PowerModel, files: list[str]) -> tuple[float, 
     return _rms(np.concatenate(left)), _rms(np.concatenate([truth.noise[f] for f in files]))
 
 
+def energy_error(truth: Truth, model: PowerModel, files: list[str]) -> float:
+    """Mean error of the energies of some files, as a share of the measured ones."""
+    out = []
+    for f in files:
+        *_, t = motion = truth.at_rows[f]
+        ours, measured = (np.trapezoid(x, t) for x in (foreseen(model, truth.robot, *motion), truth.measured[f]))
+        out.append(abs(ours / measured - 1))
+    return float(np.mean(out))
+
+
 def beyond_motion(names: Iterable[str]) -> bool:
     """Do effects need more than a motion: what the meter makes of it, or what else was recorded?"""
     kinds = [effect_class(name) for name in names]

@@ -16,7 +16,7 @@ pytest.importorskip("mujoco")
 from misfit_drives import ARMS
 from misfit_world import World, write_world
 from unlisted import lines, lower, upper
-from unlisted_judge import contradictions, difference_error, foreseen, held_out
+from unlisted_judge import contradictions, difference_error, energy_error, foreseen, held_out
 from unlisted_law import Limits, Part
 from unlisted_laws import KINDS
 
@@ -103,6 +103,8 @@ def test_the_true_model_is_as_good_as_the_noise_and_foresees_differences(truth):
     assert reached == pytest.approx(best, rel=1e-6)  # the judge turns friction's sign as smoothly as the world
     assert difference_error(truth, model_of(truth), 31) < 1e-6
     assert difference_error(truth, truth.declared, 31) > 0.1
+    of_truth, of_declared = (energy_error(truth, m, sorted(truth.measured)) for m in (model_of(truth), truth.declared))
+    assert of_truth < 0.005 < of_declared
 
 
 def test_what_a_pump_takes_is_no_difference_between_two_plans(tmp_path):

@@ -126,7 +126,7 @@ def read_parquet(path: Path) -> list[Row]:
         about = pq.read_metadata(path)
         groups = range(about.num_row_groups)
         if about.num_rows > MOST_RECORDS or sum(about.row_group(k).total_byte_size for k in groups) > MOST_BYTES:
-            raise BadInput(f"{path}: unpacks to more than {MOST_RECORDS:,} records or {MOST_BYTES / 1e6:g} MB")
+            raise BadInput(f"{path}: its unpacked size is above {MOST_RECORDS:,} records or {MOST_BYTES / 1e6:g} MB")
         table = pq.read_table(path, columns=[name for name in about.schema.to_arrow_schema().names if name in COLUMNS])
     except (OSError, pa.ArrowException) as error:
         raise BadInput(f"{path}: cannot be read as Parquet: {str(error).splitlines()[0]}") from None

@@ -192,19 +192,8 @@ def drive_function(
 BRIEF = 0.1  # [s] shorter motions and standstills are ignored
 
 
-def idle_time(time: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Time (N,) [s] since the last motion ended; -1 while any joint moves and before it first does.
-
-    Args:
-        time: (N,) s, increasing. v: (N, n) rad/s.
-    """
-    moving = np.abs(v).max(axis=1) > MOVING_SPEED
-    last = np.maximum.accumulate(np.where(moving, np.arange(len(time)), -1))
-    return np.where(moving | (last < 0), -1.0, time - time[np.maximum(last, 0)])
-
-
-def dwells(time: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """How many standstills between two motions of a run have passed their middle at each instant (N,).
+def moves(time: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """True (N,) where any joint moves.
 
     Motions and standstills shorter than `BRIEF` are ignored: speeds from positions have noise.
 
@@ -217,6 +206,27 @@ def dwells(time: np.ndarray, v: np.ndarray) -> np.ndarray:
         for first, last in edges.reshape(-1, 2):
             if time[min(last, len(time) - 1)] - time[first] < BRIEF:
                 moving[first:last] = not state
+    return moving
+
+
+def idle_time(time: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Time (N,) [s] since the last motion ended; -1 while any joint moves and before it first does, see `moves`.
+
+    Args:
+        time: (N,) s, increasing. v: (N, n) rad/s.
+    """
+    moving = moves(time, v)
+    last = np.maximum.accumulate(np.where(moving, np.arange(len(time)), -1))
+    return np.where(moving | (last < 0), -1.0, time - time[np.maximum(last, 0)])
+
+
+def dwells(time: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """How many standstills between two motions of a run have passed their middle at each instant (N,), see `moves`.
+
+    Args:
+        time: (N,) s, increasing. v: (N, n) rad/s.
+    """
+    moving = moves(time, v)
     ends, begins = np.flatnonzero(moving[:-1] & ~moving[1:]), np.flatnonzero(~moving[:-1] & moving[1:])
     begins = begins[np.searchsorted(begins, ends[0]) :] if ends.size else begins[:0]
     count = min(len(ends), len(begins))

@@ -14,7 +14,7 @@ from energy_opt.diagnosis.recordings import take_samples
 from energy_opt.effects import EXACT, Signals
 from energy_opt.measured import read_set
 from energy_opt.motion.judge.energy import Scorer
-from energy_opt.power.law import dwells
+from energy_opt.power.law import dwells, idle_time
 from energy_opt.robot import PointMass
 
 N = 6
@@ -214,3 +214,15 @@ def test_diagnose_finds_them_in_worlds_of_other_formulas(cause, arm, seed, tmp_p
     truth = write_world(World(arm, seed, (0.0, 0.0), cause=cause), tmp_path / "set")
     found = eo.diagnose(truth.folder, truth.declared).document
     assert [row["name"] for row in found["effects"]] == [cause]
+
+
+def test_idle_time_ignores_short_stops_and_single_noisy_speeds() -> None:
+    time = np.arange(0, 4, 0.01)
+    v = np.where((time > 0.995) & (time < 1.995), 0.5, 0.0)[:, None]
+    clean = idle_time(time, v)
+    assert (clean[:100] == -1).all() and (clean[100:200] == -1).all()
+    np.testing.assert_allclose(clean[200:], time[200:] - time[199])
+    noisy = v.copy()
+    noisy[150:155] = 0.0  # the speed passes through zero within the motion
+    noisy[[40, 250, 320]] = 0.02  # noise at standstill
+    np.testing.assert_array_equal(idle_time(time, noisy), clean)

@@ -325,7 +325,7 @@ def _borne_out(
         noisy = judge.of(plain).ratio >= NOISE
         if noisy and not mostly_explained(loud.of(start), loud.of(plain), bool(accepted.free)):
             return only(found, accepted), ()
-        whole = BESIDE * float(np.sum(judge.gains(plain, start))) if noisy else 0.0
+        whole = BESIDE * float(np.sum(judge.gains(plain, only(found, plain)))) if noisy else 0.0
         fewer = [plain_fit(found, c.without) for c in claims]
         gains = [judge.gains(plain, less) for less in fewer]
         expected = [judge.expected(plain, c, less) for c, less in zip(claims, fewer, strict=True)]

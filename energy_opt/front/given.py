@@ -235,6 +235,8 @@ def _by_name(given: Mapping[str, float], joints: Sequence[str], flag: str) -> li
 
 def _in_words(text: str, joints: Sequence[str], flag: str) -> np.ndarray:
     """Joint positions (n,) from `0.1,0.2,…` or `name=value,…` in any order."""
+    if ";" in text:
+        raise BadInput(f"{flag} {text}: expected commas between the positions, and points in numbers; found ';'")
     parts = words_of(re.sub(r"\s*=\s*", "=", text))
     if any("=" in part for part in parts):
         named: dict[str, float] = {}
@@ -246,8 +248,7 @@ def _in_words(text: str, joints: Sequence[str], flag: str) -> np.ndarray:
             named[name.strip()] = finite_number(value, f"{flag} {part}", "name=value") if known else 0.0
         return np.array(_by_name(named, joints, flag))
     if len(parts) != len(joints):
-        hint = " (separate them by commas, with points in numbers)" if ";" in text else ""
-        raise BadInput(f"{flag}: {len(parts)} positions{hint}; the robot has {len(joints)} joints: {', '.join(joints)}")
+        raise BadInput(f"{flag}: {len(parts)} positions; the robot has {len(joints)} joints: {', '.join(joints)}")
     return np.array([finite_number(part, f"{flag} {text}", "numbers [rad, m]") for part in parts])
 
 

@@ -109,6 +109,8 @@ def asked_in(given: Any) -> Request:
     where, document = "the request", given
     if not isinstance(given, Mapping):
         path = Path(str(given))
+        if path.suffix == ".toml":
+            raise BadInput(f'{path}: TOML; expected JSON: a request with "verb", or a result of this program')
         where, document = str(path), read_json(path)
     if isinstance(document, Mapping) and isinstance(document.get("request"), Mapping):
         known = ANSWERS.get(Path(where).name)  # for older results, whose requests do not name their verb

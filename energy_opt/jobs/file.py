@@ -33,7 +33,7 @@ from pydantic import Field, StrictBool, StrictStr, model_validator
 from energy_opt.batches.tables import joint_values
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput, suggest
-from energy_opt.files import inside, is_number, read_toml
+from energy_opt.files import KINDS, inside, is_number, read_toml
 from energy_opt.jobs.legs import SAME, Job, Load, Step
 from energy_opt.poses.given import SUFFIXES, Given, poses_of_request
 from energy_opt.poses.pose import UNIT, Pose
@@ -43,6 +43,7 @@ from energy_opt.schema import Name, Number, Table, parse, reads
 OF_POSE = {"pose", "free", "pose_tolerance"}
 MOVING = {"to", "mode", "min_duration", "max_duration", "stop", *OF_POSE}  # keys of steps that do not wait
 BRIEFEST, LONGEST = 1e-6, 1e7  # [s] bounds of a cycle and a wait: longer ones are probably in wrong units
+FORMATS = tuple(f"energy-opt/{form}" for form in KINDS["job"])
 Target = Pose | np.ndarray
 
 
@@ -137,6 +138,8 @@ def job_of(
     Raises:
         BadInput: names every fault, one a line, with the step's name.
     """
+    if document.get("format") not in FORMATS:
+        raise BadInput(f"{path}: format = {document.get('format')!r}; expected {' or '.join(map(repr, FORMATS))}")
     table = parse(JobTable, document, str(path))
     try:
         name = robot_named(table.robot, path.parent, allow_outside)

@@ -183,7 +183,7 @@ def test_positions_are_separated_by_commas_or_spaces(word: str) -> None:
         ("0.1,,0.2,0.3,0.4,0.5", "'' is not a number"),
         ("0.1 0.2 0.3 0.4 0.5 3_0", "'3_0' is not a number"),
         ("0.1 0.2", "2 positions; the robot has 6"),
-        ("0.1;0.2;0.3;0.4;0.5;0.6", r"1 positions \(separate them by commas"),
+        ("0.1;0.2;0.3;0.4;0.5;0.6", r"expected commas between the positions"),
         ("no such pose", "no pose is named"),
         ("joint1=0, joint1=1", "joint joint1 is given twice"),
         ("joint1=0, joint2=1", "no value for joint3, joint4, joint5, joint6"),

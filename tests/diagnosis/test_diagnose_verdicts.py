@@ -327,3 +327,10 @@ def test_laws_that_resemble_each_other_are_alternatives(tmp_path, world, true):
     d = diagnose(read_set(truth.folder, truth.robot), truth.declared).document
     said = [{e["name"] for e in d["effects"]}, *map(set, d["alternatives"])]
     assert any({name} in said for name in true) or bool(world.unlisted and not d["effects"])
+
+
+def test_a_law_that_explains_nearly_all_is_not_measured_against_links_that_are_nearly_exact(tmp_path):
+    """With its law a fit takes smaller deviations of the links, under which the declared model alone is much worse."""
+    truth = write_world(World("panda", 220_012, (0.03, 0.05), "ar1", "inverter_loss"), tmp_path / "set")
+    document = told(truth, tmp_path / "out")
+    assert [e["name"] for e in document["effects"]] == ["inverter_loss"]

@@ -10,9 +10,9 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.measured.columns import ByHand, given_names, understood
+from energy_opt.measured.joint_units import joint_units, named_unit, units_in_words
 from energy_opt.measured.joints import stamp_factor
 from energy_opt.measured.names import (
-    BY_SIGNAL,
     UNITS,
     alternating,
     cut,
@@ -25,13 +25,12 @@ from energy_opt.measured.names import (
     time_columns,
     unit_in,
 )
-from energy_opt.measured.plausible import degrees_fault, leaps
+from energy_opt.measured.plausible import degrees_fault
 from energy_opt.measured.table import Table
 from energy_opt.power.known import by_name
 from energy_opt.robot import Robot, known_robots
 
 LOOKED_AT = 20_000  # lines used for guesses
-ALIKE = 0.25  # relative deviation up to which a measured ratio identifies a unit
 ARM_POWER = (5.0, 20_000.0)  # [W] range of the mean power of an arm with its controller
 TIME_UNITS = {1e-3: "ms", 1e-6: "us", 1e-9: "ns"}
 
@@ -143,26 +142,18 @@ def guess_joints(table: Table, robot: Robot, hand: ByHand) -> Guess:
     _guess_meter(table, out, hand)
     table.load([*(c for by in found.values() for c in by.values())])
     raw = {s: np.column_stack([table.column(by[j]) for j in robot.joints])[:LOOKED_AT] for s, by in found.items()}
-    units = {signal: _named_unit(signal, found[signal][robot.joints[0]], table) for signal in found}
-    angle = _position_unit(raw["position"], time, robot, units["position"], out)
-    units["position"] = angle
-    position = raw["position"] * UNITS["position"][angle]
-    for signal, below in (("velocity", position), ("acceleration", None)):
-        if signal in found:
-            unit = units[signal] or _rate_unit(signal, raw[signal], below, time, angle, out)
-            if unit is None:
-                del found[signal]
-            else:
-                units[signal] = unit
+    units = joint_units(table, robot, found, raw, time, out.words)
     for signal, by in found.items():
+        unit = units.get(signal)
+        if unit is None:
+            continue
         for joint, column in by.items():
-            unit = units[signal]
-            out.columns[f"{joint}.{signal}"] = {"column": column, "unit": unit} if unit else column
+            out.columns[f"{joint}.{signal}"] = {"column": column, "unit": unit[joint]} if unit[joint] else column
         sample, last = by[robot.joints[0]], by[robot.joints[-1]]
         alike = sum(cut(name).words == cut(sample).words for name in header) if cut(sample).numbers else 0
         if alike > robot.n and signal == "position":
             out.words.append(f"{alike} columns like {sample}, {robot.n} joints: only those below are taken")
-        out.words.append(f"{signal}: {sample} ... {last} [{units[signal] or next(iter(UNITS[signal]))}]")
+        out.words.append(f"{signal}: {sample} ... {last} [{units_in_words(signal, unit, robot)}]")
     return out
 
 
@@ -200,7 +191,7 @@ def _guess_time(table: Table, out: Guess, key: str, hand: ByHand, span: float | 
         if len(values) < 2 or len(falls) or values[-1] <= values[0]:
             continue
         out.dated = table.is_date(name)
-        unit = _named_unit("time", name, table)
+        unit = named_unit("time", name, table)
         factor = 1.0 if out.dated else UNITS["time"][unit] if unit else stamp_factor(values, key, span)
         unit = unit or TIME_UNITS.get(factor)
         out.columns[key] = {"column": name, "unit": unit} if unit and not out.dated else name
@@ -209,59 +200,6 @@ def _guess_time(table: Table, out: Guess, key: str, hand: ByHand, span: float | 
         return table.column(name)[:LOOKED_AT] * factor
     what = f"--time {named[0]}: its values do not increase" if named else "no column of times that increase"
     raise BadInput(f"{table.path}: {what}; {back or understood(table, out.columns)}")
-
-
-def _named_unit(kind: str, column: str, table: Table) -> str | None:
-    """The unit named by the row of units or by the header itself."""
-    return known_unit(kind, table.units.get(column, "")) or unit_in(kind, column)
-
-
-def _position_unit(values: np.ndarray, time: np.ndarray, robot: Robot, named: str | None, out: Guess) -> str:
-    """Unit of the positions: degrees if they, or speeds between samples, are far outside the limits as radians."""
-    good = np.isfinite(values).all(axis=1) & np.isfinite(time[: len(values)])
-    values, time = values[good], time[: len(values)][good]
-    far = degrees_fault(values, robot) is not None
-    if named in (None, "rad") and far:
-        against = ", though the file says rad" if named == "rad" else ""
-        out.words.append(f"positions are degrees (as radians they are far outside the limits{against}): converted")
-        return "deg"
-    apart = max(1, int(0.1 / max(float(np.median(np.diff(time))), 1e-6))) if len(time) > 20 else len(time)
-    if named is None and len(time) > apart:  # speeds over a tenth of a second
-        rate = np.abs(values[apart:] - values[:-apart]) / np.maximum(time[apart:] - time[:-apart], 1e-9)[:, None]
-        jumps = leaps(time, values, robot)[:, None] - np.arange(apart)  # no speed can be taken over these
-        rate = np.delete(rate, jumps[(jumps >= 0) & (jumps < len(rate))], axis=0)
-        limit = np.where(np.isfinite(robot.limits.velocity), robot.limits.velocity, np.pi)
-        if (np.percentile(rate, 99, axis=0) > 3 * limit).any():
-            out.words.append("positions are degrees (as radians the joints would be too fast): converted")
-            return "deg"
-    if named == "deg":
-        out.words.append("positions are degrees: converted")
-    return named or "rad"
-
-
-def _rate_unit(
-    signal: str, values: np.ndarray, position: np.ndarray | None, time: np.ndarray, of_position: str, out: Guess
-) -> str | None:
-    """Unit in which logged velocities are the slope of the positions; None, with an explanation, if no unit fits."""
-    assumed = f"{of_position if of_position in ('rad', 'deg') else 'rad'}{BY_SIGNAL[signal]}"
-    if position is None:
-        return assumed
-    good = np.isfinite(values).all(axis=1) & np.isfinite(position).all(axis=1) & np.isfinite(time[: len(values)])
-    t, q, v = time[: len(values)][good], position[good], values[good]
-    fresh = np.concatenate([[True], np.diff(t) > 0])
-    t, q, v = t[fresh], q[fresh], v[fresh]
-    if len(t) < 20 or np.ptp(q, axis=0).max() < 0.02:
-        return assumed
-    slope = np.gradient(q, t, axis=0)
-    ratio = float(np.sum(v * slope) / max(float(np.sum(slope**2)), 1e-12))
-    match = float(np.sum(v * slope) / np.sqrt(max(float(np.sum(slope**2) * np.sum(v**2)), 1e-30)))
-    for unit in ("rad/s", "deg/s", "rpm"):
-        if match > 0.6 and abs(ratio * UNITS["velocity"][unit] - 1) < ALIKE:
-            if unit != assumed:
-                out.words.append(f"velocities are {unit} (by the slope of the positions): converted")
-            return unit
-    out.words.append("velocities are left out: they are not the slope of the positions in any unit known")
-    return None
 
 
 def _guess_meter(table: Table, out: Guess, hand: ByHand) -> None:
@@ -279,7 +217,7 @@ def _guess_meter(table: Table, out: Guess, hand: ByHand) -> None:
     elif hand.power in table.header:
         power = hand.power
     if power is not None:
-        unit = _named_unit("power", power, table)
+        unit = named_unit("power", power, table)
         mean = float(np.nanmean(np.abs(table.column(power)))) if unit is None else 0.0
         if unit is None and 0 < mean < ARM_POWER[0]:
             unit = "kW"
@@ -295,7 +233,7 @@ def _guess_meter(table: Table, out: Guess, hand: ByHand) -> None:
             out.columns["power"]["unit"] = "mW"
         out.words.append(f"power: {pair[0]} * {pair[1]} [W]")
     elif energy is not None:
-        unit = _named_unit("energy", energy, table) or _counter_unit(table.column(energy), out.last - out.first)
+        unit = named_unit("energy", energy, table) or _counter_unit(table.column(energy), out.last - out.first)
         out.columns["energy"] = {"column": energy, "unit": unit}
         out.words.append(f"energy: {energy} [{unit}], a counter")
 

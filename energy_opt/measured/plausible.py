@@ -14,6 +14,8 @@ FINEST = 1e-5  # [s] least plausible step
 FASTER = 5.0  # multiple of a velocity limit that no joint reaches from one sample to the next and back
 JUMP = 0.05  # [rad, m] least change between two samples that may be a damaged row; noise of encoders is far below
 LEAP = 0.5  # [rad, m] the same for a position that stays at the new value
+TURN = 2 * np.pi  # [rad] the jump of an angle that wraps
+WRAP = 2.0  # multiple of a velocity limit above which a change by about one turn is a wrapped angle
 
 
 def spikes(time: np.ndarray, position: np.ndarray, robot: Robot) -> np.ndarray:
@@ -28,14 +30,18 @@ def spikes(time: np.ndarray, position: np.ndarray, robot: Robot) -> np.ndarray:
 
 
 def leaps(time: np.ndarray, position: np.ndarray, robot: Robot) -> np.ndarray:
-    """Indices (K,) of samples after which a position (N, n) jumps, faster than any joint can move.
+    """Indices (K,) of samples after which a position (N, n) jumps, faster than any joint can move, or an angle wraps.
 
-    Empty if there are many: then the unit of the stamps is wrong, which `step_fault` reports.
+    Jumps other than wraps do not count if there are many: then the unit of the stamps is wrong, which `step_fault`
+    reports.
     """
     step = np.maximum(np.diff(time), np.ptp(time) / (len(time) - 1))[:, None]
-    far = np.abs(np.diff(position, axis=0)) > np.maximum(LEAP, TOO_FAST * robot.limits.velocity * step)
-    found = np.flatnonzero(far.any(axis=1))
-    return found if len(found) < len(position) / 100 else found[:0]
+    change, reach = np.abs(np.diff(position, axis=0)), robot.limits.velocity * step
+    far = (change > np.maximum(LEAP, TOO_FAST * reach)).any(axis=1)
+    if far.sum() >= len(position) / 100:
+        far[:] = False
+    wrapped = (np.abs(change - TURN) < np.maximum(JUMP, reach)) & (change > WRAP * reach) & ~np.array(robot.slides)
+    return np.flatnonzero(far | wrapped.any(axis=1))
 
 
 def step_fault(time: np.ndarray, position: np.ndarray, kind: str, robot: Robot) -> tuple[int, str, str] | None:

@@ -23,3 +23,17 @@ def test_rows_whose_positions_jump(tmp_path, stays):
     for run in whole.runs:
         speed = np.abs(np.diff(run.position, axis=0)) / np.diff(run.time)[:, None]
         assert speed.max() < 1.5 * (np.abs(np.diff(clean, axis=0)) / np.diff(t)[:, None]).max()
+
+
+@pytest.mark.parametrize("rate", [5, 10])
+def test_a_slow_log_is_cut_where_an_angle_wraps(tmp_path, rate):
+    """At 10 rows/s a jump of one turn is 20 times the joint's speed limit."""
+    t = np.arange(40 * rate) / rate
+    q = np.column_stack([np.zeros((len(t), 5)), 2.4 * np.sin(0.5 * t)])
+    q[:, 5] = np.mod(q[:, 5] + np.pi - 2, 2 * np.pi) - np.pi + 2  # an encoder whose turn ends elsewhere
+    wraps = np.flatnonzero(np.abs(np.diff(q[:, 5])) > 4)
+    assert len(wraps) > 2
+    path = put(tmp_path / "a.csv", lines("t," + ",".join(f"q{j}" for j in SIX) + ",power", [t, q, 90 + 0 * t]))
+    import_files([path], tmp_path / "set", Z1)
+    for run in read_set(tmp_path / "set").runs:
+        assert np.abs(np.diff(run.position, axis=0)).max() < 1.0

@@ -1,0 +1,189 @@
+"""Units of the joints' columns of a file: named by headers or a row of units, else guessed from the values.
+
+Every joint has a unit of its own: an arm may turn in degrees and slide in millimetres.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from energy_opt.errors import BadInput
+from energy_opt.measured.names import BY_SIGNAL, UNITS, known_unit, unit_in
+from energy_opt.measured.plausible import degrees_fault, leaps
+from energy_opt.measured.table import Table
+from energy_opt.robot import Robot
+
+ALIKE = 0.25  # relative deviation up to which a measured ratio identifies a unit
+BEYOND = 3.0  # multiple of a sliding joint's range from which its positions cannot be metres
+MOVED = 0.02  # [rad, m] least motion that shows the unit of a velocity
+
+Units = dict[str, str | None]  # by joint; None: SI
+
+
+def named_unit(kind: str, column: str, table: Table) -> str | None:
+    """The unit named by the row of units or by the header itself."""
+    return known_unit(kind, table.units.get(column, "")) or unit_in(kind, column)
+
+
+def joint_units(
+    table: Table, robot: Robot, columns: Mapping[str, Mapping[str, str]], values: Mapping[str, np.ndarray],
+    time: np.ndarray, words: list[str],
+) -> dict[str, Units]:  # fmt: skip
+    """The unit of every joint's column, by signal. Velocities in no known unit are left out.
+
+    Args:
+        columns: header by signal and joint. values: by signal (N, n), as written. time: (N,) [s].
+        words: receives what was guessed.
+
+    Raises:
+        BadInput: an angle's unit is named for a joint that slides, or a length's for one that turns.
+    """
+    slides = np.array(robot.slides)
+    named = {signal: _named(table, robot, signal, by) for signal, by in columns.items()}
+    out = {"position": _position_units(values["position"], time, robot, named["position"], words)}
+    position = values["position"] * _factors("position", out["position"], robot)
+    for signal in columns:
+        if signal == "velocity":
+            rates = _velocity_units(values[signal], position, time, robot, named[signal], out["position"], words)
+            if rates is not None:
+                out[signal] = rates
+        elif signal == "acceleration":
+            assumed = {j: _rate_of(out["position"][j], signal, s) for j, s in zip(robot.joints, slides, strict=True)}
+            out[signal] = {joint: named[signal][joint] or assumed[joint] for joint in robot.joints}
+        elif signal != "position":
+            out[signal] = named[signal]
+    return out
+
+
+def units_in_words(signal: str, units: Units, robot: Robot) -> str:
+    """The units of a signal for a message: one for all joints, or one for each."""
+    si = next(iter(UNITS[signal]))
+    each = [units[joint] or si for joint in robot.joints]
+    return each[0] if len(set(each)) == 1 else ", ".join(each)
+
+
+def _named(table: Table, robot: Robot, signal: str, by: Mapping[str, str]) -> Units:
+    """The unit that the file names for each joint; a joint without one has that of the others of its kind."""
+    out = {joint: named_unit(signal, by[joint], table) for joint in robot.joints}
+    length = {"position": ("m", "mm"), "velocity": ("m/s", "mm/s"), "acceleration": ("m/s^2", "mm/s^2")}.get(signal)
+    if length is None:
+        return _shared(out, robot.joints)
+    for joint, slides in zip(robot.joints, robot.slides, strict=True):
+        unit, si = out[joint], next(iter(UNITS[signal]))
+        if slides and unit == si:  # recorders write one unit for all joints: both are SI
+            out[joint] = length[0]
+        elif unit is not None and (unit in length) != slides:
+            expected = ", ".join(u for u in UNITS[signal] if (u in length) == slides)
+            raise BadInput(
+                f"{table.path}: column {by[joint]!r}: the unit is {unit}, but {joint} "
+                f"{'slides' if slides else 'turns'}; expected {expected}"
+            )
+    groups = [[j for j, s in zip(robot.joints, robot.slides, strict=True) if s == kind] for kind in (False, True)]
+    return {joint: unit for group in groups for joint, unit in _shared(out, group).items()}
+
+
+def _shared(units: Units, joints: Sequence[str]) -> Units:
+    """The units of some joints; those without one have the first that is named."""
+    first = next((units[joint] for joint in joints if units[joint] is not None), None)
+    return {joint: units[joint] or first for joint in joints}
+
+
+def _factors(signal: str, units: Units, robot: Robot) -> np.ndarray:
+    """Factors (n,) to SI units."""
+    return np.array([UNITS[signal][units[joint] or next(iter(UNITS[signal]))] for joint in robot.joints])
+
+
+def _rate_of(position: str | None, signal: str, slides: bool) -> str:
+    """The unit of a rate beside positions of a unit."""
+    known = ("m", "mm") if slides else ("rad", "deg")
+    return f"{position if position in known else known[0]}{BY_SIGNAL[signal]}"
+
+
+def _position_units(values: np.ndarray, time: np.ndarray, robot: Robot, named: Units, words: list[str]) -> Units:
+    """Units of the positions: that of angles is one for all, that of lengths is found joint by joint."""
+    turning = [joint for joint, slides in zip(robot.joints, robot.slides, strict=True) if not slides]
+    angles = {named[joint] for joint in turning}
+    out = dict(named)
+    if len(angles) == 1:
+        angle = _angle_unit(values, time, robot, next(iter(angles)), words)
+        out |= dict.fromkeys(turning, angle)
+    for k, joint in enumerate(robot.joints):
+        if robot.slides[k] and out[joint] is None:
+            out[joint] = _length_unit(values[:, k], robot.limits.lower[k], robot.limits.upper[k])
+            if out[joint] == "mm":
+                words.append(f"positions of {joint} are mm (as metres they are far outside the limits): converted")
+    return out
+
+
+def _length_unit(values: np.ndarray, lower: float, upper: float) -> str:
+    """Millimetres for lengths that are far outside a range [m] as metres and fit it as millimetres, else metres."""
+    far = float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
+    reach = float(max(abs(lower), abs(upper)))
+    return "mm" if far > BEYOND * reach and far / 1000 < BEYOND * reach else "m"
+
+
+def _angle_unit(values: np.ndarray, time: np.ndarray, robot: Robot, named: str | None, words: list[str]) -> str:
+    """Unit of the angles: degrees if they, or speeds between samples, are far outside the limits as radians."""
+    good = np.isfinite(values).all(axis=1) & np.isfinite(time[: len(values)])
+    values, time = values[good], time[: len(values)][good]
+    far = degrees_fault(values, robot) is not None
+    if named in (None, "rad") and far:
+        against = ", though the file says rad" if named == "rad" else ""
+        words.append(f"positions are degrees (as radians they are far outside the limits{against}): converted")
+        return "deg"
+    apart = max(1, int(0.1 / max(float(np.median(np.diff(time))), 1e-6))) if len(time) > 20 else len(time)
+    if named is None and len(time) > apart:  # speeds over a tenth of a second
+        rate = np.abs(values[apart:] - values[:-apart]) / np.maximum(time[apart:] - time[:-apart], 1e-9)[:, None]
+        jumps = leaps(time, values, robot)[:, None] - np.arange(apart)  # no speed can be taken over these
+        rate = np.delete(rate, jumps[(jumps >= 0) & (jumps < len(rate))], axis=0)
+        limit = np.where(np.isfinite(robot.limits.velocity), robot.limits.velocity, np.pi)
+        fast = np.percentile(rate, 99, axis=0) > 3 * limit
+        if (fast & ~np.array(robot.slides)).any():
+            words.append("positions are degrees (as radians the joints would be too fast): converted")
+            return "deg"
+    if named == "deg":
+        words.append("positions are degrees: converted")
+    return named or "rad"
+
+
+def _velocity_units(
+    values: np.ndarray, position: np.ndarray, time: np.ndarray, robot: Robot, named: Units, of_position: Units,
+    words: list[str],
+) -> Units | None:  # fmt: skip
+    """Units in which logged velocities (N, n) are the slope of the positions [SI]; None if no unit fits.
+
+    Joints that turn share one unit, and so do joints that slide.
+    """
+    out = dict(named)
+    for kind, units in ((False, ("rad/s", "deg/s", "rpm")), (True, ("m/s", "mm/s"))):
+        group = [k for k, slides in enumerate(robot.slides) if slides == kind]
+        if not group or named[robot.joints[group[0]]] is not None:
+            continue
+        assumed = _rate_of(of_position[robot.joints[group[0]]], "velocity", kind)
+        unit = _slope_unit(values[:, group], position[:, group], time, units, assumed)
+        if unit is None:
+            words.append("velocities are left out: they are not the slope of the positions in any unit known")
+            return None
+        if unit != assumed:
+            words.append(f"velocities are {unit} (by the slope of the positions): converted")
+        out |= dict.fromkeys([robot.joints[k] for k in group], unit)
+    return out
+
+
+def _slope_unit(
+    values: np.ndarray, position: np.ndarray, time: np.ndarray, units: Sequence[str], assumed: str
+) -> str | None:
+    """The unit in which velocities are the slope of the positions; `assumed` if these hardly move, None if none is."""
+    good = np.isfinite(values).all(axis=1) & np.isfinite(position).all(axis=1) & np.isfinite(time[: len(values)])
+    t, q, v = time[: len(values)][good], position[good], values[good]
+    fresh = np.concatenate([[True], np.diff(t) > 0])
+    t, q, v = t[fresh], q[fresh], v[fresh]
+    if len(t) < 20 or np.ptp(q, axis=0).max() < MOVED:
+        return assumed
+    slope = np.gradient(q, t, axis=0)
+    ratio = float(np.sum(v * slope) / max(float(np.sum(slope**2)), 1e-12))
+    match = float(np.sum(v * slope) / np.sqrt(max(float(np.sum(slope**2) * np.sum(v**2)), 1e-30)))
+    fitting = (unit for unit in units if match > 0.6 and abs(ratio * UNITS["velocity"][unit] - 1) < ALIKE)
+    return next(fitting, None)

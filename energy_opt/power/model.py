@@ -251,20 +251,47 @@ def model_from_document(document: dict[str, Any], where: str) -> PowerModel:
     """
     table = parse(ModelTable, document, where)
     model = _model_of(table.robot, table.effect, where)
+    empty = next((k for k, rival in enumerate(table.rival, start=1) if not rival.effect), None)
+    if empty is not None:
+        raise BadInput(f"{where}: [[rival]] {empty}: no effect; expected [[rival.effect]] tables below it")
     rivals = tuple(
         _model_of(table.robot, rival.effect, f"{where}: [[rival]] {k}") for k, rival in enumerate(table.rival, start=1)
     )
     if table.covariance is None:
         return replace(model, uncertainty=Uncertainty((), np.zeros((0, 0)), rivals) if rivals else None)
-    names, size = tuple(table.covariance.names), len(table.covariance.names)
-    for name in set(names) - set(names_of(model)):
-        raise BadInput(f"{where}: [covariance] name {name!r} is not effect.parameter.index of the model")
-    if [len(row) for row in table.covariance.matrix] != [size] * size:
-        raise BadInput(f"{where}: [covariance] matrix is not {size} x {size} numbers, as names says")
-    matrix = np.array(table.covariance.matrix).reshape(size, size)
-    if np.abs(matrix - matrix.T).max(initial=0.0) > 1e-6 * np.abs(matrix).max(initial=1.0):
-        raise BadInput(f"{where}: [covariance] matrix is not symmetric")
-    return replace(model, uncertainty=Uncertainty(names, matrix, rivals))
+    covariance = _covariance(table.covariance, names_of(model), f"{where}: [covariance]")
+    return replace(model, uncertainty=Uncertainty(tuple(table.covariance.names), covariance, rivals))
+
+
+ROUNDED = 1e-3  # errors of correlations in files that are rounded to a few digits
+
+
+def _covariance(table: CovarianceTable, known: Sequence[str], where: str) -> np.ndarray:
+    """The covariance matrix (N, N) of a model's numbers.
+
+    Raises:
+        BadInput: a name is unknown or repeated, or the matrix is no covariance of so many numbers.
+    """
+    names, size = table.names, len(table.names)
+    for name in names:
+        if name not in known:
+            raise BadInput(f"{where} name {name!r} is not effect.parameter.index of the model{suggest(name, known)}")
+        if names.count(name) > 1:
+            raise BadInput(f"{where} name {name!r} is given twice")
+    if [len(row) for row in table.matrix] != [size] * size:
+        raise BadInput(f"{where} matrix is not {size} x {size} numbers, as names says")
+    matrix = np.array(table.matrix).reshape(size, size)
+    variance = np.diag(matrix)
+    for name, value in zip(names, variance, strict=True):
+        if value < 0:
+            raise BadInput(f"{where} the variance of {name} is {value:g}; expected 0 or more")
+    spread = np.sqrt(variance)
+    correlation = matrix / np.where(spread > 0, spread, 1.0) / np.where(spread > 0, spread, 1.0)[:, None]
+    if np.abs(correlation - correlation.T).max(initial=0.0) > ROUNDED:
+        raise BadInput(f"{where} matrix is not symmetric")
+    if np.linalg.eigvalsh(correlation).min(initial=0.0) < -ROUNDED * size:
+        raise BadInput(f"{where} matrix is no covariance: some sum of the numbers would have a negative variance")
+    return matrix
 
 
 def _model_of(robot: str, records: Sequence[EffectTable], where: str) -> PowerModel:

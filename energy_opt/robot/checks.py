@@ -11,7 +11,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.robot.description import MOVING, Description, Pose
+from energy_opt.robot.description import MOTOR, MOVING, Description, Pose
 from energy_opt.robot.kinematics import Link, pose_of
 from energy_opt.robot.limits import Limits, unit_of
 
@@ -38,21 +38,24 @@ def carriers(description: Description, still: Collection[str] = ()) -> dict[str,
 
 
 def unused_values(description: Description, joints: Sequence[str], limits: Limits) -> list[str]:
-    """Remarks on values of the URDF that no plan uses: damping and friction, and soft limits within the limits.
+    """Remarks on values of the URDF that no plan uses: friction, motors, and soft limits within the limits.
 
     Args:
         joints: those that move, in the order of the limits.
     """
-    rubbing, narrower = [], []
+    rubbing, narrower, motors = [], [], []
     for joint, lower, upper in zip(joints, limits.lower, limits.upper, strict=True):
         stated = description.joints[joint].unused
         if stated.get("damping") or stated.get("friction"):
             rubbing.append(joint)
+        if MOTOR.keys() & stated.keys():
+            motors.append(joint)
         low, high = stated.get("soft_lower_limit", -np.inf), stated.get("soft_upper_limit", np.inf)
         if low < high and (low > lower + SLACK or high < upper - SLACK):
             narrower.append(f"{joint} [{low:g}, {high:g}]")
     remarks = {
         "damping and friction of <dynamics> are not used; give --model with friction": rubbing,
+        "reduction and rotor inertia of <transmission> are not used; give --model with armature": motors,
         "soft limits of <safety_controller> are narrower than the limits and are not held; give --limits": narrower,
     }
     return [f"{_few(found)}: {text}" for text, found in remarks.items() if found]
@@ -123,7 +126,8 @@ def check_masses(description: Description, still: Collection[str], links: Sequen
             )
     if odd:
         said.append(f"{_few(odd)}: an impossible inertia with negligible effect; used unchanged")
-    return [*said, *_link_warnings(links)]
+    solid = {on for name, on in carried.items() if on and description.links[name].collisions}
+    return [*said, *_link_warnings(links, solid)]
 
 
 def _inertia_excess(inertia: np.ndarray) -> float:
@@ -134,12 +138,16 @@ def _inertia_excess(inertia: np.ndarray) -> float:
     return float((high - low - middle - NOISE) / max(low + middle, NOISE))
 
 
-def _link_warnings(links: Sequence[Link]) -> list[str]:
-    """Warnings on masses and inertias of whole moving links that no real part has; they are used unchanged."""
+def _link_warnings(links: Sequence[Link], solid: Collection[str]) -> list[str]:
+    """Warnings on masses and inertias of whole moving links that no real part has; they are used unchanged.
+
+    Args:
+        solid: the links with collision bodies, by their joints.
+    """
     out = []
     for k, link in enumerate(links):
         if link.mass <= MASSLESS:
-            if not any(child.parent == k for child in links):
+            if link.name in solid or not any(child.parent == k for child in links):
                 out.append(f"{link.name}: its link has no mass; assumed: massless")
             continue
         largest = float(np.linalg.eigvalsh(link.inertia)[-1])

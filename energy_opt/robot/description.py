@@ -6,7 +6,7 @@ elements and ignore others without a message.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,8 +28,16 @@ HEAVIEST = 1e6  # [kg, kg m^2] largest mass or moment
 LINK, JOINT = ("inertial", "collision", "visual"), ("origin", "parent", "child", "axis", "limit", "mimic")
 INERTIAL, COLLISION, SHAPES = ("origin", "mass", "inertia"), ("origin", "geometry"), (*SIZES, "mesh")
 BOUNDS = ("lower", "upper", "velocity", "effort")
+RATES = ("acceleration", "deceleration", "jerk")  # URDF 1.2 has them, too
 UNUSED = (("dynamics", "damping"), ("dynamics", "friction"), ("safety_controller", "soft_lower_limit"),
           ("safety_controller", "soft_upper_limit"))  # fmt: skip
+# Tags of a transmission, in lower case and without _: reduction and rotor inertia of a joint's motor
+MOTOR = {
+    "mechanicalreduction": 1.0,
+    "gearratio": 1.0,
+    "motorinertia": 0.0,
+    "rotorinertia": 0.0,
+}  # value that adds nothing
 # Tags that are read in one place only: elsewhere they would be ignored
 STRUCTURE = frozenset({"link", "joint", *LINK, *INERTIAL, *COLLISION, *SHAPES, *JOINT} - {"visual"})
 
@@ -83,9 +91,10 @@ class JointPart:
     Attributes:
         kind: one of `KINDS`.
         axis: not yet of unit length.
-        bounds: the stated ones of lower, upper, velocity and effort.
+        bounds: the stated ones of lower, upper, velocity, effort, acceleration, deceleration and jerk.
         mimic: joint that leads, multiplier and offset.
-        unused: what is stated of damping, friction, soft_lower_limit and soft_upper_limit, which no plan uses.
+        unused: what is stated of damping, friction, soft_lower_limit, soft_upper_limit, and of the motor in a
+            <transmission> (see `MOTOR`), which no plan uses.
     """
 
     name: str
@@ -125,6 +134,9 @@ def read_description(path: Path) -> Description:
     refuse_unread(f"{path}", root, ("link", "joint"), None, STRUCTURE - {"mimic"}, within=False)
     links = {name: _link(f"{path}: link {name!r}", name, e) for name, e in _named(path, root, "link")}
     joints = {name: _joint(f"{path}: joint {name!r}", name, e, links) for name, e in _named(path, root, "joint")}
+    for name, motor in _motors(root):
+        if name in joints:
+            joints[name].unused.update(motor)
     for name, joint in joints.items():
         if joint.mimic is not None:
             others = [other for other, its in joints.items() if its.kind != "fixed" and other != name]
@@ -243,13 +255,29 @@ def _joint(where: str, name: str, joint: Element, links: dict[str, LinkPart]) ->
         mimic = law.get("joint", ""), number_in(at, law, "multiplier", 1.0), number_in(at, law, "offset", 0.0)
     unused = {}
     for tag, attribute in UNUSED:
-        with suppress(BadInput):  # missing, or an expression that xacro has left
-            unused[attribute] = number_in(where, joint.find(tag), attribute)
+        for element in joint.findall(tag):
+            with suppress(BadInput):  # missing, or no number
+                unused[attribute] = number_in(where, element, attribute)
     return JointPart(name, kind, ends[0], ends[1], _pose(where, joint), axis, bounds, mimic, unused)
 
 
+def _motors(root: Element) -> Iterator[tuple[str, dict[str, float]]]:
+    """Joint and motor's values (see `MOTOR`) of each <transmission> that states other ones than those of no gear."""
+    for transmission in root.findall("transmission"):
+        found = {}
+        for element in transmission.iter():
+            tag = str(element.tag).rpartition("}")[2].rpartition(":")[2].replace("_", "").lower()
+            with suppress(ValueError):  # no number
+                value = float(element.get("value") or element.text or "") if tag in MOTOR else MOTOR.get(tag)
+                if value is not None and value != MOTOR[tag]:
+                    found[tag] = value
+        for joint in transmission.findall("joint"):
+            if found:
+                yield joint.get("name", ""), found
+
+
 def _bounds(where: str, kind: str, limit: Element | None) -> dict[str, float]:
-    """The attributes of <limit>: lower, upper, velocity, effort.
+    """The attributes of <limit>: lower, upper, velocity, effort, and acceleration, deceleration and jerk if given.
 
     Raises:
         BadInput: the element is missing, has an unknown attribute, or contradicts itself.
@@ -262,13 +290,13 @@ def _bounds(where: str, kind: str, limit: Element | None) -> dict[str, float]:
     for key in limit.attrib:
         # the attribute may be a misspelling of one of these
         absent = [name for name in BOUNDS if name not in limit.attrib]
-        if key not in BOUNDS and absent and (kind != "continuous" or suggest(key, absent)):
+        if key not in (*BOUNDS, *RATES) and absent and (kind != "continuous" or suggest(key, absent)):
             hint = suggest(key, absent) or f"; {', '.join(absent)} missing"
             raise BadInput(f"{at}: attribute {key!r} is not known{hint}")
-    bounds = {name: number_in(at, limit, name) for name in BOUNDS if name in limit.attrib}
+    bounds = {name: number_in(at, limit, name) for name in (*BOUNDS, *RATES) if name in limit.attrib}
     if kind != "continuous" and bounds.get("lower", 0.0) > bounds.get("upper", 0.0):
         raise BadInput(f"{at}: lower={bounds.get('lower', 0.0):g} is above upper={bounds.get('upper', 0.0):g}")
-    for name in ("velocity", "effort"):
+    for name in ("velocity", "effort", *RATES):
         if bounds.get(name, 0.0) < 0:
             raise BadInput(f"{at}: {name}={limit.get(name)} is negative")
     return bounds

@@ -36,7 +36,7 @@ SHARPNESS = 100.0  # [1/s] jerk over acceleration limit if none is known: full a
 SMALLEST = 1e-6  # least usable limit, in SI units
 PLACEHOLDER = 1e4  # a velocity limit of this size or more counts as none
 DOUBTFUL_VELOCITY = 100.0  # [rad/s] a limit from here on causes a warning, but is used
-TURNS = 50.0  # [rad] largest plausible position of a joint without limits: eight turns
+TURNS = 50.0  # [rad, m] largest plausible position of a joint: eight turns
 
 
 @dataclass(frozen=True)
@@ -113,6 +113,11 @@ def with_assumptions(limits: Limits, joints: Sequence[str], slides: Sequence[boo
         if not lower[j] < upper[j]:
             warnings.append(f"{joint}: position limits [{lower[j]:g}, {upper[j]:g}] are empty; assumed: none")
             lower[j], upper[j] = -np.inf, np.inf
+        elif TURNS <= max(abs(lower[j]), abs(upper[j])) < np.inf:
+            unit, other = ("m", "mm") if slides[j] else ("rad", "degrees")
+            warnings.append(
+                f"{joint}: position limits [{lower[j]:g}, {upper[j]:g}] {unit} (are these {other}?); assumed: as stated"
+            )
         if not SMALLEST <= velocity[j] < PLACEHOLDER:
             warnings.append(f"{joint}: velocity limit {velocity[j]:g} {speed}; assumed: {ASSUMED_VELOCITY:.4g} {speed}")
             velocity[j] = ASSUMED_VELOCITY

@@ -18,7 +18,7 @@ from energy_opt.errors import BadInput, suggest
 from energy_opt.files import write_text
 from energy_opt.robot.catalog import CATALOG, DATA, urdf_of
 from energy_opt.robot.checks import believed_efforts, check_masses, doubtful_masses, unused_values
-from energy_opt.robot.description import BOUNDS, Description, read_description, urdf_text
+from energy_opt.robot.description import BOUNDS, RATES, Description, read_description, urdf_text
 from energy_opt.robot.kinematics import Link
 from energy_opt.robot.limits import (
     ASSUMED_VELOCITY,
@@ -239,11 +239,16 @@ def load_robot(
 
 
 def _stated(description: Description, links: Sequence[Link]) -> Limits:
-    """The limits of all joints as the URDF states them (0: not at all); continuous joints have none on position."""
-    stated = [[description.joints[link.name].bounds.get(bound, 0.0) for bound in BOUNDS] for link in links]
-    lower, upper, velocity, effort = np.array(stated).T
+    """The limits of all joints as the URDF states them (0: not at all); continuous joints have none on position.
+
+    Of acceleration and deceleration the smaller one counts; without them and without jerk, the limits are infinite.
+    """
+    stated = [[description.joints[link.name].bounds.get(bound, 0.0) for bound in (*BOUNDS, *RATES)] for link in links]
+    lower, upper, velocity, effort, *rates = np.array(stated).T
+    acceleration, deceleration, jerk = (np.where(rate > 0, rate, np.inf) for rate in rates)
     continuous, free = np.array([link.continuous for link in links]), np.full(len(links), np.inf)
-    return Limits(np.where(continuous, -free, lower), np.where(continuous, free, upper), velocity, free, free, effort)
+    lower, upper = np.where(continuous, -free, lower), np.where(continuous, free, upper)
+    return Limits(lower, upper, velocity, np.minimum(acceleration, deceleration), jerk, effort)
 
 
 def _sources(steps: Sequence[Limits]) -> dict[str, tuple[str, ...]]:

@@ -193,6 +193,7 @@ COVARIANCE = (
     '[[effect]]\nname = "standby"\npower = 1\n[[effect]]\nname = "copper_loss"\nr_over_kt2 = 0.004\n'
     "[covariance]\nnames = {names}\nmatrix = {matrix}\n"
 )
+TWO = '["standby.power.0", "copper_loss.r_over_kt2.0"]'
 
 
 @pytest.mark.parametrize(
@@ -227,6 +228,17 @@ COVARIANCE = (
             + COVARIANCE.format(names='["standby.power.0", "copper_loss.r_over_kt2.0"]', matrix="[[1, 2], [3, 4]]"),
             "matrix is not symmetric",
         ),
+        (HEAD + COVARIANCE.format(names=TWO, matrix="[[1.0, 2.0], [2.0, 1.0]]"), "is no covariance"),
+        (
+            HEAD + COVARIANCE.format(names=TWO, matrix="[[-1, 0], [0, 1]]"),
+            r"variance of standby.power.0 is -1; expected 0",
+        ),
+        (HEAD + COVARIANCE.format(names=TWO, matrix="[[1.0, 0.0], [1e-4, 1e-8]]"), "matrix is not symmetric"),
+        (
+            HEAD + COVARIANCE.format(names='["standby.power.0", "standby.power.0"]', matrix="[[1, 0], [0, 1]]"),
+            "'standby.power.0' is given twice",
+        ),
+        (HEAD + "[[rival]]\n", r"\[\[rival\]\] 1: no effect"),
         (HEAD + '[[rival]]\n[[rival.effect]]\nname = "warp"\n', r"\[\[rival\]\] 1: \[\[effect\]\] 1: .*'warp'"),
         (HEAD + "[[effect]\n", "not valid TOML"),
     ],

@@ -10,6 +10,8 @@ from test_description import ball, chain
 from two_joints import two_joints
 
 from energy_opt.cli.main import main
+from energy_opt.errors import BadInput
+from energy_opt.robot import load_robot
 
 
 def checked(path: Path, capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, list[str], list[str]]:
@@ -101,3 +103,72 @@ def test_values_of_the_urdf_that_no_plan_uses_are_named(tmp_path: Path, capsys: 
     limits = tmp_path / "limits.yaml"
     limits.write_text("joint_limits: {first: {max_position: 1.5}}")
     assert len([remark for remark in checked(path, capsys, "--limits", str(limits))[2] if "<" in remark]) == 1
+
+
+def test_friction_in_a_second_dynamics_element_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = Path(two_joints(tmp_path))
+    twice = '<dynamics damping="0"/><dynamics friction="3"/></joint>'
+    path.write_text(path.read_text().replace("</joint>", twice, 1))
+    assert (
+        "first: damping and friction of <dynamics> are not used; give --model with friction" in checked(path, capsys)[2]
+    )
+
+
+@pytest.mark.parametrize(
+    ("motor", "named"),
+    [
+        ("<mechanicalReduction>100</mechanicalReduction>", True),
+        ("<mechanicalReduction>1</mechanicalReduction>", False),
+        ("<mechanical_reduction>-101</mechanical_reduction>", True),
+        ("<motorInertia>1e-4</motorInertia>", True),
+        ('<d:rotor_inertia xmlns:d="https://drake.mit.edu" value="2e-5"/>', True),
+        ("<mechanicalReduction></mechanicalReduction>", False),
+    ],
+)
+def test_a_transmission_that_no_plan_uses_is_named(tmp_path, capsys, motor: str, named: bool) -> None:
+    path = Path(two_joints(tmp_path))
+    text = f'<transmission name="t"><joint name="first"/><actuator name="m">{motor}</actuator></transmission></robot>'
+    path.write_text(path.read_text().replace("</robot>", text))
+    said = "first: reduction and rotor inertia of <transmission> are not used; give --model with armature"
+    assert (said in checked(path, capsys)[2]) == named
+
+
+def test_a_solid_link_without_mass_between_others_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = Path(two_joints(tmp_path)).read_text()
+    first, _, rest = text.partition('<link name="one">')
+    solid = '<collision><geometry><sphere radius="0.05"/></geometry></collision></link>'
+    path = tmp_path / "massless.urdf"
+    path.write_text(f'{first}<link name="one">{solid}{rest.partition("</link>")[2]}')
+    assert "first: its link has no mass; assumed: massless" in checked(path, capsys)[2]
+
+
+@pytest.mark.parametrize(
+    ("kind", "bounds", "says"),
+    [
+        (
+            "revolute",
+            ("-143", "143"),
+            "first: position limits [-143, 143] rad (are these degrees?); assumed: as stated",
+        ),
+        ("prismatic", ("-300", "0"), "first: position limits [-300, 0] m (are these mm?); assumed: as stated"),
+        ("revolute", ("-6.4", "6.4"), None),
+    ],
+)
+def test_limits_of_position_in_another_unit_are_named(tmp_path, capsys, kind, bounds, says) -> None:
+    path = Path(two_joints(tmp_path))
+    text = path.read_text().replace('type="revolute"', f'type="{kind}"', 1)
+    path.write_text(text.replace('lower="-1" upper="2"', 'lower="{}" upper="{}"'.format(*bounds)))
+    said = [remark for remark in checked(path, capsys)[2] if "position limits" in remark]
+    assert said == ([] if says is None else [says])
+
+
+def test_acceleration_and_jerk_of_a_newer_urdf_are_limits(tmp_path: Path) -> None:
+    path = Path(two_joints(tmp_path))
+    text = path.read_text().replace('velocity="2"', 'velocity="2" acceleration="3" deceleration="2.5" jerk="40"')
+    path.write_text(text)
+    robot = load_robot(path)
+    assert (robot.limits.acceleration[0], robot.limits.jerk[0]) == (2.5, 40)
+    assert (robot.sources["acceleration"], robot.sources["jerk"]) == (("urdf", "assumed"),) * 2
+    path.write_text(text.replace('jerk="40"', 'jerk="-40"'))
+    with pytest.raises(BadInput, match="jerk=-40 is negative"):
+        load_robot(path)

@@ -10,7 +10,7 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.measured.columns import ByHand, given_names, understood
-from energy_opt.measured.joint_units import joint_units, named_unit, units_in_words
+from energy_opt.measured.joint_units import joint_units, named_unit, units_in_words, without_foreign
 from energy_opt.measured.joints import stamp_factor
 from energy_opt.measured.names import (
     UNITS,
@@ -140,6 +140,7 @@ def guess_joints(table: Table, robot: Robot, hand: ByHand) -> Guess:
             _guess_meter(table, out, hand)
         return out
     _guess_meter(table, out, hand)
+    without_foreign(found, table, out.words)
     table.load([*(c for by in found.values() for c in by.values())])
     raw = {s: np.column_stack([table.column(by[j]) for j in robot.joints])[:LOOKED_AT] for s, by in found.items()}
     units = joint_units(table, robot, found, raw, time, out.words)

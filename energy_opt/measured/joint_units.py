@@ -5,18 +5,20 @@ Every joint has a unit of its own: an arm may turn in degrees and slide in milli
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.measured.names import BY_SIGNAL, UNITS, known_unit, unit_in
+from energy_opt.measured.names import BY_SIGNAL, UNITS, cut, known_unit, unit_in
 from energy_opt.measured.plausible import degrees_fault, leaps
 from energy_opt.measured.table import Table
 from energy_opt.robot import Robot
 
 ALIKE = 0.25  # relative deviation up to which a measured ratio identifies a unit
 BEYOND = 3.0  # multiple of a sliding joint's range from which its positions cannot be metres
+RELATIVE = ("%", "percent", "°f", "degf", "k", "v", "mv")  # units of joints' signals that are not converted
 MOVED = 0.02  # [rad, m] least motion that shows the unit of a velocity
 
 Units = dict[str, str | None]  # by joint; None: SI
@@ -25,6 +27,32 @@ Units = dict[str, str | None]  # by joint; None: SI
 def named_unit(kind: str, column: str, table: Table) -> str | None:
     """The unit named by the row of units or by the header itself."""
     return known_unit(kind, table.units.get(column, "")) or unit_in(kind, column)
+
+
+def without_foreign(columns: dict[str, dict[str, str]], table: Table, words: list[str]) -> None:
+    """Take signals out of `columns` whose unit is no unit of theirs; torques in amperes become currents.
+
+    Args:
+        columns: header by signal and joint. words: receives what was left out.
+    """
+    for signal in [name for name in columns if name != "position"]:
+        units = [_foreign(signal, column, table) for column in columns[signal].values()]
+        if None in units:  # a single letter may be a joint's name
+            continue
+        by = columns.pop(signal)
+        if signal == "effort" and known_unit("current", str(units[0])) and "current" not in columns:
+            columns["current"] = by
+            words.append(f"{signal} in {units[0]}: taken for currents")
+        else:
+            words.append(f"{signal} left out: {units[0]} is no unit of it that is known")
+
+
+def _foreign(signal: str, column: str, table: Table) -> str | None:
+    """The unit of a column if it is none of the signal's."""
+    share = re.search(r"[\[(]\s*(%|percent)\s*[\])]\s*$", column)
+    unit = table.units.get(column, "").strip("[](){} ") or cut(column).unit or (share.group(1) if share else "")
+    others = any(known_unit(kind, unit) for kind in UNITS) or unit.lower() in RELATIVE
+    return unit if others and known_unit(signal, unit) is None else None
 
 
 def joint_units(

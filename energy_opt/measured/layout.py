@@ -116,6 +116,18 @@ MARKS = (
     (codecs.BOM_UTF16_LE, "utf-16"),
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
+PACKED = {  # first bytes of files that are no text
+    b"\x1f\x8b": "compressed by gzip; unpack it first",
+    b"PK\x03\x04": "a ZIP archive or an Excel file; unpack it, or save the sheet as CSV",
+    b"\xd0\xcf\x11\xe0": "an old Excel file; save the sheet as CSV",
+    b"\x89MCAP": "a bag; `energy-opt import` makes tables of it",
+    b"SQLite format 3": "a bag or a database; `energy-opt import` makes tables of a bag",
+    b"BZh": "compressed by bzip2; unpack it first",
+    b"\xfd7zXZ": "compressed by xz; unpack it first",
+    b"PAR1": "a Parquet file; write its table as CSV first",
+    b"\x89HDF": "an HDF5 or MATLAB file; write its tables as CSV first",
+    b"MATLAB 5.0": "a MATLAB file; write its tables as CSV first",
+}
 UNIT_WORD = re.compile(
     r"[\[(<{]?\s*(|-|1|s|sec|seconds?|ms|us|µs|μs|ns|min|h|rad|deg|degrees?|°|rev|turns?|m|mm|"
     r"(rad|deg|°|rev|m|mm)\s*[/.]?\s*(s|sec|min)(\^?-?[12]|²|⁻¹|⁻²)?|rpm|1/min|[mµk]?N\W?m|N|[mk]?A|[mk]?V|[mkM]?W|"
@@ -194,6 +206,9 @@ def _content(path: Path) -> tuple[Any, int]:
     except OSError as error:
         raise BadInput(f"{path}: {error.strerror}") from None
     start = bytes(content[:256])
+    packed = next((what for mark, what in PACKED.items() if start.startswith(mark)), None)
+    if packed is not None:
+        raise BadInput(f"{path}: not a table of text: {packed}")
     code = next((name for mark, name in MARKS if start.startswith(mark)), None)
     if code is None and len(start) >= 8:  # UTF-16 without a mark has a NUL in every second byte of ASCII text
         even, odd = start[::2].count(0), start[1::2].count(0)

@@ -85,7 +85,7 @@ COMMANDED = _words(
 STRANGE = _words(  # a header with one of these words is no joint's signal
     "tcp cartesian tool pose wrench force ext external hat output register registers bit bits mode digital analog "
     "voltage volt voltages limit limits max min seq covariance contact collision name names accelerometer gripper "
-    "finger momentum factor fraction scaling time stamp"
+    "finger momentum factor fraction scaling time stamp percent pct counts ticks increments"
 )
 MEASURED = _words("actual measured state states act ist real feedback fb meas joint")
 TIME = ("time", "timestamp", "stamp", "t", "zeit", "datetime", "date", "clock", "elapsed", "secs", "seconds")

@@ -164,6 +164,7 @@ def inspect_set(
     for run in runs:
         faults += _plausible(run, robot, str(log.path.parent / run.file.partition("#")[0]))
     faults += _constant(runs, log)
+    remarks += _torque_remarks(runs, robot)
     if not faults and not any(len(run.power) for run in runs):
         remarks.append("no run has a reading of power: nothing but currents and torques can be identified")
     return faults, remarks
@@ -202,6 +203,36 @@ def _plausible(run: Run, robot: Robot, where: str) -> list[str]:
                     f"(its own spread is {spread:.3g}); are unit and joint right?"
                 )
     return faults
+
+
+LOADED = 2.0  # [N m, N] least spread of the torque of gravity that shows the unit of logged torques
+ALIKE = 0.8  # least correlation of logged torques with those of gravity
+TIMES = 3.0  # multiple from which neither a payload nor wrong masses explain a torque
+LOOKED_AT = 500  # samples used of a run
+
+
+def _torque_remarks(runs: Sequence[Run], robot: Robot) -> list[str]:
+    """A remark on logged torques that go with those of gravity, but have another sign or several times the size."""
+    logged, held = [], []
+    for run in runs:
+        if run.effort is not None:
+            at = slice(None, None, max(1, len(run.time) // LOOKED_AT))
+            q = run.position[at]
+            logged.append(run.effort[at])
+            held.append(robot.body.torque(q, np.zeros_like(q), np.zeros_like(q)))
+    if not logged:
+        return []
+    x, y = np.vstack(held), np.vstack(logged)
+    x, y = x - x.mean(axis=0), y - y.mean(axis=0)
+    found = []
+    for j, joint in enumerate(robot.joints):
+        spread, own, shared = np.mean(x[:, j] ** 2), np.mean(y[:, j] ** 2), np.mean(x[:, j] * y[:, j])
+        if spread > LOADED**2 and shared**2 > ALIKE**2 * spread * own:
+            times = shared / spread
+            if not 1 / TIMES < times < TIMES:
+                found.append(f"{joint} {times:.3g}")
+    said = f"logged torques are these multiples of the torque of gravity: {', '.join(found)}; are unit and sign right?"
+    return [said] if found else []
 
 
 def _constant(runs: Sequence[Run], log: LogFile) -> list[str]:

@@ -31,13 +31,8 @@ BOUNDS = ("lower", "upper", "velocity", "effort")
 RATES = ("acceleration", "deceleration", "jerk")  # URDF 1.2 has them, too
 UNUSED = (("dynamics", "damping"), ("dynamics", "friction"), ("safety_controller", "soft_lower_limit"),
           ("safety_controller", "soft_upper_limit"))  # fmt: skip
-# Tags of a transmission, in lower case and without _: reduction and rotor inertia of a joint's motor
-MOTOR = {
-    "mechanicalreduction": 1.0,
-    "gearratio": 1.0,
-    "motorinertia": 0.0,
-    "rotorinertia": 0.0,
-}  # value that adds nothing
+# Reduction and rotor inertia in a <transmission>: tag in lower case and without _, and the value that adds nothing
+MOTOR = {"mechanicalreduction": 1.0, "gearratio": 1.0, "motorinertia": 0.0, "rotorinertia": 0.0}
 # Tags that are read in one place only: elsewhere they would be ignored
 STRUCTURE = frozenset({"link", "joint", *LINK, *INERTIAL, *COLLISION, *SHAPES, *JOINT} - {"visual"})
 

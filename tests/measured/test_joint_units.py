@@ -84,3 +84,32 @@ def test_an_angles_unit_on_a_joint_that_slides_is_refused(scara, tmp_path):
     path = put(tmp_path / "a.csv", lines(header, [t, q, p]))
     with pytest.raises(BadInput, match=re.escape("the unit is deg, but z slides; expected m, mm")):
         import_files([path], tmp_path / "set", scara)
+
+
+@pytest.mark.parametrize(
+    ("signal", "read"),
+    [
+        ("effort [A]", "current"),
+        ("effort (mA)", "current"),
+        ("effort [%]", None),
+        ("torque_percent", None),
+        ("effort [mN m]", "effort"),
+        ("effort", "effort"),
+    ],
+)
+def test_torques_in_another_unit_are_not_taken_for_newton_metres(scara, tmp_path, signal, read):
+    t, q, v, p = motion()
+    torque = 3 * q + v
+    factor = 1000.0 if signal.endswith(("(mA)", "[mN m]")) else 1.0
+    header = ",".join([*(f"{joint}.position" for joint in JOINTS), *(f"{joint} {signal}" for joint in JOINTS)])
+    path = put(tmp_path / "a.csv", lines(f"time,{header},power", [t, q, torque * factor, p]))
+    made = import_files([path], tmp_path / "set", scara)
+    (run,) = read_set(tmp_path / "set").runs
+    for name in ("effort", "current"):
+        values = getattr(run, name)
+        assert (values is not None) == (name == read)
+        if values is not None:
+            np.testing.assert_allclose(values, torque, atol=1e-5)
+    assert any("effort" in word and ("taken for currents" in word or "left out" in word) for word in made.words) == (
+        "[%]" in signal or read == "current"
+    )

@@ -10,7 +10,7 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.front.desk import Desk
-from energy_opt.front.given import DEFAULT, carried, model_from, several
+from energy_opt.front.given import DEFAULT, carried, model_from, of_another_robot, several
 from energy_opt.motion import Result
 from energy_opt.motion.judge.energy import COARSER, Scorer
 from energy_opt.motion.plan.rivals import SAME, Rival, record_of
@@ -159,8 +159,8 @@ def rivals_of(request: Any, robot: Robot, desk: Desk) -> tuple[list[Rival], Kind
     if request.base is not None:
         rivals = [replace(rival, model=rival.model.standing(*request.base[3:5])) for rival in rivals]
     for rival in rivals:
-        if rival.model.robot not in ("", robot.name):
-            desk.say(f"warning: {rival.name}: a model of {rival.model.robot}, used for {robot.name}")
+        if said := of_another_robot(rival.name, rival.model, robot):
+            desk.say(said)
     return rivals, kind
 
 

@@ -14,7 +14,7 @@ from energy_opt.files import read_toml, to_json
 from energy_opt.folders import take_folder, written_whole
 from energy_opt.formats import read_trajectory
 from energy_opt.front.desk import Desk, verb
-from energy_opt.front.given import cell_of, model_from, payload_document, payload_from, robot_of
+from energy_opt.front.given import cell_of, model_from, of_another_robot, payload_document, payload_from, robot_of
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power.variants import of_joints
 from energy_opt.requests.verbs import SimulateRequest
@@ -75,6 +75,8 @@ def run(request: SimulateRequest, desk: Desk) -> Simulation:
         plant = replace(plant, model=plant.model.replaced(payload_from(request.payload)))
     named = None if request.robot is not None else robot_named(plant.model.robot, file.parent, request.allow_outside)
     robot = robot_of(request, named)
+    if said := of_another_robot(str(request.plant), plant.model, robot):
+        desk.say(said)
     plant = replace(plant, model=of_joints(plant.model, robot))
     declared = None if request.model is None else model_from(request.model, robot)
     same = {name: getattr(request, name) for name in ("rate", "meter_rate", "noise", "jitter", "rest")}

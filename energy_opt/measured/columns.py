@@ -12,12 +12,13 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from energy_opt.errors import BadInput, suggest
-from energy_opt.measured.names import UNITS, joint_columns, known_unit, power_column
+from energy_opt.measured.names import UNITS, joint_columns, known_unit, power_column, unit_in
 from energy_opt.measured.run import JOINT_SIGNALS
 from energy_opt.measured.table import Table
 from energy_opt.robot import Robot
 
 WHOLE = ("time", "power", "energy", "power.time")  # quantities that belong to no joint
+ARM_POWER = (5.0, 20_000.0)  # [W] range of the mean power of an arm with its controller
 LOGGED = "signal"  # signal.<name>: further recorded signals, digital (0 and 1) or numbers
 
 
@@ -25,7 +26,7 @@ LOGGED = "signal"  # signal.<name>: further recorded signals, digital (0 and 1) 
 class Rule:
     """A quantity is the product of some columns, times a factor to SI units.
 
-    A factor of None means SI units, unless the file's row of units names another.
+    A factor of None means SI units, unless the file's row of units or the header names another.
     """
 
     columns: tuple[str, ...]
@@ -44,16 +45,19 @@ def kind_of(quantity: str) -> str:
 
 
 def factor_of(quantity: str, rule: Rule, table: Table) -> float:
-    """Factor to SI units: from the log, else from the file's row of units, else 1.
+    """Factor to SI units: from the log, else from the file's row of units or the headers, else 1.
 
     Args:
-        quantity: as log.toml names it. rule: its columns. table: the file.
+        quantity: as log.toml names it. rule: its columns; several are voltage and current. table: the file.
     """
     if rule.factor is not None:
         return rule.factor
-    kind = kind_of(quantity)
-    unit = known_unit(kind, table.units.get(rule.columns[0], "")) if len(rule.columns) == 1 else None
-    return UNITS[kind][unit] if unit else 1.0
+    kinds = (kind_of(quantity),) if len(rule.columns) == 1 else ("voltage", "current")
+    out = 1.0
+    for column in rule.columns:
+        found = ((kind, known_unit(kind, table.units.get(column, "")) or unit_in(kind, column)) for kind in kinds)
+        out *= next((UNITS[kind][unit] for kind, unit in found if unit is not None), 1.0)
+    return out
 
 
 def rule_from(quantity: str, value: Any, where: str) -> Rule:

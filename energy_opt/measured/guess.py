@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.measured.columns import ByHand, given_names, understood
+from energy_opt.measured.columns import ARM_POWER, ByHand, given_names, understood
 from energy_opt.measured.joint_units import joint_units, named_unit, units_in_words, without_foreign
 from energy_opt.measured.joints import stamp_factor
 from energy_opt.measured.names import (
@@ -31,7 +31,6 @@ from energy_opt.power.known import by_name
 from energy_opt.robot import Robot, known_robots
 
 LOOKED_AT = 20_000  # lines used for guesses
-ARM_POWER = (5.0, 20_000.0)  # [W] range of the mean power of an arm with its controller
 TIME_UNITS = {1e-3: "ms", 1e-6: "us", 1e-9: "ns"}
 
 

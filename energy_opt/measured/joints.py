@@ -240,6 +240,7 @@ def read_joints(table: Table, rules: Mapping[str, Rule], robot: Robot, kind: str
     Raises:
         BadInput: no column is named for a joint's position.
     """
+    _check_columns_differ(table, rules, robot)
     table.load(named_columns(rules, table))
     time = quantity(table, "time", rules["time"])
     signals = {}
@@ -282,6 +283,19 @@ def read_joints(table: Table, rules: Mapping[str, Rule], robot: Robot, kind: str
         table.faults.append(f"{table.path}: row {row}, column {joint}: {fault[2]}")
         return None
     return found
+
+
+def _check_columns_differ(table: Table, rules: Mapping[str, Rule], robot: Robot) -> None:
+    """Add a fault where two joints have the same column of positions."""
+    by: dict[tuple[str, ...], str] = {}
+    for joint in robot.joints:
+        rule = rules.get(f"{joint}.position")
+        other = by.setdefault(rule.columns, joint) if rule is not None else joint
+        if rule is not None and other != joint:
+            table.faults.append(
+                f"{table.path}: column {rule.columns[0]} is read as the position of {other} and of {joint}; expected "
+                "a column for each joint"
+            )
 
 
 def _per_joint(table: Table, robot: Robot, rules: Mapping[str, Rule], signal: str) -> np.ndarray | None:

@@ -35,7 +35,7 @@ class RunEntry(Table):
     start: Number | None = None
     power_file: Text | None = None
     power_start: Number | None = None
-    energy: Number | None = None
+    energy: Annotated[Number, Field(gt=0)] | None = None
 
     @model_validator(mode="after")
     def _one_source_of_power(self) -> RunEntry:

@@ -28,6 +28,7 @@ UNITS: dict[str, dict[str, float]] = {
     "acceleration": {"rad/s^2": 1.0, "deg/s^2": math.pi / 180, "m/s^2": 1.0, "mm/s^2": 1e-3},
     "effort": {"N m": 1.0, "Nm": 1.0, "mN m": 1e-3, "N": 1.0},
     "current": {"A": 1.0, "mA": 1e-3},
+    "voltage": {"V": 1.0, "mV": 1e-3, "kV": 1e3},
     "temperature": {"degC": 1.0},
     "power": {"W": 1.0, "mW": 1e-3, "kW": 1e3},
     "energy": {"J": 1.0, "kJ": 1e3, "MJ": 1e6, "Ws": 1.0, "mWh": 3.6, "Wh": 3600.0, "kWh": 3.6e6},

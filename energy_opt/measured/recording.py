@@ -310,6 +310,12 @@ def _one_clock(
     keep = (stamps - window >= time[0] - slack) & (stamps <= time[-1] + 1e-9)
     if readings.kind == "total":
         keep[:] = True
+    span = float(time[-1] - time[0])
+    if len(window) and not keep.any() and float(window.min()) > span:
+        out.faults.append(
+            f"{log.path}: [meter] window = {window.min():g} s, but {entry.file} lasts {span:.3g} s; is the window in s?"
+        )
+        return None, status
     return replace(readings, time=stamps, window=window).subset(keep), status
 
 

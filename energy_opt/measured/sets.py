@@ -11,7 +11,7 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.measured.clock import shows_means
-from energy_opt.measured.columns import LOGGED, PAYLOAD
+from energy_opt.measured.columns import ARM_POWER, LOGGED, PAYLOAD
 from energy_opt.measured.differentiate import choose_smoothing, coarse, kinematics
 from energy_opt.measured.log import LogFile, read_log
 from energy_opt.measured.recording import Recording, read_recording
@@ -164,7 +164,7 @@ def inspect_set(
     for run in runs:
         faults += _plausible(run, robot, str(log.path.parent / run.file.partition("#")[0]))
     faults += _constant(runs, log)
-    remarks += _torque_remarks(runs, robot)
+    remarks += _torque_remarks(runs, robot) + _power_remarks(runs)
     if not faults and not any(len(run.power) for run in runs):
         remarks.append("no run has a reading of power: nothing but currents and torques can be identified")
     return faults, remarks
@@ -203,6 +203,16 @@ def _plausible(run: Run, robot: Robot, where: str) -> list[str]:
                     f"(its own spread is {spread:.3g}); are unit and joint right?"
                 )
     return faults
+
+
+def _power_remarks(runs: Sequence[Run]) -> list[str]:
+    """A remark on a mean power that no arm has."""
+    power = np.concatenate([run.power for run in runs]) if runs else np.zeros(0)
+    low, high = ARM_POWER
+    if not len(power) or low <= float(power.mean()) <= high:
+        return []
+    return [f"the mean power is {power.mean():.3g} W; arms with their controllers take {low:g} to {high:g} W; is the "
+            "unit right?"]  # fmt: skip
 
 
 LOADED = 2.0  # [N m, N] least spread of the torque of gravity that shows the unit of logged torques

@@ -184,3 +184,11 @@ def test_levels_of_power_at_rest_are_found_in_a_log_and_shown(tmp_path, capsys):
     assert "power at rest: 70" in said.out + said.err
     sheet = json.loads((tmp_path / "sheet" / "passport.json").read_text())
     assert [round(m["power"]) for m in sheet["arms"][0]["modes"]] == [70, 31, 12]
+
+
+@pytest.mark.parametrize(("robot", "warned"), [("ur10", True), ("ur5", False)])
+def test_a_model_of_another_robot_is_named(tmp_path, capsys, robot, warned):
+    model().save(tmp_path / "mine.toml")
+    assert main(["passport", str(tmp_path / "mine.toml"), "--robot", robot, "--out", str(tmp_path / "out")]) == 0
+    shown = capsys.readouterr()
+    assert ("warning: mine: a model of ur5, used for ur10" in shown.out + shown.err) == warned

@@ -128,12 +128,15 @@ def test_simulate_command(move: Path, tmp_path: Path, capsys: pytest.CaptureFixt
     assert load_model(out / "declared.toml").to_document() == base_model("z1").to_document()
 
 
-def test_a_set_of_an_arm_from_a_file_can_be_read(move: Path, tmp_path: Path) -> None:
+def test_a_set_of_an_arm_from_a_file_can_be_read(
+    move: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     plant, urdf = tmp_path / "plant.toml", tmp_path / "mine.urdf"
     base_model("z1").save(plant)
     urdf.write_bytes(arm("z1").urdf.read_bytes())
     words = (str(move), "--plant", str(plant), "--self-collision", "off", "--out", str(tmp_path / "set"))
     assert main(["simulate", *words, "--robot", str(urdf), "--lock", "jointGripper=0"]) == 0
+    assert "a model of z1, used for mine" in capsys.readouterr().err
     log = read_log(tmp_path / "set")
     seen = read_set(tmp_path / "set", robot_of(log, None, {"jointGripper": 0.0}))
     assert seen.robot.urdf == tmp_path / "set" / "mine.urdf" and seen.robot.joints == arm("z1").joints[:6]

@@ -9,7 +9,7 @@ import numpy as np
 
 from energy_opt.diagnosis.candidates import candidates
 from energy_opt.diagnosis.evidence import Subset, noise_of
-from energy_opt.diagnosis.fit import Fit, columns_of, fit, linearised
+from energy_opt.diagnosis.fit import Fit, Free, columns_of, fit, linearised
 from energy_opt.diagnosis.hypothesis import Chart
 from energy_opt.diagnosis.noise import Noise
 from energy_opt.diagnosis.search import FREE_ODDS, Search, buildable, moved, root
@@ -22,7 +22,6 @@ RIVAL = 3.0  # log odds within which another set explains the data equally well:
 TURNS = 3
 SURE = 2.0  # standard deviations added to a time constant to get the longest plausible one
 LAGS = 1.5  # a meter lag is claimed only above this multiple of the time uncertainty `Samples.lag`
-AS_LINKS = ("payload", "base_tilt", "gravity_spring")  # effects that deviations of the links' inertia can imitate
 MOST = 6  # most alternatives that are fitted
 LIKE = 0.1  # largest share of an effect's squares that a free function of the same signal may fail to represent
 TRIFLE = 0.02  # share of the explained squares up to which free functions are ignored
@@ -265,17 +264,22 @@ def alternatives(found: Search, accepted: Fit, reach: float) -> tuple[Fit, ...]:
 
 
 def instead_of_links(found: Search, start: Fit) -> list[Fit]:
-    """Fits of single effects that are as likely as deviating links, e.g. a payload in place of a heavier link."""
+    """Fits with one effect that are as likely as deviating links alone, the likeliest first.
+
+    A payload may act like a heavier link, and the loss of a supply like links that are all too light.
+    """
     bank = found.bank(start)
     here = found.whole(bank)
-    value = bank.weigh(here).value
-    out: dict[str, Fit] = {}
+    value, out = bank.weigh(here).value, {}
     for k, b in enumerate(bank.blocks):
-        if b.name in AS_LINKS and k not in here and bank.weigh(here | {k}).value > value - RIVAL:
-            new = found.refit(bank, here | {k})
+        option = here | {k}
+        if k in here or isinstance(b.source, Free) or not buildable(bank, option):
+            continue
+        if bank.weigh(option).value > value - RIVAL:
+            new = found.refit(bank, option)
             if found.score(new) > found.score(start) - RIVAL:
-                out.setdefault(b.name, new)
-    return list(out.values())
+                out[new.names] = new
+    return sorted(out.values(), key=found.score, reverse=True)[:MOST]
 
 
 def widened(f: Fit) -> Fit:

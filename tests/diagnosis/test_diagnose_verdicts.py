@@ -316,6 +316,7 @@ def test_a_payload_picked_up_in_mid_run_is_found_where_its_moment_is_uncertain(t
         (World("z1", 220002, (0.03, 0.05), "ar1", "payload"), {"payload"}),
         (World("panda", 220004, (0.03, 0.05), "ar1", "armature"), {"armature"}),
         (World("xarm7", 220007, (0.03, 0.05), "ar1", "supply_efficiency"), {"supply_efficiency"}),
+        (World("xarm7", 520050, (0.03, 0.05), "ar1", "psu_loss"), {"psu_loss"}),  # or links that are all too light
     ],
 )
 def test_laws_that_resemble_each_other_are_alternatives(tmp_path, world, true):

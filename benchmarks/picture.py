@@ -17,6 +17,7 @@ import energy_opt as eo
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.reports import plots
+from energy_opt.reports.charts import Line
 from energy_opt.reports.motion import drawn
 from energy_opt.robot.kinematics import Kinematics
 
@@ -40,7 +41,7 @@ def main(path: str) -> None:
     for name, trajectory in (("reshaped", result.trajectory), ("slowed evenly", slowed.trajectory)):
         times = np.linspace(0, trajectory.duration, INSTANTS)
         strips[name] = times, triangles_at(cell, trajectory.sample(times)[0])
-        power.append(plots.Curve(name, trajectory.time, trajectory.power))
+        power.append(Line(name, trajectory.time, trajectory.power))
     plots.save(film(strips, power=power), Path(path))
 
 
@@ -59,7 +60,7 @@ def triangles_at(cell: Cell, q: np.ndarray) -> list[np.ndarray]:
 def film(
     strips: Mapping[str, tuple[np.ndarray, Sequence[np.ndarray]]],
     *,
-    power: Sequence[plots.Curve] = (),
+    power: Sequence[Line] = (),
     view: tuple[float, float] = (-50.0, 22.0),
     title: str = "",
 ) -> Figure:
@@ -95,7 +96,9 @@ def film(
             if column == 0:
                 axes.text(0.0, 1.0, name, transform=axes.transAxes, fontsize=10, va="top")
     if power:
-        plots.curves(plots.labelled(figure.add_subplot(grid[rows, :]), "time [s]", "power [W]"), power)
+        axes = plots.labelled(figure.add_subplot(grid[rows, :]), "time [s]", "power [W]")
+        plots.lines(axes, power, {})
+        axes.legend(fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
     figure.subplots_adjust(
         left=0.08, right=0.86 if power else 0.98, top=0.93 if title else 0.98, bottom=0.12 if power else 0.02
     )

@@ -11,7 +11,8 @@ import numpy as np
 from energy_opt.batches.records import IDENTITY, Row
 from energy_opt.batches.summary import grouped
 from energy_opt.power.per_year import per_year_words
-from energy_opt.reports.page import Chart, Report
+from energy_opt.reports.charts import Chart
+from energy_opt.reports.page import Report
 
 NAMED = IDENTITY[1:]  # the suite is in the title
 HEADS = {

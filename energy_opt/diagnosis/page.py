@@ -13,7 +13,8 @@ from energy_opt.diagnosis.findings import Result
 from energy_opt.diagnosis.joint_side import STILL, JointSide
 from energy_opt.diagnosis.predict import friction_torque, predict
 from energy_opt.power.variants import draws_of
-from energy_opt.reports.page import Chart, Line, Report
+from energy_opt.reports.charts import Chart, Line
+from energy_opt.reports.page import Report
 from energy_opt.robot import Robot
 from energy_opt.robot.limits import sliding
 

@@ -12,7 +12,7 @@ import numpy as np
 from energy_opt import formats
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.load import own_body
-from energy_opt.files import replacing, write_json
+from energy_opt.files import write_json
 from energy_opt.folders import written_whole
 from energy_opt.formats.output import Written, unchanged
 from energy_opt.front.desk import Answered
@@ -122,34 +122,11 @@ def put(result: Result, robot: Robot, document: Mapping[str, Any], out: Path, ce
         form.write(result.trajectory, path)
         own.append(unchanged(path, form, result.trajectory, result.certificate).document())
     document = {**document, "written": [*own, *result.written]}
-    _picture_and_report(result, robot, document, out, cell or own_body(robot))
-    write_json(out / "result.json", document)
-
-
-def _picture_and_report(
-    result: Result, robot: Robot, document: Mapping[str, Any], out: Path, cell: Cell | None
-) -> None:
-    """Write plot.png and report.html; both show the evenly slowed move beside the result."""
-    from energy_opt.reports import plots  # slow to import
-
-    t, scaled = result.trajectory, result.baseline("scaled")
-    assert t.effort is not None and t.power is not None
-    curve, names = None, {"result": result.energy.by_effect}
-    if scaled is not None and scaled.trajectory.power is not None:
-        curve = plots.Curve("scaled", scaled.trajectory.time, scaled.trajectory.power)
-        names["scaled"] = scaled.energy.by_effect
-    shown = {name: {k: v for k, v in energy.items() if k != "standby"} for name, energy in names.items()}
-    figure = plots.plot_move(
-        t.time, t.velocity, t.effort, t.power, joints=t.joints, velocity_limit=robot.limits.velocity,
-        effort_limit=robot.limits.effort, baseline=curve, by_effect=shown,
-        title=f"{result.robot}, {result.mode}, {t.duration:.3f} s",
-    )  # fmt: skip
-    picture = plots.png(figure)
-    with replacing(out / "plot.png") as aside:
-        aside.write_bytes(picture)
     motions = {b.name: b.trajectory for b in result.baselines}
-    bodies, scene = drawn(cell)
-    page(document, t, motions, robot, bodies, scene, _lost(result, robot, document)).write(out / "report.html")
+    bodies, scene = drawn(cell or own_body(robot))
+    lost = _lost(result, robot, document)
+    page(document, result.trajectory, motions, robot, bodies, scene, lost).write(out / "report.html", out / "plot.png")
+    write_json(out / "result.json", document)
 
 
 def _lost(result: Result, robot: Robot, document: Mapping[str, Any]) -> dict[str, dict[str, np.ndarray]]:

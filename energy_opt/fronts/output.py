@@ -117,44 +117,9 @@ def write(out: Path, front: Front, found: dict[str, Any], robot: Robot, cell: Ce
         for name, point in (("minimum", front.minimum), ("cycle_minimum", front.cycle_minimum)):
             if point is not None and point.trajectory is not None:
                 rows.write(point.trajectory, aside / f"trajectory_{name}.csv")
-        _plot(aside / "plot.png", front)
-        page(found, motions, robot, *drawn(cell or own_body(robot))).write(aside / "report.html")
+        report = page(found, motions, robot, *drawn(cell or own_body(robot)))
+        report.write(aside / "report.html", aside / "plot.png")
         write_json(aside / "tradeoff.json", found)
-
-
-def _plot(path: Path, front: Front) -> None:
-    """Energy split into standby, holding, loss and stored, with the optima; over the cycle if there is one."""
-    from energy_opt.reports import plots
-
-    cyclic = front.cycle_minimum is not None
-    shown = [p for p in front.points if p.energy is not None and (p.waiting is not None or not cyclic)]
-    if not shown:
-        return
-    loss, stored, standby = (
-        np.array([getattr(p.energy, part) for p in shown], dtype=float) for part in ("loss", "stored", "standby")
-    )
-    waiting = [p.waiting for p in shown if p.waiting is not None]
-    holding = np.array([w.holding for w in waiting]) if cyclic else np.zeros(len(shown))
-    if cyclic:
-        standby = standby + np.array([w.standby for w in waiting])
-    parts = {"stored": stored, "loss": loss, "holding": holding, "standby": standby}
-    if not cyclic:
-        del parts["holding"]
-    marks = {}
-    for name, point in (("free optimum", front.minimum), ("cycle optimum", front.cycle_minimum)):
-        if point is not None and point.energy is not None and (not cyclic or point.waiting is not None):
-            energy = point.cycle_total if cyclic else point.total
-            marks[f"{name}: {point.duration:.3g} s, {energy:.4g} J"] = (point.duration, energy)
-    infeasible = [p.duration for p in front.points if p.status == "infeasible"]
-    figure = plots.plot_tradeoff(
-        np.array([p.duration for p in shown]),
-        parts,
-        marks,
-        fastest=None if front.fastest is None else front.fastest.duration,
-        infeasible=infeasible,
-        title="energy over the cycle" if cyclic else "energy of the move",
-    )
-    plots.save(figure, path)
 
 
 def text(front: Front, found: Mapping[str, Any], out: Path) -> str:

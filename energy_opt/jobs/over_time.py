@@ -19,8 +19,9 @@ from energy_opt.jobs.posed import Posed
 from energy_opt.jobs.run import Answered, JobResult, Known, run_job
 from energy_opt.motion.move import Settings
 from energy_opt.power import PowerModel
+from energy_opt.reports.charts import Chart, Line
 from energy_opt.reports.optimize import assumed
-from energy_opt.reports.page import Chart, Line, Report
+from energy_opt.reports.page import Report
 from energy_opt.reports.words import yearly
 
 COUNT = 10  # default number of cycle times
@@ -158,29 +159,13 @@ PLAIN = ("evenly_slowed", "fastest_then_wait")
 
 def write(out: Path, found: Mapping[str, Any]) -> None:
     """Write tradeoff.csv, plot.png, report.html and, last, tradeoff.json."""
-    from energy_opt.reports import plots
-
-    shown = [row for row in found["points"] if row["energy_total"] is not None]
     with written_whole(out, "tradeoff.json") as aside:
         write_text(aside / "tradeoff.csv", table(found))
-        if shown:
-            time = np.array([row["duration"] for row in shown])
-            parts = {name: np.array([row[f"energy_{name}"] for row in shown]) for name in ("loss", "standby")}
-            figure = plots.plot_tradeoff(
-                time, parts, _marks(found), fastest=found["fastest"], title="energy of the job over its cycle time",
-                infeasible=[row["duration"] for row in found["points"] if row["status"] == "infeasible"],
-            )  # fmt: skip
-            plots.save(figure, aside / "plot.png")
-        page(found, shown).write(aside / "report.html")
+        page(found).write(aside / "report.html", aside / "plot.png")
         write_json(aside / "tradeoff.json", found)
 
 
-def _marks(found: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
-    knee = found["knee"]
-    return {} if knee is None else {"knee": (knee["duration"], knee["energy_total"])}
-
-
-def page(found: Mapping[str, Any], shown: list[dict[str, Any]]) -> Report:
+def page(found: Mapping[str, Any]) -> Report:
     """The report."""
     report = Report(f"{found['robot']}: energy of a job over its cycle time")
     knee = found["knee"]
@@ -188,7 +173,9 @@ def page(found: Mapping[str, Any], shown: list[dict[str, Any]]) -> Report:
         report.headline(f"Knee at a cycle of {knee['duration']:.4g} s: {knee['energy_total']:.5g} J.")
     if worth := yearly(found):
         report.numbers(worth)
+    shown = [row for row in found["points"] if row["energy_total"] is not None]
     time = np.array([row["duration"] for row in shown])
+    marks = {} if knee is None else {"knee": (knee["duration"], knee["energy_total"])}
 
     def line(name: str, column: str, style: str) -> Line:
         return Line(name, time, np.array([row.get(column) for row in shown], dtype=float), style)
@@ -196,9 +183,12 @@ def page(found: Mapping[str, Any], shown: list[dict[str, Any]]) -> Report:
     lines = [line("this plan", "energy_total", "dots")]
     lines += [line(name.replace("_", " "), name, "dash") for name in PLAIN if any(row.get(name) for row in shown)]
     report.charts(
-        Chart("Energy of the cycle", "cycle time [s]", "energy [J]", lines, marks=_marks(found)),
+        Chart(
+            "Energy of the cycle", "cycle time [s]", "energy [J]", lines, marks=marks,
+            edges={"fastest": found["fastest"]}, pictured=True,
+        ),
         Chart("Standby left out", "cycle time [s]", "energy [J]", [line("this plan", "energy_loss", "dots")]),
-    )
+    )  # fmt: skip
     report.table(
         ["cycle [s]", "energy [J]", "standby [J]", "evenly slowed [J]", "fastest then wait [J]", "status", "reason"],
         [

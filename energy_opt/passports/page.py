@@ -9,7 +9,8 @@ import numpy as np
 
 from energy_opt.passports.changes import Change
 from energy_opt.passports.sources import Arm, Number, friction, loss
-from energy_opt.reports.page import Chart, Line, Report, shown
+from energy_opt.reports.charts import Chart, Line
+from energy_opt.reports.page import Report, shown
 from energy_opt.reports.plots import loss_maps, png
 
 POINTS = 41  # points of a curve

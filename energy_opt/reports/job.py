@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from energy_opt.reports.charts import Block, Chart, Line
 from energy_opt.reports.motion import Motion, Played, Solid, player
 from energy_opt.reports.optimize import assumed, motion_charts
-from energy_opt.reports.page import Block, Chart, Line, Report
+from energy_opt.reports.page import Report
 from energy_opt.reports.words import yearly
 from energy_opt.robot import Robot
 

@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull
 from energy_opt.cell.bodies import Body
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.solids import LARGE, Piece
-from energy_opt.reports.page import rounded
+from energy_opt.reports.charts import rounded
 from energy_opt.robot import Link, Robot
 from energy_opt.robot.kinematics import Kinematics
 

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from energy_opt.power.assumptions import Assumption, grouped
+from energy_opt.reports.charts import Chart, Line
 from energy_opt.reports.motion import Closest, Motion, Played, Solid, player
-from energy_opt.reports.page import Chart, Line, Report
+from energy_opt.reports.page import Report
 from energy_opt.reports.words import clearance_words, energy_records, goals_words, input_words, limits_words, yearly
 from energy_opt.robot import Robot
 
@@ -147,6 +148,7 @@ def motion_charts(result: Motion, beside: Mapping[str, Motion], robot: Robot) ->
                 _joints(robot, t, np.where(has, values / np.where(has, bound, 1.0), np.nan)),
                 {"limit": 1.0, "-limit": -1.0},
                 timed=True,
+                pictured=name != "acceleration",
             )
         )
     power = [
@@ -154,7 +156,7 @@ def motion_charts(result: Motion, beside: Mapping[str, Motion], robot: Robot) ->
         for name, m in {**beside, "result": result}.items()
         if m.power is not None
     ]
-    charts.append(Chart("Electrical power", "time [s]", "power [W]", power, timed=True))
+    charts.append(Chart("Electrical power", "time [s]", "power [W]", power, timed=True, pictured=True))
     return charts
 
 
@@ -204,7 +206,7 @@ def _energy(report: Report, document: Mapping[str, Any]) -> None:
     compared = {name: energy["by_effect"] for name, _, energy, _ in columns if name in ("result", BESIDE)}
     bars = {name: {k: v for k, v in parts.items() if k != "standby"} for name, parts in compared.items()}
     report.section("Energy")
-    report.charts(Chart("Energy by effect, standby left out", "energy [J]", "", bars=bars))
+    report.charts(Chart("Energy by effect, standby left out", "energy [J]", "", bars=bars, pictured=True))
     records = energy_records([(d, e) for _, d, e, _ in columns], "{} [J]", "of the total: {} [J]")
     records.append(["valid: all checked limits are kept", *(valid for _, _, _, valid in columns)])
     report.table(["", *(name for name, _, _, _ in columns)], records)

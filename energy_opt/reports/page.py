@@ -15,7 +15,6 @@ import math
 import re
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -24,6 +23,7 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.files import write_text
+from energy_opt.reports.charts import Chart
 
 LEVEL = 5  # gzip level: 6 takes a third longer and saves 0.7 % of a page
 ASSETS = Path(__file__).parent / "assets"
@@ -98,7 +98,7 @@ class Report:
     def __init__(self, title: str) -> None:
         self.title = title
         self._parts: list[str] = []
-        self._charts: list[dict[str, Any]] = []
+        self._charts: list[Chart] = []
         self._player: dict[str, Any] | None = None
 
     def section(self, title: str) -> Report:
@@ -170,7 +170,7 @@ class Report:
                 f'<figure class="chart" data-chart="{len(self._charts)}"><figcaption>{html.escape(chart.title)}'
                 "</figcaption></figure>"
             )
-            self._charts.append(chart.data())
+            self._charts.append(chart)
         return self._add(f'<div class="charts">{"".join(places)}</div>') if drawn else self
 
     def player(self, motion: Mapping[str, Any] | None) -> Report:
@@ -195,7 +195,7 @@ class Report:
         """Packed data and libraries, and the page's own script; empty if there is nothing to draw."""
         if not self._charts and self._player is None:
             return ""
-        data = json.dumps({"charts": self._charts, "player": self._player}, allow_nan=False)
+        data = json.dumps({"charts": [chart.data() for chart in self._charts], "player": self._player}, allow_nan=False)
         held = {"data": packed(data)}
         if self._charts:
             held["plotly"] = plotly()
@@ -205,118 +205,19 @@ class Report:
         own = [asset(name) for name in ("charts.js", "player.js", "page.js")]
         return "\n".join([*parts, *(f"<script>\n{text}</script>" for text in own)]) + "\n"
 
-    def write(self, path: Path) -> None:
-        """Write the document, whole or not at all."""
+    def write(self, path: Path, plot: Path | None = None) -> None:
+        """Write the document, whole or not at all.
+
+        Args:
+            plot: the file of a PNG with the charts that are `pictured`, if there are any; None: none is written.
+        """
         write_text(path, self.html())
+        pictured = [chart for chart in self._charts if chart.pictured]
+        if plot is not None and pictured:
+            from energy_opt.reports import plots  # slow to import
+
+            plots.save(plots.draw(pictured, self.title), plot)
 
     def _add(self, part: str) -> Report:
         self._parts.append(part)
         return self
-
-
-MOST_POINTS = 1500  # most points of one line: more than a screen has columns; a page stays small and quick
-
-
-@dataclass(frozen=True)
-class Line:
-    """A named line or cloud of points: x and y, both (N,).
-
-    Attributes:
-        style: "line", "dash", "dots" (a line with its points), "points" or "faint" (thin and grey, behind the others).
-        role: lines of one role share a colour on every plot of a page ("result", "scaled", "measured", a joint's name).
-        low, high: (N,) edges of a band around it, if any.
-    """
-
-    name: str
-    x: np.ndarray
-    y: np.ndarray
-    style: str = "line"
-    role: str = ""
-    low: np.ndarray | None = None
-    high: np.ndarray | None = None
-
-
-@dataclass(frozen=True)
-class Block:
-    """A bar along a chart's time: its lane, its name, start and duration [s], and its kind, which has a colour."""
-
-    lane: str
-    name: str
-    start: float
-    duration: float
-    kind: str
-
-
-@dataclass(frozen=True)
-class Chart:
-    """One pair of axes.
-
-    Attributes:
-        x, y: labels with units.
-        lines: drawn in this order.
-        levels: horizontal lines, value by name, for bounds.
-        timed: x is the motion's time [s]: its cursor follows the moving arm, and the arm follows it.
-        marks: single points (x, y) by name.
-        bars: instead of lines, by group the value of each label.
-        stacked: bars of one label stand on each other instead of side by side.
-        spread: instead of lines, by name the values (N,) whose spread is shown; each is a point.
-        blocks: instead of lines, bars along the time in lanes, as of a Gantt chart.
-        waterfall: instead of lines, values by name: the first one, what each next one changes, and what is left.
-    """
-
-    title: str
-    x: str
-    y: str
-    lines: Sequence[Line] = ()
-    levels: Mapping[str, float] = field(default_factory=dict)
-    timed: bool = False
-    marks: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    bars: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    stacked: bool = False
-    spread: Mapping[str, np.ndarray] = field(default_factory=dict)
-    blocks: Sequence[Block] = ()
-    waterfall: Sequence[tuple[str, float]] = ()
-
-    @property
-    def empty(self) -> bool:
-        """True if there is nothing to draw."""
-        others = any(self.bars.values()) or self.spread or self.blocks or self.waterfall
-        return not (any(len(line.x) for line in self.lines) or others)
-
-    def data(self) -> dict[str, Any]:
-        """Data for the page's script."""
-        levels = {name: value for name, value in self.levels.items() if np.isfinite(value)}
-        own = {"levels": levels, "lines": list(map(_line, self.lines)), "blocks": list(map(asdict, self.blocks))}
-        return dict(rounded({**vars(self), **own}))
-
-
-def _line(line: Line) -> dict[str, Any]:
-    """A line for the page's script, thinned to MOST_POINTS."""
-    keep = thinned(len(line.x))
-    out: dict[str, Any] = {"name": line.name, "style": line.style, "role": line.role or line.name}
-    for name in ("x", "y", "low", "high"):
-        values = getattr(line, name)
-        if values is not None:
-            out[name] = np.asarray(values, dtype=float)[keep]
-    return out
-
-
-def thinned(count: int, most: int = MOST_POINTS) -> np.ndarray:
-    """Indices (K,) of at most `most` of `count` points, the first and the last among them."""
-    if count <= most:
-        return np.arange(count)
-    return np.unique(np.linspace(0, count - 1, most).round().astype(int))
-
-
-def rounded(value: Any, digits: int = 6) -> Any:
-    """A value for a page's script: numbers at any depth with six significant digits, more than a plot shows.
-
-    A number that is not finite becomes None.
-    """
-    if isinstance(value, Mapping):
-        return {key: rounded(item, digits) for key, item in value.items()}
-    if isinstance(value, (list, tuple, np.ndarray)):
-        return [rounded(item, digits) for item in value]
-    if value is None or isinstance(value, (str, bool)):
-        return value
-    return float(f"{value:.{digits}g}") if math.isfinite(value) else None

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,19 +14,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from energy_opt.files import replacing
+from energy_opt.reports.charts import Chart, Line
 
 DPI = 110
 COLOURS = ("#1f5fa8", "#d1691c", "#2e8b57", "#8a3ea8", "#b03030", "#6b6b6b", "#c2a000", "#008b9a", "#e377a2", "#5a3d1e")
 GREY = "#7a7a7a"
-
-
-@dataclass(frozen=True)
-class Curve:
-    """A named curve: x and y, both (N,)."""
-
-    name: str
-    x: np.ndarray
-    y: np.ndarray
 
 
 def new_figure(down: int, columns: int, *, width: float = 10.0, height: float = 3.2) -> tuple[Figure, np.ndarray]:
@@ -74,31 +65,60 @@ def labelled(axes: Axes, x: str, y: str, title: str = "") -> Axes:
     return axes
 
 
-def curves(axes: Axes, lines: Sequence[Curve], *, legend: bool = True) -> None:
-    """Draw curves in the order of `COLOURS`."""
-    for k, line in enumerate(lines):
-        axes.plot(line.x, line.y, color=COLOURS[k % len(COLOURS)], linewidth=1.4, label=line.name)
-    if legend and lines:
-        legend_beside(axes, 7)
+STYLES = {"dash": "--", "dots": "o-", "points": "o"}  # matplotlib's formats of a chart's lines; others are plain
+MARKS = "*D^v"  # symbols of marked points, in turn
 
 
-def legend_beside(axes: Axes, size: int = 8) -> None:
-    """The legend to the right of the axes, where it covers nothing."""
-    axes.legend(fontsize=size, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
+def draw(charts: Sequence[Chart], title: str = "") -> Figure:
+    """Charts as one figure, two side by side; a role has one colour in all of them."""
+    columns = min(len(charts), 2)
+    down = -(-len(charts) // columns)
+    figure, grid = new_figure(down, columns, width=5.0 + 2.5 * columns, height=4.4 if down == 1 else 3.2)
+    for axes in grid.ravel()[len(charts) :]:
+        axes.set_visible(False)
+    colours: dict[str, str] = {}
+    known: set[frozenset[str]] = set()  # names of the legends that are there already
+    for axes, chart in reversed(list(zip(grid.ravel(), charts, strict=False))):
+        labelled(axes, chart.x, chart.y, chart.title)
+        lines(axes, chart.lines, colours)
+        bars(axes, chart.bars, colours)
+        for value in chart.levels.values():
+            axes.axhline(value, color=GREY, linestyle="--", linewidth=0.8)
+        for name, value in chart.edges.items():
+            axes.axvline(value, color=GREY, linestyle="--", linewidth=0.9, label=name)
+        for k, (name, (x, y)) in enumerate(chart.marks.items()):
+            axes.plot([x], [y], MARKS[k % len(MARKS)], color=COLOURS[(k + 5) % len(COLOURS)], markersize=10, label=name)
+        names = frozenset(axes.get_legend_handles_labels()[1])
+        if len(names) > 1 and names not in known:
+            axes.legend(fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)  # it covers nothing
+            known.add(names)
+    if title:
+        figure.suptitle(title, fontsize=11)
+    return figure
 
 
-def bars(axes: Axes, groups: Mapping[str, Mapping[str, float]]) -> None:
-    """Horizontal bars: one group of bars per label, one bar in it per name of `groups`."""
+def lines(axes: Axes, given: Sequence[Line], colours: dict[str, str]) -> None:
+    """Draw lines; `colours` has the colour of each role, and gets those of new ones."""
+    for line in given:
+        colour = colours.setdefault(line.role or line.name, COLOURS[len(colours) % len(COLOURS)])
+        axes.plot(
+            line.x, line.y, STYLES.get(line.style, "-"), color=colour, linewidth=1.4, markersize=3, label=line.name
+        )
+
+
+def bars(axes: Axes, groups: Mapping[str, Mapping[str, float]], colours: dict[str, str]) -> None:
+    """Draw horizontal bars: a group of bars per label, in it a bar per name of `groups`; `colours` as of `lines`."""
+    if not groups:
+        return
     labels = list(dict.fromkeys(label for values in groups.values() for label in values))
-    height = 0.8 / max(len(groups), 1)
+    height = 0.8 / len(groups)
     for k, (name, values) in enumerate(groups.items()):
         at = np.arange(len(labels)) + (k - (len(groups) - 1) / 2) * height
-        axes.barh(at, [values.get(x, 0.0) for x in labels], height, color=COLOURS[k % len(COLOURS)], label=name)
+        colour = colours.setdefault(name, COLOURS[len(colours) % len(COLOURS)])
+        axes.barh(at, [values.get(x, 0.0) for x in labels], height, color=colour, label=name)
     axes.set_yticks(np.arange(len(labels)), labels, fontsize=8)
     axes.invert_yaxis()
     axes.axvline(0.0, color=GREY, linewidth=0.8)
-    if len(groups) > 1:
-        legend_beside(axes, 7)
 
 
 def loss_maps(maps: Mapping[str, tuple[np.ndarray, np.ndarray, np.ndarray]]) -> Figure:
@@ -132,84 +152,4 @@ def plot_placements(
         axes.plot(*path[-1], "*", color=COLOURS[4], markersize=15, label="answer")
     axes.set_aspect("equal", adjustable="datalim")
     axes.legend(fontsize=8)
-    return figure
-
-
-def _fractions(
-    axes: Axes, time: np.ndarray, values: np.ndarray, bounds: np.ndarray, joints: Sequence[str], legend: bool = True
-) -> None:
-    """Values (N, n) as fractions of their bounds (n,); joints without a bound are left out."""
-    bounded = [j for j in range(len(joints)) if np.isfinite(bounds[j])]
-    curves(axes, [Curve(joints[j], time, values[:, j] / bounds[j]) for j in bounded], legend=legend)
-    for side in (-1.0, 1.0):
-        axes.axhline(side, color=GREY, linestyle="--", linewidth=0.8)
-
-
-def plot_move(
-    time: np.ndarray,
-    velocity: np.ndarray,
-    effort: np.ndarray,
-    power: np.ndarray,
-    *,
-    joints: Sequence[str],
-    velocity_limit: np.ndarray,
-    effort_limit: np.ndarray,
-    baseline: Curve | None = None,
-    by_effect: Mapping[str, Mapping[str, float]] | None = None,
-    title: str = "",
-) -> Figure:
-    """One move: velocity and torque against their limits, power against the baseline's, energy by effect.
-
-    Args:
-        time: (N,) s; velocity, effort: (N, n) rad/s, N m; power: (N,) W.
-        velocity_limit, effort_limit: (n,), inf where there is none.
-        baseline: power over time of the move to compare with.
-        by_effect: energy by effect [J] of each move that is compared, by the move's name.
-    """
-    figure, axes = new_figure(2, 2)
-    alike = bool((np.isfinite(velocity_limit) == np.isfinite(effort_limit)).all())  # one legend is enough for both
-    speed = labelled(axes[0, 0], "time [s]", "velocity / limit")
-    _fractions(speed, time, velocity, velocity_limit, joints, legend=not alike)
-    _fractions(labelled(axes[0, 1], "time [s]", "torque / limit"), time, effort, effort_limit, joints)
-    lines = [Curve("result", time, power)] + ([baseline] if baseline is not None else [])
-    groups = by_effect or {}
-    # the bars show the same names and colours
-    curves(labelled(axes[1, 0], "time [s]", "power [W]"), lines, legend=len(groups) < 2)
-    bars(labelled(axes[1, 1], "energy [J]", ""), groups)
-    if title:
-        figure.suptitle(title, fontsize=11)
-    return figure
-
-
-def plot_tradeoff(
-    duration: np.ndarray,
-    parts: Mapping[str, np.ndarray],
-    marks: Mapping[str, tuple[float, float]],
-    *,
-    fastest: float | None = None,
-    infeasible: Sequence[float] = (),
-    title: str = "",
-) -> Figure:
-    """Energy against duration, split into parts that are stacked, with marked optima.
-
-    Args: duration: (N,) s, rising; points without an answer are left out by the caller. parts: energy (N,) [J] by name,
-    stacked in this order; the first may be negative, the others are then stacked on it,
-            so that the top is always the total.
-        marks: named points (duration [s], energy [J]).
-        fastest: shortest feasible duration, s; infeasible: durations marked as such.
-    """
-    figure, grid = new_figure(1, 1, width=8.0, height=4.6)
-    axes = labelled(grid[0, 0], "duration [s]", "energy [J]", title)
-    below = np.zeros(len(duration))
-    for k, (name, value) in enumerate(parts.items()):
-        axes.fill_between(duration, below, below + value, color=COLOURS[k % len(COLOURS)], alpha=0.35, label=name)
-        below = below + value
-    axes.plot(duration, below, "o-", color="black", markersize=3, label="total")
-    if len(infeasible):
-        axes.plot(infeasible, np.zeros(len(infeasible)), "x", color=COLOURS[4], label="infeasible")
-    for k, (name, (x, y)) in enumerate(marks.items()):
-        axes.plot([x], [y], "*D^v"[k % 4], color=COLOURS[(k + 5) % len(COLOURS)], markersize=10, label=name)
-    if fastest is not None:
-        axes.axvline(fastest, color=GREY, linestyle="--", linewidth=0.9, label="fastest")
-    legend_beside(axes)
     return figure

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from energy_opt.reports.charts import Chart, Line
 from energy_opt.reports.motion import Motion, Played, Solid, player
 from energy_opt.reports.optimize import assumed
-from energy_opt.reports.page import Chart, Line, Report
+from energy_opt.reports.page import Report
 from energy_opt.reports.words import yearly
 from energy_opt.robot import Robot
 
@@ -43,7 +44,8 @@ def page(
     ]
     marks = {} if best is None else {"least energy": (best["duration"], best["energy_total"])}
     cycle = document.get("cycle")
-    charts = [Chart("Energy of the move", "duration [s]", "energy [J]", lines, marks=marks)]
+    edges = {} if document["fastest"] is None else {"fastest": document["fastest"]}
+    charts = [Chart("Energy of the move", "duration [s]", "energy [J]", lines, marks=marks, edges=edges, pictured=True)]
     charts.append(Chart("Loss: the part that can be changed", "duration [s]", "energy [J]", lines[2:3]))
     if cycle is not None:
         inside = [p for p in points if p.get("cycle")]
@@ -57,6 +59,7 @@ def page(
                 "energy [J]",
                 [Line("cycle", at, over, "dots")],
                 marks={} if least is None else {"least over the cycle": (least["duration"], least["energy_total"])},
+                pictured=True,
             )
         )
     report.charts(*charts)

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.reports.page import Block, Chart, Line, Report
+from energy_opt.reports.charts import Block, Chart, Line
+from energy_opt.reports.page import Report
 
 
 def gantt(robots: Sequence[Mapping[str, Any]], cycle: float) -> list[Block]:

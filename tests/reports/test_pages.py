@@ -14,8 +14,9 @@ import pytest
 from browser import CHROMIUM, Browser
 
 from energy_opt.cli.main import example, main
+from energy_opt.reports.charts import MOST_POINTS, Block, Chart, Line
 from energy_opt.reports.motion import Closest, Played, Solid, player
-from energy_opt.reports.page import MOST_POINTS, Block, Chart, Line, Report
+from energy_opt.reports.page import Report
 from energy_opt.robot import Robot
 
 LARGEST = 6e6  # [byte] of a page

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import html.parser
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgba
 
 from energy_opt.reports import plots
+from energy_opt.reports.charts import Chart, Line
 from energy_opt.reports.page import Report, shown
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -59,39 +62,37 @@ def test_shown(value: object, text: str) -> None:
     assert shown(value) == text
 
 
-def test_move_figure_shows_what_it_is_given(tmp_path: Path) -> None:
+def test_figure_shows_the_charts_of_a_page(tmp_path: Path) -> None:
     t = np.linspace(0, 2, 50)
-    velocity = np.column_stack([np.sin(t), np.cos(t)])
-    figure = plots.plot_move(
-        t,
-        velocity,
-        3 * velocity,
-        100 + velocity[:, 0],
-        joints=["a", "b"],
-        velocity_limit=np.array([2.0, 4.0]),
-        effort_limit=np.array([6.0, np.inf]),
-        baseline=plots.Curve("scaled", t, 110 + 0 * t),
-        by_effect={
-            "result": {"standby": 176.0, "copper_loss": 12.0},
-            "scaled": {"standby": 176.0, "copper_loss": 20.0},
-        },
-    )
+    bounds = {"limit": 1.0, "-limit": -1.0}
+    powers = [Line("scaled", t, 110 + 0 * t), Line("result", t, 100 + np.sin(t), "dash")]
+    energies = {"result": {"standby": 176.0, "copper_loss": 12.0}, "scaled": {"standby": 176.0, "copper_loss": 20.0}}
+    shares = [Line("a", t, np.sin(t)), Line("b", t, np.cos(t) / 4)]
+    charts = [
+        Chart("Velocity", "time [s]", "velocity / limit [1]", shares, bounds),
+        Chart("Torque", "time [s]", "torque / limit [1]", [Line("a", t, np.sin(t) / 2)], bounds),
+        Chart("Power", "time [s]", "power [W]", powers, marks={"peak": (1.5, 101.0)}, edges={"fastest": 0.5}),
+        Chart("Energy by effect", "energy [J]", "", bars=energies),
+    ]  # fmt: skip
+    figure = plots.draw(charts, "a move")
     speed, torque, power, energy = figure.axes
     np.testing.assert_allclose(speed.lines[1].get_ydata(), np.cos(t) / 4)
-    assert [line.get_label() for line in torque.lines if not line.get_label().startswith("_")] == [
-        "a"
-    ]  # b has no limit
-    assert [line.get_label() for line in power.lines] == ["result", "scaled"]
+    assert [line.get_ydata()[0] for line in torque.lines[1:]] == [1.0, -1.0]
+    assert [line.get_label() for line in power.lines] == ["scaled", "result", "fastest", "peak"]
     assert sorted(bar.get_width() for bar in energy.patches) == [12.0, 20.0, 176.0, 176.0]
+    bar = next(bar for bar in energy.patches if bar.get_width() == 12.0)
+    assert to_rgba(power.lines[1].get_color()) == bar.get_facecolor()  # of the result in both
     plots.save(figure, tmp_path / "plot.png")
     assert (tmp_path / "plot.png").read_bytes().startswith(PNG)
 
 
-def test_tradeoff_figure_adds_its_parts_up() -> None:
-    duration = np.linspace(1, 4, 7)
-    parts = {"standby": 88 * duration, "loss": 40 / duration**3, "stored": np.full(7, -5.0)}
-    figure = plots.plot_tradeoff(duration, parts, {"minimum energy": (1.2, 130.0)}, fastest=1.0)
-    lines = {line.get_label(): line for line in figure.axes[0].lines}
-    np.testing.assert_allclose(lines["total"].get_ydata(), parts["standby"] + parts["loss"] - 5)
-    assert set(lines) == {"total", "minimum energy", "fastest"}
-    assert plots.png(figure).startswith(PNG)
+def test_a_page_writes_the_charts_that_are_pictured(tmp_path: Path) -> None:
+    t = np.linspace(0, 2, 5)
+    plain = Chart("Power", "time [s]", "power [W]", [Line("result", t, t)])
+    report = Report("A move").charts(plain)
+    report.write(tmp_path / "report.html", tmp_path / "plot.png")
+    assert not (tmp_path / "plot.png").exists()
+    report.charts(replace(plain, pictured=True)).write(tmp_path / "report.html")
+    assert not (tmp_path / "plot.png").exists()
+    report.write(tmp_path / "report.html", tmp_path / "plot.png")
+    assert (tmp_path / "plot.png").read_bytes().startswith(PNG)

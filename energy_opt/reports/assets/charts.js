@@ -110,6 +110,10 @@ function layoutOf(chart, width) {
     shapes.push({ type: "line", xref: "paper", x0: 0, x1: 1, y0: value, y1: value, line: { color: styleOf("--dim"), width: 1, dash: "dash" } });
     annotations.push({ xref: "paper", x: 1, y: value, text: name, showarrow: false, xanchor: "right", yanchor: "bottom", font: { size: 10 } });
   }
+  for (const [name, value] of Object.entries(chart.edges)) {
+    shapes.push({ type: "line", yref: "paper", y0: 0, y1: 1, x0: value, x1: value, line: { color: styleOf("--dim"), width: 1, dash: "dash" } });
+    annotations.push({ yref: "paper", y: 1, x: value, text: name, showarrow: false, xanchor: "left", yanchor: "bottom", font: { size: 10 } });
+  }
   if (chart.timed && chart.closest !== null) {
     shapes.push({ type: "line", yref: "paper", y0: 0, y1: 1, x0: chart.closest, x1: chart.closest, line: { color: styleOf("--near"), width: 1, dash: "dot" } });
   }

@@ -6,7 +6,7 @@ Every file is read back and judged.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -32,6 +32,7 @@ class Written:
         rate: samples per second, None for samples of their own.
         valid: True if its motion keeps all limits and touches nothing; worst: the limit that it uses most. text: line
             for the console on its content and sampling.
+        about: further entries of its record, such as its robot.
     """
 
     file: str
@@ -40,10 +41,12 @@ class Written:
     valid: bool
     worst: dict[str, object]
     text: str = ""
+    about: Mapping[str, object] = field(default_factory=dict)
 
     def document(self) -> dict[str, object]:
         """As it is in result.json."""
-        return {name: getattr(self, name) for name in ("file", "format", "rate", "valid", "worst")}
+        own = {name: getattr(self, name) for name in ("file", "format", "rate", "valid", "worst")}
+        return {**self.about, **own}
 
     @property
     def broken(self) -> str:

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 from typing import Any
 
 from energy_opt.errors import BadInput, Infeasible
-from energy_opt.folders import written_whole
-from energy_opt.formats import Format
-from energy_opt.formats.output import Files, Shares, Written
+from energy_opt.formats.output import Files, Shares
 from energy_opt.front.controllers import check_written
-from energy_opt.front.desk import Answered, Desk, verb
+from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of
-from energy_opt.front.jobs import content_of, job_from, job_settings, resolved_job
+from energy_opt.front.jobs import JOB, JobAnswer, content_of, job_from, job_settings, resolved_job
 from energy_opt.front.rivals import rivals_of, said, with_careful
-from energy_opt.front.workcell import WORKCELL, CellAnswer, run_workcell_job
+from energy_opt.front.workcell import WORKCELL, run_workcell_job
 from energy_opt.jobs.models import compared, grounded, held, mean_of, stated
 from energy_opt.jobs.output import found_of, with_room, write, write_programs
 from energy_opt.jobs.posed import run_posed
@@ -26,57 +23,9 @@ from energy_opt.power import PowerModel
 from energy_opt.power.assumptions import assumptions_line as assumed
 from energy_opt.power.per_year import per_year_words
 from energy_opt.requests.moves import JobRequest
-from energy_opt.results import exit_of
-
-ANSWER = "job.json"
 
 
-@dataclass(frozen=True, repr=False, kw_only=True)
-class JobAnswer(Answered):
-    """A solved job with its request.
-
-    Attributes:
-        result: the cycle: its pieces, baselines and cell.
-        formats: of the programs that are written beside it. files: those that were written, read back and judged.
-        saved: job.json as it was written.
-    """
-
-    result: JobResult
-    request: JobRequest
-    formats: tuple[Format, ...] = ()
-    files: tuple[Written, ...] = ()
-    saved: Mapping[str, Any] | None = None
-
-    @property
-    def exit_code(self) -> int:
-        """Exit code of the command line."""
-        written = [] if self.saved is None else self.saved["written"]
-        return exit_of(self.result.interrupted, self.result.solved and all(row["valid"] for row in written))
-
-    def document(self) -> dict[str, Any]:
-        """Content of job.json without its files."""
-        found = found_of(self.result, self.asked, self.request.worth)
-        del found["written"]
-        return found
-
-    def text(self, out: Path) -> str:
-        """A short table for a terminal, of a job that was saved into `out`."""
-        return table(self.document(), self.request.cycles_per_year, out)
-
-    def kept(self, out: Path) -> JobAnswer:
-        """Write job.json, step_01.csv ..., cycle.csv, report.html and the programs asked for into the folder `out`."""
-        with written_whole(out, ANSWER) as aside:
-            records = write_programs(self.result, self.formats, aside, self.request.rate, self.request.joint_prefix)
-            found = write(self.result, self.asked, aside, self.request.worth, records)
-        return replace(self, files=tuple(records), saved=found)
-
-    def __repr__(self) -> str:
-        return (
-            f"JobAnswer({self.result.job.robot.name!r}, {self.result.job.cycle_time:g} s, {self.result.energy:.5g} J)"
-        )
-
-
-def run(request: JobRequest, desk: Desk) -> JobAnswer | CellAnswer:
+def run(request: JobRequest, desk: Desk) -> JobAnswer:
     """A cycle of moves and waits, its time spent where it saves most.
 
     Raises:
@@ -97,7 +46,7 @@ def run(request: JobRequest, desk: Desk) -> JobAnswer | CellAnswer:
     settings = job_settings(request)
     cell, limits = cell_of(request), vars(job.robot.limits)
     asked = resolved_job(request, job.robot, rivals, kind)
-    document = desk.take(ANSWER, asked)
+    document = desk.take(JOB, asked)
     about = [*(rival.model.to_document() for rival in rivals), job.robot.name, limits, vars(settings), cell.document()]
     known: dict[str, Any] = {}
     answers = None if desk.out is None else Answers(desk.out, job.robot.joints, about, request.resume)
@@ -122,7 +71,7 @@ def run(request: JobRequest, desk: Desk) -> JobAnswer | CellAnswer:
             if kind is not None:
                 result = held(result, rivals, under)
         except Infeasible as error:
-            desk.failed(ANSWER, error, robot=job.robot.name, cycle_time=job.cycle_time, request=document)
+            desk.failed(JOB, error, robot=job.robot.name, cycle_time=job.cycle_time, request=document)
             raise
         if kind is None:
             result = compared(result, with_careful(rivals, job.robot))
@@ -130,22 +79,26 @@ def run(request: JobRequest, desk: Desk) -> JobAnswer | CellAnswer:
         else:
             result = stated(result, rivals)
         result = grounded(result, rivals)
-        answer = desk.keep(JobAnswer(result=result, request=asked, stamp=desk.stamped({}), formats=tuple(formats)))
+        answer = desk.keep(
+            JobAnswer(
+                result=result, request=asked, stamp=desk.stamped({}), formats=formats, programs=write_programs,
+                found_of=found_of, write=write, words=table,
+            )
+        )  # fmt: skip
     if result.solved and answers is not None:
         answers.forget()
-    warnings = result.warnings if answer.saved is None else answer.saved["warnings"]
-    desk.report(answer.files, assumed(result.assumptions), warnings)
+    desk.report(answer.files, assumed(result.assumptions), answer.document()["warnings"])
     return answer
 
 
 job = verb(JobRequest, run)
 
 
-def table(found: Mapping[str, Any], cycles: float | None, out: Path) -> str:
+def table(found: Mapping[str, Any], cycles: float | None) -> str:
     """Table of the steps and savings, for a terminal.
 
     Args:
-        found: the content of job.json. cycles: how many a year, if asked for. out: the folder of the files.
+        found: the content of job.json. cycles: how many a year, if asked for.
     """
     lines = [f"{'step':<24} {'begins [s]':>10} {'takes [s]':>10} {'energy [J]':>11} {'kg':>5}"]
     for row in found["steps"]:
@@ -172,5 +125,4 @@ def table(found: Mapping[str, Any], cycles: float | None, out: Path) -> str:
     if bound is not None:
         gap = found["optimality"]["gap_percent"]
         lines.append(f"no timing of these paths takes less than {bound:.3f} J{of} (gap {gap:.2g} %)")
-    lines.append(f"files in {out}")
     return "\n".join(lines)

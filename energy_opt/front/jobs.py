@@ -1,31 +1,33 @@
-"""The job that a request names, and `tradeoff` for it: its energy over its cycle time."""
+"""The job that a request names, its answer, and `tradeoff` for it: its energy over its cycle time."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 from energy_opt.errors import BadInput
 from energy_opt.files import plain, read_toml
-from energy_opt.front.desk import Desk
+from energy_opt.folders import written_whole
+from energy_opt.formats.output import Written
+from energy_opt.front.desk import Answered, Desk
 from energy_opt.front.given import cell_of, named_robot, payload_document, robot_of
 from energy_opt.front.moves import documents, settings_of
 from energy_opt.front.rivals import rivals_of
+from energy_opt.fronts.output import ANSWER, Tradeoff
 from energy_opt.jobs.file import job_of
 from energy_opt.jobs.legs import Job, Load
 from energy_opt.jobs.models import mean_of, stated
-from energy_opt.jobs.over_time import document, over_time
+from energy_opt.jobs.over_time import document, over_time, page, text
 from energy_opt.jobs.work import Answers
 from energy_opt.motion import Settings
 from energy_opt.motion.plan.rivals import Rival
 from energy_opt.motion.plan.robust import Kind
 from energy_opt.poses.given import poses_of_request
 from energy_opt.power.assumptions import assumptions, assumptions_line
-from energy_opt.power.per_year import per_year_words
 from energy_opt.requests.moves import JobRequest, PlaceRequest, TradeoffRequest
-from energy_opt.results import Found
+from energy_opt.results import exit_of
 from energy_opt.robot import Robot
 
 Asked = TypeVar("Asked", JobRequest, TradeoffRequest, PlaceRequest)
@@ -76,57 +78,64 @@ def job_settings(request: JobRequest | PlaceRequest) -> Settings:
     return Settings(**{name: value for name, value in given.items() if value is not None})
 
 
-ANSWER = "tradeoff.json"
-OF_A_MOVE = (
-    "start", "goal", "start_pose", "goal_pose", "path", "duration", "max_duration", "cycle", "idle_power", "payload",
-)  # fmt: skip
-EXITS = {"solved": 0, "infeasible": 3, "not_converged": 4, "interrupted": 130}
+JOB = "job.json"
 
 
-@dataclass(frozen=True, repr=False)
-class JobFront(Found):
-    """Energy of a job over its cycle time.
+@dataclass(frozen=True, repr=False, kw_only=True)
+class JobAnswer(Answered):
+    """A solved cycle of one robot or of several, with its request.
 
     Attributes:
-        document: tradeoff.json. request: what was asked.
+        result: `jobs.run.JobResult` of one robot, `workcell.run.CellResult` of several.
+        formats: of the programs that are written beside it. programs: writes these; see `jobs.output.write_programs`.
+        found_of: makes the content of job.json, write: writes it with all other files; see `jobs.output`.
+        words: a short table of job.json for a terminal.
+        files: the programs that were written, read back and judged. saved: job.json as it was written.
     """
 
-    document: Mapping[str, Any]
-    request: TradeoffRequest
+    result: Any
+    request: JobRequest
+    formats: Any
+    programs: Callable[..., list[Written]]
+    found_of: Callable[..., dict[str, Any]]
+    write: Callable[..., dict[str, Any]]
+    words: Callable[[Mapping[str, Any], float | None], str]
+    files: tuple[Written, ...] = ()
+    saved: dict[str, Any] | None = None
 
     @property
     def exit_code(self) -> int:
         """Exit code of the command line."""
-        return EXITS[self.document["status"]]
+        good = self.result.solved and all(row["valid"] for row in self.document()["written"])
+        return exit_of(self.result.interrupted, good)
+
+    def document(self) -> dict[str, Any]:
+        """Content of job.json."""
+        return self.saved or self.found_of(self.result, self.asked, self.request.worth)
 
     def text(self, out: Path) -> str:
-        """A short table for a terminal, of a front that was saved into `out`."""
-        found = self.document
-        lines = [f"{'cycle [s]':>10} {'energy [J]':>14} {'evenly slowed':>14} {'fastest, wait':>14}  status"]
-        for row in found["points"]:
-            joules = (row["energy_total"], row.get("evenly_slowed"), row.get("fastest_then_wait"))
-            cells = [f"{'-' if value is None else format(value, '.2f'):>14}" for value in joules]
-            lines.append(f"{row['duration']:>10.3f} {' '.join(cells)}  {row['status']}")
-        lines.append(f"shortest cycle: {found['fastest']:.4g} s")
-        if found["knee"] is not None:
-            knee = found["knee"]
-            lines.append(f"knee: {knee['duration']:.4g} s, {knee['energy_total']:.5g} J")
-        if "per_year" in found:
-            lines.append(per_year_words(found["per_year"], self.request.cycles_per_year or 0.0))
-        return "\n".join([*lines, f"files in {out}"])
+        """A short table for a terminal, of a job that was saved into `out`."""
+        return f"{self.words(self.document(), self.request.cycles_per_year)}\nfiles in {out}"
 
-    def kept(self, out: Path) -> JobFront:
-        """Write tradeoff.csv, tradeoff.json and report.html into the folder `out`."""
-        from energy_opt.jobs.over_time import write
-
-        write(out, self.document)
-        return self
+    def kept(self, out: Path) -> JobAnswer:
+        """Write job.json, the tables of all motions, report.html and the programs asked for into the folder `out`."""
+        with written_whole(out, JOB) as aside:
+            records = self.programs(self.result, self.formats, aside, self.request.rate, self.request.joint_prefix)
+            saved = self.write(self.result, self.asked, aside, self.request.worth, records)
+        return replace(self, files=tuple(records), saved=saved)
 
     def __repr__(self) -> str:
-        return f"JobFront({self.document['status']!r}, {len(self.document['points'])} cycle times)"
+        found = self.document()
+        robots = repr(found["robot"]) if "robot" in found else f"{len(found['robots'])} robots"
+        return f"JobAnswer({robots}, {found['cycle_time']:g} s, {found['energy_total']:.5g} J)"
 
 
-def run_job(request: TradeoffRequest, times: list[float] | None, desk: Desk) -> JobFront:
+OF_A_MOVE = (
+    "start", "goal", "start_pose", "goal_pose", "path", "duration", "max_duration", "cycle", "idle_power", "payload",
+)  # fmt: skip
+
+
+def run_job(request: TradeoffRequest, times: list[float] | None, desk: Desk) -> Tradeoff:
     """Energy of a job over its cycle time.
 
     Args:
@@ -162,7 +171,7 @@ def run_job(request: TradeoffRequest, times: list[float] | None, desk: Desk) -> 
             row: dict[str, Any] = next((row for row in found["points"] if row["duration"] == bend.get("duration")), {})
             slowed = row.get("evenly_slowed")
             found["per_year"] = worth.of(None if slowed is None else slowed - row["energy_total"])
-        front = desk.keep(JobFront(found, asked))
+        front = desk.keep(Tradeoff(found, asked, page, text, job.robot))
         if answers is not None and not stopped():
             answers.forget()
     desk.report((), assumptions_line(records))

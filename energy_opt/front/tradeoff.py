@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
+from dataclasses import asdict, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from energy_opt.cell.cell import Cell
-from energy_opt.cell.load import load_cell
+from energy_opt.cell.load import load_cell, own_body
 from energy_opt.errors import BadInput
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, robot_of
-from energy_opt.front.jobs import EXITS, JobFront, run_job
+from energy_opt.front.jobs import run_job
 from energy_opt.front.moves import ends_of, move_of, resolved, settings_of
 from energy_opt.front.rivals import break_even_friction, members, records_under, rivals_of, said, with_careful
 from energy_opt.fronts.cycle import Cycle
 from energy_opt.fronts.front import Front, trace
-from energy_opt.fronts.output import document, stated, text, write
+from energy_opt.fronts.output import ANSWER, Tradeoff, document, motions_of, stated, text
 from energy_opt.motion import Move, Planner
 from energy_opt.motion.plan.rivals import Rival
 from energy_opt.motion.plan.robust import RobustPlanner
@@ -29,68 +28,16 @@ from energy_opt.power import PowerModel
 from energy_opt.power.assumptions import Assumption, assumptions
 from energy_opt.power.assumptions import assumptions_line as assumed
 from energy_opt.power.per_year import PerYear
+from energy_opt.reports.motion import drawn
+from energy_opt.reports.tradeoff import page
 from energy_opt.requests.moves import TradeoffRequest
-from energy_opt.results import Found
 from energy_opt.robot import Robot
 
-ANSWER = "tradeoff.json"
 MOST = 1000  # most durations of a front; each needs a solve or more: some minutes
 DURATIONS = "expected FIRST:LAST:COUNT, two durations above 0 s, the smaller first, and a count"
 
 
-@dataclass(frozen=True, repr=False)
-class Tradeoff(Found):
-    """Energy against duration of one move.
-
-    Attributes:
-        front: its points, from fast to slow.
-        document: tradeoff.json. robot: the arm. move: what was solved. request: what was asked.
-        cell: the arm's body and its surroundings; None without collision checks.
-    """
-
-    front: Front
-    document: Mapping[str, Any]
-    robot: Robot
-    move: Move
-    request: TradeoffRequest
-    cell: Cell | None = None
-
-    @property
-    def exit_code(self) -> int:
-        """Exit code of the command line."""
-        return EXITS[self.front.status]
-
-    def text(self, out: Path) -> str:
-        """A short table for a terminal, of a front that was saved into `out`."""
-        return text(self.front, self.document, out).rstrip("\n")
-
-    @property
-    def durations(self) -> np.ndarray:
-        """(P,) [s]."""
-        return np.array([row["duration"] for row in self.document["points"]])
-
-    @property
-    def energies(self) -> np.ndarray:
-        """Total energy at each duration, (P,) [J]; nan where none was found."""
-        return np.array([row["energy_total"] for row in self.document["points"]], dtype=float)
-
-    def kept(self, out: Path) -> Tradeoff:
-        """Write tradeoff.csv, tradeoff.json, plot.png and report.html into the folder `out`."""
-        write(out, self.front, dict(self.document), self.robot, self.cell)
-        return self
-
-    def __repr__(self) -> str:
-        least = self.document["minimum"]
-        best = "" if least is None else f", least {least['energy_total']:.4g} J at {least['duration']:.4g} s"
-        return f"Tradeoff({self.document['robot']!r}, {len(self.document['points'])} points{best})"
-
-    def _repr_html_(self) -> str:
-        records = zip(self.durations, self.energies, strict=True)
-        cells = "".join(f"<tr><td>{d:.4g}</td><td>{e:.6g}</td></tr>" for d, e in records)
-        return f"<table><tr><th>duration [s]</th><th>energy [J]</th></tr>{cells}</table>"
-
-
-def run(request: TradeoffRequest, desk: Desk) -> Tradeoff | JobFront:
+def run(request: TradeoffRequest, desk: Desk) -> Tradeoff:
     """Energy against duration of one move, planned under the same models as `optimize`, or of a job.
 
     Raises:
@@ -137,7 +84,9 @@ def run(request: TradeoffRequest, desk: Desk) -> Tradeoff | JobFront:
             planner, move, cycle, durations=durations, longest=request.max_duration, progress=progress, stopped=stopped
         )
         found = {**document_of(planner, rivals, move, front, cycle, document, worth), **goals}
-        answer = desk.keep(Tradeoff(front, found, robot, move, asked, mean_of(planner).cell))
+        bodies, scene = drawn(mean_of(planner).cell or own_body(robot))
+        report = partial(page, motions=motions_of(front), robot=robot, bodies=bodies, scene=scene)
+        answer = desk.keep(Tradeoff(found, asked, report, text, robot, front, move))
     desk.report((), assumed([Assumption(**row) for row in found["assumptions"]]), found["warnings"])
     if "message" in found:
         desk.say(found["message"])

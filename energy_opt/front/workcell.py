@@ -3,76 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from energy_opt.errors import BadInput, Infeasible
-from energy_opt.folders import written_whole
 from energy_opt.front.controllers import check_rate_of
-from energy_opt.front.desk import Answered, Desk
+from energy_opt.front.desk import Desk
 from energy_opt.front.given import cell_of, robot_of, several
-from energy_opt.front.jobs import content_of, job_settings
+from energy_opt.front.jobs import JOB, JobAnswer, content_of, job_settings
 from energy_opt.front.rivals import rivals_from
 from energy_opt.jobs.models import mean_of
 from energy_opt.power import PowerModel
 from energy_opt.power.per_year import per_year_words
 from energy_opt.reports.workcell import BRIEF
 from energy_opt.requests.moves import JobRequest
-from energy_opt.results import exit_of
 from energy_opt.robot import Robot
 
 WORKCELL = "energy-opt/job/2"
-ANSWER = "job.json"
 OF_ONE_ROBOT = ("robot", "payload", "base")  # options of one robot, which are refused here
 
 
-@dataclass(frozen=True, repr=False, kw_only=True)
-class CellAnswer(Answered):
-    """A solved cycle of several robots.
-
-    Attributes:
-        result: its schedule, levers and proofs (`energy_opt.workcell.run.CellResult`).
-        formats: of the programs that are written beside it. files: those that were written, read back and judged.
-    """
-
-    result: Any
-    request: JobRequest
-    formats: Any = ()
-    files: tuple[Any, ...] = ()
-
-    @property
-    def exit_code(self) -> int:
-        """Exit code of the command line."""
-        good = self.result.solved and all(row.written.valid for row in self.files)
-        return exit_of(self.result.interrupted, good)
-
-    def document(self) -> dict[str, Any]:
-        """Content of job.json without its files."""
-        from energy_opt.workcell.output import found_of
-
-        return found_of(self.result, self.asked, self.request.worth, self.files)
-
-    def text(self, out: Path) -> str:
-        """A short table for a terminal, of a cycle that was saved into `out`."""
-        return table(self.document(), self.request.cycles_per_year, out)
-
-    def kept(self, out: Path) -> CellAnswer:
-        """Write job.json, tables of all robots and report.html into the folder `out`."""
-        from energy_opt.workcell.output import write
-        from energy_opt.workcell.program import write_programs
-
-        with written_whole(out, ANSWER) as aside:
-            records = write_programs(self.result, self.formats, aside, self.request.rate, self.request.joint_prefix)
-            write(self.result, self.asked, aside, self.request.worth, records)
-        return replace(self, files=tuple(records))
-
-    def __repr__(self) -> str:
-        return f"CellAnswer({len(self.result.cell.robot)} robots, {self.result.energy:.5g} J)"
-
-
-def run_workcell_job(request: JobRequest, desk: Desk) -> CellAnswer:
+def run_workcell_job(request: JobRequest, desk: Desk) -> JobAnswer:
     """A cycle of several robots, scheduled and planned for least energy.
 
     Raises:
@@ -81,7 +33,8 @@ def run_workcell_job(request: JobRequest, desk: Desk) -> CellAnswer:
     """
     from energy_opt.workcell.as_job import model_named
     from energy_opt.workcell.file import workcell_of
-    from energy_opt.workcell.program import formats_of
+    from energy_opt.workcell.output import found_of, write
+    from energy_opt.workcell.program import formats_of, write_programs
     from energy_opt.workcell.run import run_workcell
 
     content, path = content_of(request)
@@ -104,7 +57,7 @@ def run_workcell_job(request: JobRequest, desk: Desk) -> CellAnswer:
 
     asked = replace(request, job=content, folder=str(path.parent.resolve()))
     _ = request.worth  # refuses invalid numbers before the work
-    document = desk.take(ANSWER, asked)
+    document = desk.take(JOB, asked)
     settings = job_settings(request)
     with desk.working() as (stopped, show):
         try:
@@ -113,22 +66,27 @@ def run_workcell_job(request: JobRequest, desk: Desk) -> CellAnswer:
                 stopped=stopped, progress=show,
             )  # fmt: skip
         except Infeasible as error:
-            desk.failed(ANSWER, error, cycle_time=cell.cycle_time, request=document)
+            desk.failed(JOB, error, cycle_time=cell.cycle_time, request=document)
             raise
-        answer = desk.keep(CellAnswer(result=result, request=asked, stamp=desk.stamped({}), formats=formats))
+        answer = desk.keep(
+            JobAnswer(
+                result=result, request=asked, stamp=desk.stamped({}), formats=formats, programs=write_programs,
+                found_of=found_of, write=write, words=table,
+            )
+        )  # fmt: skip
     for row in answer.files:
-        if row.written.format != "csv" or not row.written.valid:
-            file = row.written.file if desk.out is None else desk.out / row.written.file
-            desk.say(f"{file}: {row.written}; begins at {row.start:.3f} s of the cell's cycle")
+        if row.format != "csv" or not row.valid:
+            file = row.file if desk.out is None else desk.out / row.file
+            desk.say(f"{file}: {row}; begins at {row.about['starts_at']:.3f} s of the cell's cycle")
     desk.report(warnings=answer.document()["warnings"])
     return answer
 
 
-def table(found: Mapping[str, Any], cycles: float | None, out: Path) -> str:
+def table(found: Mapping[str, Any], cycles: float | None) -> str:
     """Table of the schedule and the saving by each lever, for a terminal.
 
     Args:
-        found: the content of job.json. cycles: how many a year, if asked for. out: the folder of the files.
+        found: the content of job.json. cycles: how many a year, if asked for.
     """
     lines = [f"{'robot':<14} {'step':<28} {'begins [s]':>10} {'takes [s]':>10} {'mode':<16} {'energy [J]':>12}"]
     for robot in found["robots"]:
@@ -145,7 +103,7 @@ def table(found: Mapping[str, Any], cycles: float | None, out: Path) -> str:
     lines += _levers(found)
     if "per_year" in found:
         lines.append(per_year_words(found["per_year"], cycles or 0.0))
-    return "\n".join([*(line for line in lines if line), f"files in {out}"])
+    return "\n".join(line for line in lines if line)
 
 
 def _apart(found: Mapping[str, Any]) -> str:

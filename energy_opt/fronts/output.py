@@ -6,15 +6,13 @@ A front under several models is stated under the first, and at no point costs mo
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from energy_opt.cell.cell import Cell
-from energy_opt.cell.load import own_body
 from energy_opt.files import write_json, write_text
 from energy_opt.folders import written_whole
 from energy_opt.formats import table as rows
@@ -24,11 +22,15 @@ from energy_opt.motion import Move
 from energy_opt.motion.plan.context import path_of
 from energy_opt.motion.plan.neighbour import Optimum
 from energy_opt.motion.plan.robust import RobustPlanner
+from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power.per_year import per_year_words
-from energy_opt.reports.motion import drawn
-from energy_opt.reports.tradeoff import page
+from energy_opt.reports.page import Report
+from energy_opt.requests.moves import TradeoffRequest
+from energy_opt.results import Found
 from energy_opt.robot import Robot
 
+ANSWER = "tradeoff.json"
+EXITS = {"solved": 0, "infeasible": 3, "not_converged": 4, "interrupted": 130}  # exit codes by status
 COLUMNS = ("duration", "energy_total", "energy_standby", "energy_loss", "status")
 
 
@@ -105,29 +107,74 @@ def table(found: Mapping[str, Any]) -> str:
     return "\n".join(",".join(row) for row in [list(COLUMNS), *records]) + "\n"
 
 
-def write(out: Path, front: Front, found: dict[str, Any], robot: Robot, cell: Cell | None = None) -> None:
-    """Write tradeoff.csv, tradeoff.json, plot.png and report.html, and the trajectories of the optima.
+@dataclass(frozen=True, repr=False)
+class Tradeoff(Found):
+    """Energy against duration of one move, or of a job over its cycle time.
 
-    Args:
-        cell: the bodies to draw in the report; by default the robot's own.
+    Attributes:
+        document: tradeoff.json. request: what was asked.
+        page: the report of the document. words: a short table of it for a terminal.
+        front: of a move, its points, from fast to slow; None for a job.
+        robot: the arm. move: what was solved.
     """
-    motions = {p.duration: p.trajectory for p in front.points if p.trajectory is not None}
-    with written_whole(out, "tradeoff.json") as aside:
-        write_text(aside / "tradeoff.csv", table(found))
-        for name, point in (("minimum", front.minimum), ("cycle_minimum", front.cycle_minimum)):
-            if point is not None and point.trajectory is not None:
-                rows.write(point.trajectory, aside / f"trajectory_{name}.csv")
-        report = page(found, motions, robot, *drawn(cell or own_body(robot)))
-        report.write(aside / "report.html", aside / "plot.png")
-        write_json(aside / "tradeoff.json", found)
+
+    document: Mapping[str, Any]
+    request: TradeoffRequest
+    page: Callable[[Mapping[str, Any]], Report]
+    words: Callable[[Mapping[str, Any]], str]
+    robot: Robot
+    front: Front | None = None
+    move: Move | None = None
+
+    @property
+    def exit_code(self) -> int:
+        """Exit code of the command line."""
+        return EXITS[self.document["status"]]
+
+    def text(self, out: Path) -> str:
+        """A short table for a terminal, of a front that was saved into `out`."""
+        return f"{self.words(self.document)}\nfiles in {out}"
+
+    @property
+    def durations(self) -> np.ndarray:
+        """(P,) [s]; cycle times of a job."""
+        return np.array([row["duration"] for row in self.document["points"]])
+
+    @property
+    def energies(self) -> np.ndarray:
+        """Total energy at each duration, (P,) [J]; nan where none was found."""
+        return np.array([row["energy_total"] for row in self.document["points"]], dtype=float)
+
+    def kept(self, out: Path) -> Tradeoff:
+        """Write tradeoff.csv, tradeoff.json, plot.png, report.html and trajectories of the optima into a folder."""
+        best = {} if self.front is None else {"minimum": self.front.minimum, "cycle_minimum": self.front.cycle_minimum}
+        with written_whole(out, ANSWER) as aside:
+            write_text(aside / "tradeoff.csv", table(self.document))
+            for name, point in best.items():
+                if point is not None and point.trajectory is not None:
+                    rows.write(point.trajectory, aside / f"trajectory_{name}.csv")
+            self.page(self.document).write(aside / "report.html", aside / "plot.png")
+            write_json(aside / ANSWER, self.document)
+        return self
+
+    def __repr__(self) -> str:
+        least = self.document["minimum"]
+        best = "" if least is None else f", least {least['energy_total']:.4g} J at {least['duration']:.4g} s"
+        return f"Tradeoff({self.document['robot']!r}, {len(self.document['points'])} points{best})"
+
+    def _repr_html_(self) -> str:
+        records = zip(self.durations, self.energies, strict=True)
+        cells = "".join(f"<tr><td>{d:.4g}</td><td>{e:.6g}</td></tr>" for d, e in records)
+        return f"<table><tr><th>duration [s]</th><th>energy [J]</th></tr>{cells}</table>"
 
 
-def text(front: Front, found: Mapping[str, Any], out: Path) -> str:
-    """The front as a short table for a terminal.
+def motions_of(front: Front) -> dict[float, Trajectory]:
+    """The trajectories of a front's points by duration [s]."""
+    return {p.duration: p.trajectory for p in front.points if p.trajectory is not None}
 
-    Args:
-        front: the points. found: the content of tradeoff.json. out: the folder of the files.
-    """
+
+def text(found: Mapping[str, Any]) -> str:
+    """The content of a move's tradeoff.json as a short table for a terminal."""
     lines = [f"{'duration [s]':>12} {'total [J]':>11} {'standby':>11} {'loss':>11} {'stored':>11}  status"]
     for p in found["points"]:
         numbers = [p[f"energy_{part}"] for part in ("total", "standby", "loss", "stored")]
@@ -151,7 +198,7 @@ def text(front: Front, found: Mapping[str, Any], out: Path) -> str:
         lines.append(line)
     if "per_year" in found:
         lines.append(per_year_words(found["per_year"], found["request"]["cycles_per_year"]))
-    return "\n".join([*lines, f"files in {out}"]) + "\n"
+    return "\n".join(lines)
 
 
 def stated(robust: RobustPlanner, move: Move, front: Front, cycle: Cycle | None) -> Front:

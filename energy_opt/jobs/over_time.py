@@ -1,24 +1,22 @@
-"""Energy of a job over its cycle time, the knee beyond which more time saves little, and its files."""
+"""Energy of a job over its cycle time, and the knee beyond which more time saves little."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import Infeasible
-from energy_opt.files import write_json, write_text
-from energy_opt.folders import written_whole
-from energy_opt.fronts.output import COLUMNS, table
+from energy_opt.fronts.output import COLUMNS
 from energy_opt.jobs.legs import Job
 from energy_opt.jobs.posed import Posed
 from energy_opt.jobs.run import Answered, JobResult, Known, run_job
 from energy_opt.motion.move import Settings
 from energy_opt.power import PowerModel
+from energy_opt.power.per_year import per_year_words
 from energy_opt.reports.charts import Chart, Line
 from energy_opt.reports.optimize import assumed
 from energy_opt.reports.page import Report
@@ -157,12 +155,19 @@ def _short(row: dict[str, Any] | None) -> dict[str, Any] | None:
 PLAIN = ("evenly_slowed", "fastest_then_wait")
 
 
-def write(out: Path, found: Mapping[str, Any]) -> None:
-    """Write tradeoff.csv, plot.png, report.html and, last, tradeoff.json."""
-    with written_whole(out, "tradeoff.json") as aside:
-        write_text(aside / "tradeoff.csv", table(found))
-        page(found).write(aside / "report.html", aside / "plot.png")
-        write_json(aside / "tradeoff.json", found)
+def text(found: Mapping[str, Any]) -> str:
+    """The content of a job's tradeoff.json as a short table for a terminal."""
+    lines = [f"{'cycle [s]':>10} {'energy [J]':>14} {'evenly slowed':>14} {'fastest, wait':>14}  status"]
+    for row in found["points"]:
+        joules = (row["energy_total"], *(row.get(name) for name in PLAIN))
+        cells = [f"{'-' if value is None else format(value, '.2f'):>14}" for value in joules]
+        lines.append(f"{row['duration']:>10.3f} {' '.join(cells)}  {row['status']}")
+    lines.append(f"shortest cycle: {found['fastest']:.4g} s")
+    if found["knee"] is not None:
+        lines.append(f"knee: {found['knee']['duration']:.4g} s, {found['knee']['energy_total']:.5g} J")
+    if "per_year" in found:
+        lines.append(per_year_words(found["per_year"], found["request"]["cycles_per_year"]))
+    return "\n".join(lines)
 
 
 def page(found: Mapping[str, Any]) -> Report:

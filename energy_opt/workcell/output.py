@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from energy_opt.files import plain, write_json
+from energy_opt.formats.output import Written
 from energy_opt.power.per_year import PerYear
 from energy_opt.reports.motion import Solid, cell_player, drawn
 from energy_opt.reports.workcell import page
 from energy_opt.robot import Link
 from energy_opt.workcell.between import placed_links
 from energy_opt.workcell.curves import zones_of
-from energy_opt.workcell.program import RobotFile
 from energy_opt.workcell.run import CellResult
 from energy_opt.workcell.supply import Supply
 
@@ -122,7 +122,7 @@ def _supply(result: CellResult) -> dict[str, Any] | None:
 
 
 def found_of(
-    result: CellResult, request: Mapping[str, Any], worth: PerYear | None = None, written: Sequence[RobotFile] = ()
+    result: CellResult, request: Mapping[str, Any], worth: PerYear | None = None, written: Sequence[Written] = ()
 ) -> dict[str, Any]:
     """The content of job.json.
 
@@ -144,7 +144,7 @@ def write(
     request: Mapping[str, Any],
     out: Path,
     worth: PerYear | None = None,
-    written: Sequence[RobotFile] = (),
+    written: Sequence[Written] = (),
 ) -> dict[str, Any]:
     """Write report.html and, last, job.json; returns the document, that of `found_of`."""
     found = found_of(result, request, worth, written)

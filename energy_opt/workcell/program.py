@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from energy_opt import formats
 from energy_opt.errors import BadInput
@@ -22,19 +21,6 @@ from energy_opt.workcell.motion import PeriodicMotion
 from energy_opt.workcell.run import CellResult
 
 BRIEF = 1e-7  # [s] shorter waits are rounding errors
-
-
-@dataclass(frozen=True)
-class RobotFile:
-    """A file of a robot; `start` is the begin of its cycle [s] after that of the first robot."""
-
-    robot: str
-    start: float
-    written: Written
-
-    def document(self) -> dict[str, Any]:
-        """Its record in job.json."""
-        return {"robot": self.robot, "starts_at": self.start, **self.written.document()}
 
 
 def formats_of(
@@ -69,14 +55,18 @@ def formats_of(
 
 def write_programs(
     result: CellResult, forms: Mapping[str, Sequence[Format]], out: Path, rate: float | None = None, prefix: str = ""
-) -> list[RobotFile]:
+) -> list[Written]:
     """Write `cycle_<robot>.csv` of every arm, and its cycle as a program in each of several formats.
 
     Args:
         forms: by the robot's name.
         rate, prefix: as in `formats.cycle.write_cycle`.
+
+    Returns:
+        The files; the record of each has its robot, and `starts_at`: the begin of the robot's cycle [s] after that of
+        the first robot.
     """
-    files: list[RobotFile] = []
+    files: list[Written] = []
     for r, (arm, motion) in enumerate(zip(result.arms, result.planned.motions, strict=True)):
         if arm is None or motion is None:
             continue
@@ -91,7 +81,7 @@ def write_programs(
         for form in forms.get(arm.name, ()):
             if form.name != "csv" or rate is not None:
                 written += write_cycle(parts, judge, [form], out, rate, prefix, stem)
-        files += [RobotFile(arm.name, motion.begin, one) for one in written]
+        files += [replace(one, about={"robot": arm.name, "starts_at": motion.begin}) for one in written]
     return files
 
 

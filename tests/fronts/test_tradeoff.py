@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,13 +18,15 @@ from energy_opt.effects import CopperLoss, Standby
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.fronts.cycle import Cycle
 from energy_opt.fronts.front import trace
-from energy_opt.fronts.output import document, table, write
+from energy_opt.fronts.output import Tradeoff, document, motions_of, table, text
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.judge.energy import Energy
 from energy_opt.motion.path import through
 from energy_opt.motion.plan.neighbour import Neighbours, Optimum
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel, source_method_2
+from energy_opt.reports.tradeoff import page
+from energy_opt.requests.moves import TradeoffRequest
 from energy_opt.robot import load_robot
 
 FASTEST = 1.0
@@ -166,7 +169,8 @@ def test_files(tmp_path, panda):
     cycle = Cycle(panda, source_method_2(), GOAL, 4.0)
     front = front_of(durations=[0.5, 1, 2, 3, 4], cycle=cycle)
     found = document(front, robot="panda", joints=panda.joints, mode="retime", cycle=cycle)
-    write(tmp_path, front, found, panda)
+    report = partial(page, motions=motions_of(front), robot=panda)
+    Tradeoff(found, TradeoffRequest(), report, text, panda, front).save(tmp_path)
     read = json.loads((tmp_path / "tradeoff.json").read_text())
     assert {"points", "minimum", "fastest", "cycle"} <= set(read)
     assert read["minimum"].keys() >= {"duration", "energy_total"}

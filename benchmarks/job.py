@@ -95,7 +95,7 @@ def main() -> int:
             "seconds": seconds,
             "energy": result.energy,
             "lower_bound": result.bound,
-            **{b.name: b.energy for b in result.baselines},
+            **result.energies,
         }
         if mode == "reshape":
             alone, _ = single_solves(result)

@@ -109,19 +109,6 @@ def load_suite(
     return replace(suite, tasks=tuple(_with_compile(suite.tasks, compile)))
 
 
-def check_suite(path: str | Path, *, allow_outside: bool = False, allow_large: bool = False) -> list[str]:
-    """Every fault of a suite file, one line each; empty if it is usable.
-
-    Args:
-        path: the file. allow_outside, allow_large: as those of `load_suite`.
-    """
-    try:
-        load_suite(path, compile="never", allow_outside=allow_outside, allow_large=allow_large)
-    except BadInput as error:
-        return str(error).splitlines()
-    return []
-
-
 @dataclass
 class _Reading:
     """One reading of a suite. It collects faults, so that one reading names them all.

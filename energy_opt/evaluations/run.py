@@ -28,17 +28,6 @@ AT_REST = 1e-6  # [rad/s] slower waits may be left to the servo by a program
 
 
 @dataclass(frozen=True)
-class Interval:
-    """Part of a motion from `start` to `end` [s]: whether all joints rest, the payload, and whether brakes hold."""
-
-    start: float
-    end: float
-    resting: bool
-    load: Load | None
-    brakes: bool
-
-
-@dataclass(frozen=True)
 class Baseline:
     """The same paths in another timing, waits kept: "toppra", each motion at its fastest, or "scaled", slowed evenly.
 
@@ -133,7 +122,7 @@ def _scorers(robot: Robot, rival: Rival) -> Callable[[Load | None], Scorer]:
     return of
 
 
-def _intervals(motion: Recorded, payload: bool) -> list[Interval]:
+def _intervals(motion: Recorded, payload: bool) -> list[Stretch]:
     """Cut the motion where it starts or stops, and where the load changes.
 
     In a cycle with accelerations spread over milliseconds, motions start and stop slightly earlier or later than its
@@ -155,7 +144,7 @@ def _intervals(motion: Recorded, payload: bool) -> list[Interval]:
         middle = (a + b) / 2
         stretch = next((s for s in motion.stretches if s.start <= middle <= s.end), motion.stretches[-1])
         resting = bool(((motion.waits[:, 0] < middle) & (middle < motion.waits[:, 1])).any())
-        out.append(Interval(a, b, resting, None if payload else stretch.load, stretch.brakes and resting))
+        out.append(Stretch(a, b, None if payload else stretch.load, stretch.brakes and resting, resting))
     return out
 
 
@@ -173,7 +162,7 @@ def _with_ends_in_waits(motion: Recorded) -> tuple[Stretch, ...]:
     return tuple(replace(s, start=moved(s.start), end=moved(s.end)) for s in motion.stretches)
 
 
-def _energy(of: Callable[[Load | None], Scorer], trajectory: Trajectory, interval: Interval) -> Energy:
+def _energy(of: Callable[[Load | None], Scorer], trajectory: Trajectory, interval: Stretch) -> Energy:
     """Energy of a part of the motion; if brakes hold, only the constant overhead."""
     scorer = of(interval.load)
     if not interval.brakes:
@@ -193,7 +182,7 @@ def _sum(energies: Sequence[Energy]) -> Energy:
 def _baselines(
     robot: Robot,
     motion: Recorded,
-    intervals: Sequence[Interval],
+    intervals: Sequence[Stretch],
     scorers: dict[str, Callable[[Load | None], Scorer]],
     limits: Sequence,
 ) -> tuple[Baseline, ...]:
@@ -225,7 +214,7 @@ def _baselines(
     return tuple(out)
 
 
-def _parts(motion: Recorded, intervals: Sequence[Interval]) -> tuple[Part, ...]:
+def _parts(motion: Recorded, intervals: Sequence[Stretch]) -> tuple[Part, ...]:
     """The motion as motions and waits of a program."""
     out = []
     for i in intervals:

@@ -26,12 +26,13 @@ ANSWERS = {"result.json": "trajectory.csv", "job.json": "cycle.csv"}
 
 @dataclass(frozen=True)
 class Stretch:
-    """From `start` to `end` [s]: the load (None: as in the request), and whether brakes hold."""
+    """From `start` to `end` [s]: the load (None: as in the request), whether brakes hold, and whether the arm rests."""
 
     start: float
     end: float
     load: Load | None = None
     brakes: bool = False
+    resting: bool = False
 
 
 @dataclass(frozen=True)

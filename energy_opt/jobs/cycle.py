@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -173,6 +173,6 @@ def assembled(job: Job, scorers: Scorers, plan: Plan) -> tuple[Piece, ...]:
     return tuple(out)
 
 
-def energy_of(pieces: Sequence[Piece]) -> float:
-    """Energy [J] of all pieces."""
-    return sum(piece.energy for piece in pieces)
+def energy_of(job: Job, scorers: Scorers, plan: Plan) -> float:
+    """Energy [J] of a whole cycle; arguments are those of `assembled`."""
+    return sum(piece.energy for piece in assembled(job, scorers, plan))

@@ -153,15 +153,6 @@ def job_of(
     return Job(path.stem, reading.robot, table.cycle_time, tuple(steps), table.brakes, tuple(reading.remarks))
 
 
-def check_job(path: Path, load: Callable[[str], Robot], **more: Any) -> list[str]:
-    """Every fault of a job file, one line each; empty if it is usable. Arguments are those of `load_job`."""
-    try:
-        load_job(path, load, **more)
-    except BadInput as error:
-        return str(error).splitlines()
-    return []
-
-
 class _Reading:
     """The positions, poses and scenes of a job, read for its robot; faults are collected."""
 

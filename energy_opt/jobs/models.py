@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
-from energy_opt.jobs.cycle import Plan, Scorers, assembled, energy_of
-from energy_opt.jobs.run import JobResult, Plain
+from energy_opt.jobs.cycle import Scorers, energy_of
+from energy_opt.jobs.run import JobResult
 from energy_opt.jobs.work import unloaded
 from energy_opt.motion.judge.energy import COARSER
 from energy_opt.motion.plan.rivals import SAME, Rival, exceeds, judges_of
@@ -22,17 +22,13 @@ BESIDE = "evenly_slowed"  # the baseline of stated savings
 def compared(result: JobResult, judges: Sequence[Rival]) -> JobResult:
     """The result with a record in `models` for every judge, the model that it was planned with first."""
     job = result.job
-    slowed = next((b.plan for b in result.baselines if b.name == BESIDE), None)
+    slowed = result.baselines[BESIDE]
     records: list[dict[str, Any]] = []
     for judge in judges:
         scorers = Scorers(job.robot, unloaded(judge.model))
-
-        def total(plan: Plan, scorers: Scorers = scorers) -> float:
-            return energy_of(assembled(job, scorers, plan.under(job, scorers)))
-
-        energy, joules = total(result.plan), None
+        energy, joules = energy_of(job, scorers, result.plan.under(job, scorers)), None
         if slowed is not None:
-            joules = total(slowed) - energy
+            joules = energy_of(job, scorers, slowed.under(job, scorers)) - energy
         share = None if joules is None else 100 * joules / (energy + joules)
         records.append({"name": judge.name, "total": energy, "saving_joules": joules, "saving_total_percent": share})
     return replace(result, models=tuple(records))
@@ -45,14 +41,12 @@ def grounded(result: JobResult, rivals: Sequence[Rival]) -> JobResult:
         rivals: the models that it was planned with, the one that it is stated under first.
     """
     job = result.job
-    slowed = next((b.plan for b in result.baselines if b.name == BESIDE), None)
+    slowed = result.baselines[BESIDE]
 
     def saved(model: PowerModel) -> float:
         assert slowed is not None
         scorers = Scorers(job.robot, unloaded(model))
-        theirs, ours = (
-            energy_of(assembled(job, scorers, p.under(job, scorers, COARSER))) for p in (slowed, result.plan)
-        )
+        theirs, ours = (energy_of(job, scorers, p.under(job, scorers, COARSER)) for p in (slowed, result.plan))
         return theirs - ours - SAME * abs(theirs)
 
     share = None if slowed is None else break_even(saved, rivals[0].model, job.robot)
@@ -106,7 +100,7 @@ def stated(result: JobResult, rivals: Sequence[Rival]) -> JobResult:
     """
     job = result.job
     costly = _costlier(result, rivals)
-    slowed = next((b.plan for b in result.baselines if b.name == BESIDE), None)
+    slowed = result.baselines[BESIDE]
     plan, warnings = result.plan, result.warnings
     if costly and slowed is not None:
         plan = slowed
@@ -117,13 +111,9 @@ def stated(result: JobResult, rivals: Sequence[Rival]) -> JobResult:
     totals = [row["total"] for row in compared(replace(result, plan=plan), rivals).models]
     robust = {"kind": "mean", "total": sum(totals) / len(totals), "lower_bound": result.bound}
     scorers = Scorers(job.robot, unloaded(rivals[0].model))
-
-    def under(name: str, plan: Plan | None) -> Plain:
-        first = None if plan is None else plan.under(job, scorers)
-        return Plain(name, None if first is None else energy_of(assembled(job, scorers, first)), first)
-
+    plans = result.baselines.items()
     stated = replace(
         result, plan=plan.under(job, scorers), scorers=scorers, bound=None, robust=robust, warnings=warnings,
-        baselines=tuple(under(b.name, b.plan) for b in result.baselines),
+        baselines={name: None if plan is None else plan.under(job, scorers) for name, plan in plans},
     )  # fmt: skip
     return compared(stated, [judge for _, judge in judges_of(rivals, job.robot)])

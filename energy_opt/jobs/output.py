@@ -98,7 +98,8 @@ def document(result: JobResult) -> dict[str, Any]:
         "energy_total": result.energy,
         "steps": steps_of(result),
         "baselines": [
-            {"name": b.name, "energy_total": b.energy, "valid": b.energy is not None} for b in result.baselines
+            {"name": name, "energy_total": energy, "valid": energy is not None}
+            for name, energy in result.energies.items()
         ],
         **_chosen(result),
         "optimality": {

@@ -145,7 +145,7 @@ def _row(point: JobPoint) -> dict[str, Any]:
         return {**row, "reason": point.reason}
     standby = result.scorer(result.job.steps[0]).model.constant_power(result.job.robot.n) * point.cycle_time
     row |= {"energy_total": result.energy, "energy_standby": standby, "energy_loss": result.energy - standby}
-    return row | {b.name: b.energy for b in result.baselines}
+    return row | result.energies
 
 
 def _short(row: dict[str, Any] | None) -> dict[str, Any] | None:

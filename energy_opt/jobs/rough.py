@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from energy_opt.jobs.cycle import Plan, Scorers, assembled, cheapest_rest, energy_of
+from energy_opt.jobs.cycle import Plan, Scorers, cheapest_rest, energy_of
 from energy_opt.jobs.file import Job
 from energy_opt.jobs.legs import legs_of
 from energy_opt.jobs.run import shares_of
@@ -57,4 +57,4 @@ class RoughCycles:
         answers = tuple(map(work.rough, legs, np.round(durations, 9).tolist(), before))
         left = job.cycle_time - job.waiting - sum(answer.trajectory.duration for answer in answers)
         plan = Plan(legs, answers, rest, max(left, 0.0))
-        return plan, energy_of(assembled(job, self.scorers, plan))
+        return plan, energy_of(job, self.scorers, plan)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from types import MappingProxyType
 from typing import Any
 
@@ -43,21 +43,12 @@ Answered = Callable[[Leg, float, Trajectory], None]
 
 
 @dataclass(frozen=True)
-class Plain:
-    """A plain way to run the job: its energy [J] and plan; None if a limit or a body forbids it."""
-
-    name: str
-    energy: float | None
-    plan: Plan | None
-
-
-@dataclass(frozen=True)
 class JobResult:
     """A solved job.
 
     Attributes:
         plan: its motions and waits.
-        baselines: "fastest_then_wait" and "evenly_slowed".
+        baselines: "fastest_then_wait" and "evenly_slowed"; None where a limit or a body forbids it.
         bound: J, a lower bound over all timings of the legs' first paths and shares of the time; None if not proven.
         robust: under several models the minimised value: kind, total [J], and lower_bound [J] of that, or None.
         cells: bodies that were kept clear of, by step.
@@ -73,7 +64,7 @@ class JobResult:
 
     job: Job
     plan: Plan
-    baselines: tuple[Plain, ...]
+    baselines: Mapping[str, Plan | None]
     bound: float | None
     scorers: Scorers
     cells: Cells
@@ -98,12 +89,18 @@ class JobResult:
     @property
     def energy(self) -> float:
         """Energy [J] of the whole cycle."""
-        return energy_of(self.pieces)
+        return sum(piece.energy for piece in self.pieces)
+
+    @cached_property
+    def energies(self) -> dict[str, float | None]:
+        """Energies [J] of the baselines."""
+        plans = self.baselines.items()
+        return {name: None if plan is None else energy_of(self.job, self.scorers, plan) for name, plan in plans}
 
     @property
     def slowed(self) -> float | None:
         """Energy of the cycle slowed evenly [J], or where that is not possible, done fastest; None where neither is."""
-        return next((b.energy for b in self.baselines[::-1] if b.energy is not None), None)
+        return next((energy for energy in reversed(self.energies.values()) if energy is not None), None)
 
     @property
     def cell(self) -> Cell | None:
@@ -173,9 +170,7 @@ def run_job(
             answered(leg, duration, out[-1].trajectory)
         return Plan(legs, tuple(out), rest, time - sum(answer.trajectory.duration for answer in out))
 
-    def energy(plan: Plan) -> float:
-        return energy_of(assembled(job, work.scorers, plan))
-
+    energy = partial(energy_of, job, work.scorers)
     progress("sharing the cycle's time", SHARING)
     fronts, shares = shares_of(job, work, legs, timings, rest)
     retimed = all(leg.mode == "retime" for leg in legs)
@@ -191,13 +186,12 @@ def run_job(
     if shares.bound is not None and retimed:
         waits = [step for step in job.steps if step.wait is not None]
         bound = shares.bound + sum(standing_power(work.scorers, step, step.brakes) * (step.wait or 0) for step in waits)
-    baselines = tuple(Plain(name, None if p is None else energy(p), p) for name, p in plain.items())
     changed = [leg.name for before, leg in zip(asked, legs, strict=True) if before.mode != leg.mode]
     warnings = (
         *job.remarks,
         *(f"{name}: its path is not free of contact, so the step is reshaped" for name in changed),
     )
-    return JobResult(job, best, baselines, bound, work.scorers, work.cells, stopped(), warnings=warnings)
+    return JobResult(job, best, plain, bound, work.scorers, work.cells, stopped(), warnings=warnings)
 
 
 def shares_of(

@@ -73,13 +73,6 @@ class Ends:
             out["goal"] = self.goals[0]
         return out | {f"via {k}": pose for k, pose in enumerate(self.via, start=1)}
 
-    def asked(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """A result's request with these ends; the chosen goal is in the answer, not in the request."""
-        goals = [goal.document() if isinstance(goal, Pose) else goal.tolist() for goal in self.goals]
-        out = {**request, "goal": None, "goals": goals}
-        out |= {"via": None, "via_poses": [pose.document() for pose in self.via]} if self.via else {}
-        return out if self.start is None else out | {"start": None, "start_pose": self.start.document()}
-
 
 def pose_document(
     robot: Robot, tool_words: str | None, poses: Mapping[str, Pose], positions: Mapping[str, np.ndarray]

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from faults import faults_of
 
-from energy_opt.batches.suite import check_suite, load_suite
+from energy_opt.batches.suite import load_suite
 from energy_opt.batches.task import Task
 from energy_opt.cell.scene import Scene
 from energy_opt.cell.scene_files import carried, read_scene
@@ -46,7 +47,7 @@ def placed(scene: Scene) -> np.ndarray:
 
 
 def test_the_cells_suite_has_twenty_moves_of_four_arms_with_and_without_a_payload() -> None:
-    assert check_suite(CELLS) == []
+    assert faults_of(load_suite, CELLS) == []
     suite = load_suite(CELLS).tasks
     assert len(suite) == 40 and {t.robot.name for t in suite} == {"panda", "ur5", "ur5e", "xarm7"}
     assert sum(t.payload[0] > 0 for t in suite) == 20 and all(t.surroundings.scene for t in suite)
@@ -104,14 +105,14 @@ def test_a_path_gives_the_ends_and_travels_with_the_move(folder: Path) -> None:
 )
 def test_faults_are_named(folder: Path, text: str, says: str) -> None:
     (folder / "suite.toml").write_text(HEAD + text)
-    faults = check_suite(folder / "suite.toml")
+    faults = faults_of(load_suite, folder / "suite.toml")
     assert faults and any(re.search(says, fault) for fault in faults), faults
 
 
 def test_an_object_of_a_scene_that_is_faulty_is_named(folder: Path) -> None:
     (folder / "cell.yaml").write_text(SCENE.replace("radius: 0.05", "radius: 0"))
     (folder / "suite.toml").write_text(HEAD + 'scene = "cell.yaml"\n' + MOVE)
-    (fault,) = check_suite(folder / "suite.toml")
+    (fault,) = faults_of(load_suite, folder / "suite.toml")
     assert "object post: radius of its cylinder is 0" in fault
 
 

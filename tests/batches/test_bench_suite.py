@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from faults import faults_of
 
-from energy_opt.batches.suite import check_suite, load_suite
+from energy_opt.batches.suite import load_suite
 from energy_opt.batches.tables import random_moves
 from energy_opt.batches.task import Duration
 from energy_opt.errors import BadInput
@@ -27,7 +28,7 @@ def written(folder: Path, text: str) -> Path:
 
 @pytest.mark.parametrize("name", ["panda20", "arms", "source_paper", "hard", "objectives"])
 def test_shipped_suites_are_usable(name):
-    assert check_suite(SHIPPED / f"{name}.toml") == []
+    assert faults_of(load_suite, SHIPPED / f"{name}.toml") == []
     suite = load_suite(SHIPPED / f"{name}.toml")
     assert suite.name == name
     assert len({task.key for task in suite.tasks}) == len(suite.tasks) > 0
@@ -147,7 +148,7 @@ def test_no_duration(value):
 )
 def test_fault_is_named(tmp_path, text, named):
     path = written(tmp_path, text)
-    faults = check_suite(path)
+    faults = faults_of(load_suite, path)
     assert any(named in fault for fault in faults), faults
     assert all(fault.startswith(str(path)) for fault in faults)
     with pytest.raises(BadInput):
@@ -156,14 +157,14 @@ def test_fault_is_named(tmp_path, text, named):
 
 def test_all_faults_are_named_in_one_reading(tmp_path):
     text = HEAD + 'random = { count = -1 }\nmodes = ["reform"]\ndurations = ["soon"]\npayloads = ["a"]\n'
-    faults = check_suite(written(tmp_path, text))
+    faults = faults_of(load_suite, written(tmp_path, text))
     assert [fault.split(": ", 1)[1].partition(" = ")[0] for fault in faults] == [
         "modes 1", "durations 1", "payloads 1", "random: count",
     ]  # fmt: skip
 
 
 def test_missing_file_is_named(tmp_path):
-    assert check_suite(tmp_path / "none.toml") == [f"{tmp_path / 'none.toml'}: No such file or directory"]
+    assert faults_of(load_suite, tmp_path / "none.toml") == [f"{tmp_path / 'none.toml'}: No such file or directory"]
 
 
 # Energies [J] of the paper's table, by Methods 1 and 2, in the order of its durations.
@@ -194,19 +195,19 @@ def test_source_paper_suite_gives_the_paper_s_energies():
 @pytest.mark.parametrize("name", ["x/../../evil", "..", ".hidden", "a\\u0000b", "", "a" * 300])
 def test_a_name_that_is_no_folder_is_refused(tmp_path, name):
     path = written(tmp_path, HEAD + f'random = {{ count = 1 }}\nname = "{name}"\n')
-    assert any("name" in fault for fault in check_suite(path))
+    assert any("name" in fault for fault in faults_of(load_suite, path))
 
 
 def test_files_stay_beside_the_suite_unless_allowed(tmp_path):
     (tmp_path / "inner").mkdir()
     (tmp_path / "secret.toml").write_text('format = "energy-opt/model/1"\n[[effect]]\nname = "standby"\npower = 1.0\n')
     path = written(tmp_path / "inner", HEAD + 'random = { count = 1 }\nmodels = ["../secret.toml"]\n')
-    assert any("outside" in fault for fault in check_suite(path))
+    assert any("outside" in fault for fault in faults_of(load_suite, path))
     assert load_suite(path, allow_outside=True).tasks
 
 
 def test_a_file_of_another_kind_has_one_fault(tmp_path):
     path = written(tmp_path, 'format = "energy-opt/job/1"\nrobot = "panda"\ncycle_time = 8\n')
-    assert [fault.partition("format: ")[2] for fault in check_suite(path)] == [
+    assert [fault.partition("format: ")[2] for fault in faults_of(load_suite, path)] == [
         "'energy-opt/job/1'; expected 'energy-opt/suite/1'"
     ]

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from faults import faults_of
 
 from energy_opt.cell.load import load_cell
 from energy_opt.cell.request import CellRequest
@@ -19,7 +20,7 @@ from energy_opt.cli.main import example, main
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.formats import read_trajectory
 from energy_opt.jobs.allocate import Front, Solved, allocate
-from energy_opt.jobs.file import check_job, load_job
+from energy_opt.jobs.file import load_job
 from energy_opt.jobs.run import run_job
 from energy_opt.motion.judge.clearance import clearance_of
 from energy_opt.motion.path import straight
@@ -94,8 +95,7 @@ payload = 0.0
     best = min(energy(0, t) + energy(1, 2.2 - t) for t in np.linspace(0.95, 1.25, 7))
     assert result.energy <= best * 1.001
     assert result.bound is not None and result.bound <= result.energy <= result.bound * 1.001
-    for baseline in result.baselines:
-        assert baseline.energy is None or result.energy <= baseline.energy
+    assert all(energy is None or result.energy <= energy for energy in result.energies.values())
 
 
 @pytest.mark.slow
@@ -162,7 +162,7 @@ def test_faults_are_named_with_their_step(before: str, after: str, said: str, pa
     (tmp_path / "empty.yaml").write_text("objects: []\n")
     with pytest.raises(BadInput, match=said):
         load_job(path, lambda name: panda)
-    assert check_job(path, lambda name: panda)
+    assert faults_of(load_job, path, lambda name: panda)
 
 
 def test_a_cycle_that_is_too_short_says_what_would_do(panda: Robot, tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from faults import faults_of
 from tool_poses import JOB
 
 import energy_opt as eo
@@ -13,7 +14,7 @@ from energy_opt.cell.load import scene_of
 from energy_opt.cell.request import CellRequest
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
-from energy_opt.jobs.file import check_job, load_job
+from energy_opt.jobs.file import load_job
 from energy_opt.poses.given import Given, in_base, poses_of_request
 from energy_opt.poses.inverse import ToolKinematics
 from energy_opt.poses.pose import Freedom, pose_from
@@ -68,7 +69,7 @@ def test_poses_in_a_job_stay_open_until_they_are_chosen(tmp_path: Path, ur: Tool
 def test_faults_of_poses_in_a_job(tmp_path: Path, ur: ToolKinematics, old: str, new: str, says: str) -> None:
     path = tmp_path / "job.toml"
     path.write_text(JOB.replace(old, new))
-    assert any(says in line for line in check_job(path, lambda name: ur.robot))
+    assert any(says in line for line in faults_of(load_job, path, lambda name: ur.robot))
 
 
 def test_a_pose_in_the_frame_of_an_object_and_from_a_message(tmp_path: Path, ur: ToolKinematics) -> None:
@@ -113,7 +114,9 @@ def test_named_numbers_that_may_be_a_pose_are_remarked(tmp_path: Path, ur: ToolK
     (said,) = load_job(path, lambda name: ur.robot).remarks
     assert "part: these 6 numbers are joint positions; a pose of the tool is part = { pose = [...] }" in said
     path.write_text(JOB.replace(part, "part = [0.45, 0.2, 0.1, 0, 1, 0, 0]"))
-    assert any("a pose of the tool is { pose = [...] }" in line for line in check_job(path, lambda name: ur.robot))
+    assert any(
+        "a pose of the tool is { pose = [...] }" in line for line in faults_of(load_job, path, lambda name: ur.robot)
+    )
 
 
 def test_a_pose_is_numbers_or_the_same_in_one_text() -> None:

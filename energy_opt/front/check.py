@@ -171,13 +171,15 @@ def _toml(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
         return _set(file, request, notes)
     if kind.startswith("energy-opt/job/"):
         from energy_opt.jobs.file import load_job
+        from energy_opt.jobs.frames import wrong_frames
+        from energy_opt.poses.given import poses_of_request
         from energy_opt.workcell.as_job import check_workcell
 
-        robot = partial(robot_of, request)
+        robot, cell = partial(robot_of, request), cell_of(request)
         if kind == "energy-opt/job/2":
-            return check_workcell(file, robot, allow_outside=request.allow_outside)
-        load_job(file, robot, allow_outside=request.allow_outside)
-        return []
+            return check_workcell(file, robot, cell)
+        job = load_job(file, robot, allow_outside=cell.allow_outside, named=poses_of_request(cell))
+        return [f"{file}: {fault}" for fault in wrong_frames(job, cell)]
     from energy_opt.batches.suite import load_suite
 
     load_suite(file, allow_outside=request.allow_outside, allow_large=request.allow_large)

@@ -17,11 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.cell.load import scene_of
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import Infeasible
 from energy_opt.jobs.cycle import Choice, Plan, Scorers
-from energy_opt.jobs.file import Job, Step
+from energy_opt.jobs.file import Job
+from energy_opt.jobs.frames import pose_in_base
 from energy_opt.jobs.rough import RoughCycles
 from energy_opt.jobs.run import JobResult, run_job
 from energy_opt.jobs.work import Cells, unloaded
@@ -29,7 +29,6 @@ from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.move import Settings
 from energy_opt.poses.estimate import curves, holding, quickest
 from energy_opt.poses.freedom import Bent, has_freedom, improved
-from energy_opt.poses.given import in_base
 from energy_opt.poses.inverse import ToolKinematics
 from energy_opt.poses.pose import Pose
 from energy_opt.poses.sets import DETOUR, Layer, Ring, Target, positions_near, positions_of, straight_is_free, thinned
@@ -67,7 +66,7 @@ class Posed:
         self.cells = Cells(job, cell)
         self.tool = ToolKinematics(job.robot, cell.tool)
         self.moving = [k for k, step in enumerate(job.steps) if step.wait is None]
-        self.poses = {k: self._in_base(job.steps[k], cell) for k in job.open}
+        self.poses = {k: pose_in_base(job.steps[k], job.robot, cell) for k in job.open}
         known: dict[Any, np.ndarray] = {}
         self.sets: dict[int, np.ndarray] = {}
         for k in self.moving:
@@ -81,14 +80,6 @@ class Posed:
                 cell_of = None if starts is not None else self.cells.of(step)
                 known[key] = positions_of(self.tool, target, cell_of, near=near, seed=settings.seed)
             self.sets[k] = known[key]
-
-    def _in_base(self, step: Step, cell: CellRequest) -> Pose:
-        """The pose of a step in the frame of the robot's base."""
-        assert step.pose is not None
-        scene = None
-        if step.pose.frame:
-            scene = scene_of(replace(cell, scene=step.scene or cell.scene))
-        return in_base(step.pose, self.job.robot, scene, cell.base_pose)
 
     def estimated(self, improve: bool = True) -> tuple[Ends, float]:
         """Positions of all moving steps' ends that are likely to be cheapest, and the estimate [J] before improving."""

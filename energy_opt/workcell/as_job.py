@@ -13,6 +13,7 @@ from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput
 from energy_opt.jobs.file import Job
 from energy_opt.jobs.file import job_of as read_job
+from energy_opt.jobs.frames import wrong_frames
 from energy_opt.poses.given import poses_of_request
 from energy_opt.poses.pose import Pose
 from energy_opt.power.known import model_of
@@ -76,13 +77,13 @@ def job_of(
         raise BadInput(str(error).replace(f"{path}: ", f"{path}: robot {table.name}: ")) from None
 
 
-def check_workcell(path: Path, load: Callable[[str], Robot], allow_outside: bool = False) -> list[str]:
+def check_workcell(path: Path, load: Callable[[str], Robot], around: CellRequest | None = None) -> list[str]:
     """Every fault of a job file of format 2, one line each; empty if it is usable.
 
     Args:
-        load: loads a robot from its name or from the path of its URDF.
-        allow_outside: URDFs and scenes may lie outside the file's folder.
+        load: loads a robot from its name or from the path of its URDF. around: the arms, as for the verb `job`.
     """
+    around = around or CellRequest()
     try:
         cell = load_workcell(path)
     except BadInput as error:
@@ -93,12 +94,13 @@ def check_workcell(path: Path, load: Callable[[str], Robot], allow_outside: bool
             if table.robot is None:
                 ring_of(cell, table)
                 continue
-            request = request_of(cell, table, path, CellRequest(allow_outside=allow_outside))
+            request = request_of(cell, table, path, around)
             explicit = table.model_copy(update={"step": explicit_steps(table)})
-            robot = job_of(cell, explicit, load, path, allow_outside, poses_of_request(request)).robot
-            tool_of(robot.body, table.tool)
+            job = job_of(cell, explicit, load, path, around.allow_outside, poses_of_request(request))
+            tool_of(job.robot.body, table.tool)
             if table.model is not None:
-                model_of(model_named(table.model, path), robot).check(robot.n)
+                model_of(model_named(table.model, path), job.robot).check(job.robot.n)
+            faults += [f"{path}: robot {table.name}: {fault}" for fault in wrong_frames(job, request)]
         except BadInput as error:
             lines = (line if line.startswith(f"{path}: ") else f"{path}: {line}" for line in str(error).splitlines())
             faults += [line for line in lines if line not in faults]

@@ -276,3 +276,13 @@ def test_a_pose_at_fault_is_named_once(tmp_path: Path) -> None:
         load_job(_written(tmp_path, text), load_robot)
     said = str(caught.value)
     assert "outside its position limits" in said and "unknown pose 'a'" not in said and "unknown pose 'nowhere'" in said
+
+
+def test_check_names_a_frame_that_no_pose_can_be_in(panda: Robot, tmp_path: Path) -> None:
+    step = '[[step]]\nname = "pick"\npose = "table: 0, 0, 0.1, 3.14, 0, 0"\n'
+    path = _written(tmp_path, f'format = "energy-opt/job/1"\nrobot = "panda"\ncycle_time = 8.0\n{step}')
+    (fault,) = check_job(path, lambda name: panda)
+    assert "no frame 'table'; frames are world, panda_link0" in fault
+    scene = tmp_path / "scene.yaml"
+    scene.write_text("objects:\n  - {name: table, type: box, size: [0.3, 0.3, 0.1], position: [0.5, 0, 0]}\n")
+    assert check_job(path, lambda name: panda, CellRequest(scene=scene)) == []

@@ -5,7 +5,7 @@ A fault says what is wrong, where (tables of a list by number and by their `name
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints, ValidationError
@@ -49,6 +49,17 @@ PLAIN = {
 }  # fmt: skip
 
 
+KINDS = (
+    "string_type",
+    "list_type",
+    "tuple_type",
+    "dict_type",
+    "model_type",
+    "bool_type",
+    "literal_error",
+)  # wrong kind
+
+
 class Table(BaseModel):
     """A table of a file. Unknown keys are faults. The values cannot be changed after reading."""
 
@@ -65,7 +76,7 @@ def faults_of(model: type[Read], document: Mapping[str, Any]) -> tuple[Read | No
     except ValidationError as error:
         faults = error.errors(include_url=False)
         other = [fault for fault in faults if fault["loc"] == ("format",) and "format" in document]
-        lines = dict.fromkeys(_line(model, document, fault) for fault in other or faults)
+        lines = dict.fromkeys(_line(model, document, fault) for fault in _merged(document, other or faults))
         return None, list(lines)
 
 
@@ -84,6 +95,44 @@ def parse(model: type[Read], document: Mapping[str, Any], where: str) -> Read:
     return found
 
 
+def _merged(document: Mapping[str, Any], faults: Sequence[Any]) -> list[Any]:
+    """The faults without those of kinds that a value does not have, where a value may be of several kinds.
+
+    Pydantic tries every kind, reports the faults of each, and puts the kind's name into the place of a fault. Where no
+    kind fits the value, one fault names them all.
+    """
+    values: dict[Any, list[tuple[bool, Any]]] = {}
+    for n, fault in enumerate(faults):
+        k = _kind_at(document, fault)
+        loc = fault["loc"] if k is None else fault["loc"][:k] + fault["loc"][k + 1 :]
+        other_kind = k == len(loc) and (fault["type"] in KINDS or fault["msg"].endswith("expected a number"))
+        values.setdefault(n if k is None else loc[:k], []).append((other_kind, {**fault, "loc": loc}))
+    out = []
+    for found in values.values():
+        if len(found) > 1 and all(other for other, _ in found):
+            texts = list(dict.fromkeys(_expected(fault).removeprefix("expected ") for _, fault in found))
+            merged = " or ".join([", ".join(texts[:-1]), texts[-1]] if texts[1:] else texts)
+            found = [(False, {**found[0][1], "type": "value_error", "msg": f"expected {merged}"})]
+        out += [fault for other, fault in found if not other] or [fault for _, fault in found]
+    return out if len(out) == len(faults) else _merged(document, out)
+
+
+def _kind_at(document: Any, fault: Any) -> int | None:
+    """Index of the name of a value's kind in the place of a fault; None without one."""
+    at = document
+    for k, part in enumerate(fault["loc"]):
+        if isinstance(part, int):
+            if isinstance(at, list):  # else: the file has a single value in place of a list
+                at = at[part] if part < len(at) else None
+        elif not isinstance(at, Mapping):
+            return k
+        elif part in at:
+            at = at[part]
+        elif k < len(fault["loc"]) - 1 or fault["type"] not in ("missing", "extra_forbidden"):
+            return k
+    return None
+
+
 def _line(model: type[Table], document: Mapping[str, Any], fault: Any) -> str:
     """A fault as one line: place, value, and what would be right."""
     place = _place(document, fault["loc"])
@@ -93,16 +142,22 @@ def _line(model: type[Table], document: Mapping[str, Any], fault: Any) -> str:
         return f"{_joined(place[:-1])}unknown key {key!r}{suggest(key, known)}; known: {', '.join(known)}"
     if fault["type"] == "missing":
         return f"{': '.join(place) if isinstance(fault['loc'][-1], int) else _joined(place[:-1]) + key} is missing"
-    text = str(fault["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
-    if fault["type"] in PLAIN:
-        text = f"expected {PLAIN[fault['type']].format(**fault.get('ctx', {}))}"
-        text += ", without quotes" if fault["type"] == "bool_type" and isinstance(fault.get("input"), str) else ""
-    elif fault["type"] != "value_error" and not text.startswith("expected"):
-        text = f"expected {text}"
+    text = _expected(fault)
     shown = fault.get("input")
     value = "" if isinstance(shown, (Mapping, list)) or not place else f" = {shown!r:.60}"
     head = ": ".join(place)
     return f"{head}{value}{'; ' if value else ': '}{text}" if head else text
+
+
+def _expected(fault: Any) -> str:
+    """What is wrong with a value, without its place."""
+    text = str(fault["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
+    if fault["type"] in PLAIN:
+        text = f"expected {PLAIN[fault['type']].format(**fault.get('ctx', {}))}"
+        return text + (
+            ", without quotes" if fault["type"] == "bool_type" and isinstance(fault.get("input"), str) else ""
+        )
+    return text if fault["type"] == "value_error" or text.startswith("expected") else f"expected {text}"
 
 
 def _joined(place: list[str]) -> str:
@@ -121,10 +176,9 @@ def _place(document: Any, loc: tuple[Any, ...]) -> list[str]:
             named = at.get("name") if isinstance(at, Mapping) else None
             shown = isinstance(named, str) and named.isprintable()
             out[-1] = f"{out[-1]} {part + 1}" + (f" ({named})" if shown else "")
-        elif not isinstance(at, Mapping) or part in at or part == loc[-1]:
-            if isinstance(at, Mapping) or not out:  # else: the name of a type in a union
-                out.append(str(part))
-            at = at.get(part) if isinstance(at, Mapping) else at
+        else:
+            out.append(str(part))
+            at = at.get(part) if isinstance(at, Mapping) else None
     return out
 
 

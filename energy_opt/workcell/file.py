@@ -288,6 +288,8 @@ def _wrong_names(cell: WorkCell) -> list[str]:
             faults += [f"{where}: step {steps[k]}: {text}" for text, wrong in said.items() if wrong]
             if step.after is not None:
                 faults += _unknown(cell, step.after, f"{where}: step {steps[k]}: after")
+                if step.after == f"{robot.name}.{steps[k]}":
+                    faults.append(f"{where}: step {steps[k]}: after = {step.after!r} is the step itself; name another")
         for group in groups_of(robot):
             if tied := sorted(i for i, j in group.before if i == j):
                 names_ = " and ".join(steps[group.blocks[b][0]] for b in tied)

@@ -310,3 +310,48 @@ def test_a_hull_takes_durations_that_differ_by_rounding_as_one() -> None:
     move, wait = Move("m", 1.0, 2.0, hull), Wait("w", 0.0, 9.0, (Mode("motors", 50.0),))
     found = solve(Problem(9.0, (Ring("a", (move, wait)),)))  # with a slope of 1e10 W, HiGHS calls it infeasible
     assert found.energy == pytest.approx(min(80.0 + 50.0 * 7.8, 88.8 + 50.0 * 8.0, 120.0 + 50.0 * 7.0))
+
+
+def test_a_step_does_not_come_after_itself(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    document = two_robots()
+    document["robot"][1]["step"][0] |= {"after": "b.move"}
+    assert run(tmp_path, document)[0] == 2
+    assert "robot b: step move: after = 'b.move' is the step itself; name another" in capsys.readouterr().err
+
+
+def test_check_names_a_frame_that_no_pose_of_a_cell_can_be_in(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    steps = [{"name": "pick", "pose": "tabel: 0, 0, 0.1, 3.14, 0, 0"}]
+    document = {"format": "energy-opt/job/2", "cycle_time": 9.0, "robot": [{"name": "a", "robot": "panda"}]}
+    document["robot"][0]["step"] = steps
+    document["scene"] = "scene.yaml"
+    box = "objects:\n  - {name: table, type: box, size: [0.3, 0.3, 0.1], position: [0.5, 0, 0]}\n"
+    (tmp_path / "scene.yaml").write_text(box)
+    file = tmp_path / "cell.toml"
+    file.write_bytes(tomli_w.dumps(document).encode())
+    assert main(["check", str(file)]) == 2
+    assert "robot a: pick: step 1 (pick): no frame 'tabel'; did you mean 'table'?" in capsys.readouterr().err
+    steps[0]["pose"] = "table: 0, 0, 0.1, 3.14, 0, 0"
+    file.write_bytes(tomli_w.dumps(document).encode())
+    assert main(["check", str(file)]) == 0
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "says"),
+    [
+        ("to", 5, "to = 5; expected a list, a table or text"),
+        ("to", [1.0, "x"], "to 2 = 'x'; expected a number"),
+        ("to", {"joint": "x"}, "to: joint = 'x'; expected a number"),
+        ("wait", "x", "wait = 'x'; expected a number or a list"),
+        ("wait", [1.0], "wait 2 is missing"),
+    ],
+)
+def test_a_value_of_no_kind_that_a_key_may_have_is_one_fault(
+    key: str, value: object, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    document = two_robots()
+    document["robot"][0] |= {"robot": "panda", "step": [{"name": "p", key: value}]}
+    assert run(tmp_path, document)[0] == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.endswith(f"cell.toml: robot 1 (a): step 1 (p): {says}")

@@ -13,7 +13,7 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 
 from energy_opt.errors import BadInput, EnergyOptError
@@ -124,6 +124,26 @@ def opened(words: Sequence[str]) -> None:
         setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
     if "stdout" in closed and ("--json" in words or (words and words[0].partition("=")[0] in SAY)):
         raise BadInput("standard output is closed, but the result is printed there")
+
+
+@contextmanager
+def stdout_for_json(wanted: bool) -> Iterator[None]:
+    """A block that prints nothing on standard output if JSON is `wanted` there.
+
+    What users' files, libraries and worker processes print goes to standard error.
+    """
+    if not wanted:
+        yield
+        return
+    sys.stdout.flush()
+    kept = os.dup(1)
+    os.dup2(2, 1)
+    try:
+        with redirect_stdout(sys.stderr):
+            yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
 
 
 def of_output(fault: Exception) -> BadInput | None:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from energy_opt import __version__
-from energy_opt.cli.faults import as_error, flushed, of_output, one_line, opened, view, was_pressed
+from energy_opt.cli.faults import as_error, flushed, of_output, one_line, opened, stdout_for_json, view, was_pressed
 from energy_opt.cli.options import Help, Parser, add_options, request_of
 from energy_opt.cli.terminal import Terminal
 from energy_opt.errors import BadInput, EnergyOptError, speaking_of_options, suggest
@@ -135,20 +135,23 @@ def _run(words: list[str]) -> int:
     if args.effects:
         from energy_opt.effects import load_file
 
-        for file in args.effects:
-            load_file(file)
+        with stdout_for_json(args.json):
+            for file in args.effects:
+                load_file(file)
     return _run_verb(args, tuple(words)) or flushed()
 
 
 def _run_verb(args: argparse.Namespace, words: tuple[str, ...]) -> int:
     """Read the request, run its verb, and print what it found; returns the exit code."""
     verb = VERBS[args.verb]
-    request = request_of(args, verb)
+    with stdout_for_json(args.json):
+        request = request_of(args, verb)
     given = getattr(args, "out", None)
     out: Path | None = given if given is not None or not verb.out else Path(verb.out)
     force = getattr(args, "force", False)
     desk = Terminal(out, force, words, quiet=args.quiet, verbose=args.verbose)
-    found = verb.run(request, desk)
+    with stdout_for_json(args.json):
+        found = verb.run(request, desk)
     folder = Path(out or getattr(found, "out", None) or ".")
     if getattr(args, "view", False):
         view(folder, args.quiet)

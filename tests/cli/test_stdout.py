@@ -1,0 +1,36 @@
+"""With --json, standard output holds one document, whatever users' files print."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+from poses import START
+
+EFFECT = """
+import os
+print("read")
+os.write(1, b"written to the descriptor\\n")
+from energy_opt.effects import Standby
+class Fan(Standby):
+    \"\"\"Constant power of a fan.\"\"\"
+    name = "fan"
+"""
+CONDITION = """
+print("read")
+from energy_opt.conditions import MaxPower
+conditions = [MaxPower(500)]
+"""
+
+
+def test_what_users_files_print_goes_to_standard_error(tmp_path: Path) -> None:
+    effects, conditions = tmp_path / "fan.py", tmp_path / "own.py"
+    effects.write_text(EFFECT)
+    conditions.write_text(CONDITION)
+    at = ",".join(map(str, START))
+    words = ["optimize", "--robot", "panda", f"--start={at}", f"--goal={at}", "--duration", "1", "--json"]
+    words += ["--effects", str(effects), "--conditions", str(conditions), "--out", str(tmp_path / "out")]
+    done = subprocess.run([sys.executable, "-m", "energy_opt", *words], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["status"] == "solved"
+    assert "read" in done.stderr and "written to the descriptor" in done.stderr

@@ -205,3 +205,11 @@ def test_options(tmp_path, capsys) -> None:
     found = capsys.readouterr().out
     assert all(f'"{name}": ' in found for name in ("upright", "line", "tool_acceleration"))
     assert main([*words, "--keep", "upright:wide"]) == 2
+
+
+def test_a_move_too_short_for_a_tool_speed_names_that_limit_and_a_duration(panda: Robot) -> None:
+    # the search for the fastest curve fails here; the fastest timing of the straight path is known
+    planner = Planner(panda, source_method_2(), Settings(tool_speed=0.5, starts=1, controls=12))
+    with pytest.raises(Infeasible, match=r"a duration of 0\.9 s is too short: the shortest found is") as short:
+        planner.solve(Move(START, GOAL, duration=0.9))
+    assert short.value.limit == "tool_speed" and short.value.shortest_duration == pytest.approx(1.58, abs=0.02)

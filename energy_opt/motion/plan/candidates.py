@@ -12,6 +12,7 @@ from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.move import Move
 from energy_opt.motion.plan.context import Context, path_of
+from energy_opt.motion.plan.refusals import never_held, too_short
 from energy_opt.motion.reshape.curve import Curve, Outcome
 from energy_opt.motion.reshape.layout import Ends
 from energy_opt.motion.reshape.search import Kept, Reshaper, trajectory_of
@@ -256,7 +257,7 @@ def reshaped(
         again = reshaper.search(task, [Line.of(line.trajectory)], 1, settings.seed, context.stopped)
         best, spent, starts = again.best, spent + again.iterations, starts + again.starts
     if best is None and not context.stopped():
-        best, more = _from_the_fastest(context, move, task, lines, line is not None, reference)
+        best, more = _from_the_fastest(context, move, task, lines, line is not None, reference, timing)
         spent += more
     if best is None and line is not None and not context.stopped():  # few control points did not suffice
         last = reshaper.from_line(Line.of(line.trajectory), task)
@@ -267,7 +268,7 @@ def reshaped(
     spent += more
     if free_time and move.duration is not None:
         if trajectory.duration > move.duration * (1 + 1e-9):
-            raise _too_short(move, trajectory.duration, certificate)
+            raise too_short(move, trajectory.duration, certificate)
         trajectory = trajectory_of(replace(best.curve, duration=move.duration), context.robot.joints)
         certificate = context.judge(trajectory).within
     if not certificate.valid:
@@ -294,7 +295,13 @@ def repaired(
 
 
 def _from_the_fastest(
-    context: Context, move: Move, task: Task, lines: Sequence[Line], fallback: bool, reference: float
+    context: Context,
+    move: Move,
+    task: Task,
+    lines: Sequence[Line],
+    fallback: bool,
+    reference: float,
+    timing: Timing | None,
 ) -> tuple[Outcome | None, int]:
     """The move started from the fastest one, if the usual starts failed; also returns the iterations spent.
 
@@ -311,37 +318,21 @@ def _from_the_fastest(
     if best is None:
         if fallback or context.stopped():
             return None, spent
-        worst = context.judge(_evenly_slowed(context, lines[0])).certificate.worst
-        raise Infeasible(
-            f"{worst['joint']}: the {worst['limit']} limit {worst['bound']:.4g} cannot be held even by a slow move "
-            f"(value {worst['value']:.4g} at {worst['time']:.4g} s)",
-            joint=str(worst["joint"]),
-            limit=str(worst["limit"]),
-        )
+        if timing is not None and timing.duration > task.durations[1]:
+            fastest = timing.trajectory(context.robot.joints)
+            raise too_short(move, timing.duration, context.judge(fastest).certificate)
+        raise never_held(context.judge(_evenly_slowed(context, lines[0])).certificate)
     best, trajectory, certificate, more = repaired(context, fast, best, free)
     spent += more
     if trajectory.duration > task.durations[1] * (1 + 1e-9):
         if fallback:
             return None, spent
-        raise _too_short(move, trajectory.duration, certificate)
+        raise too_short(move, trajectory.duration, certificate)
     duration = float(np.clip(trajectory.duration, *task.durations))
     start = replace(best.curve, duration=duration)
     found = context.reshaper(context.settings.objective).solved(start, task, context.stopped)
     spent += found.iterations
     return found if found.broken <= FEASIBLE else replace(found, curve=start), spent
-
-
-def _too_short(move: Move, shortest: float, certificate: Certificate) -> Infeasible:
-    wanted = move.duration if move.duration is not None else move.max_duration
-    worst = certificate.binding
-    return Infeasible(
-        f"a duration of {wanted:.6g} s is too short: the shortest found is {shortest:.6g} s, where the "
-        f"{worst['limit']} limit of {worst['joint']} binds at {worst['time']:.4g} s",
-        joint=str(worst["joint"]),
-        limit=str(worst["limit"]),
-        excess=shortest / float(wanted or shortest) - 1,
-        shortest_duration=shortest,
-    )
 
 
 def _evenly_slowed(context: Context, line: Line) -> Trajectory:

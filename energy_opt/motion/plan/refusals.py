@@ -1,0 +1,32 @@
+"""The errors of moves that cannot be as fast as requested, or that no duration makes possible."""
+
+from __future__ import annotations
+
+from energy_opt.errors import Infeasible
+from energy_opt.motion.judge.certificate import Certificate
+from energy_opt.motion.move import Move
+
+
+def too_short(move: Move, shortest: float, certificate: Certificate) -> Infeasible:
+    """The error of a move whose duration is below the `shortest` [s] that was found; `certificate`: of that one."""
+    wanted = move.duration if move.duration is not None else move.max_duration
+    worst = certificate.binding
+    return Infeasible(
+        f"a duration of {wanted:.6g} s is too short: the shortest found is {shortest:.6g} s, where the "
+        f"{worst['limit']} limit of {worst['joint']} binds at {worst['time']:.4g} s",
+        joint=str(worst["joint"]),
+        limit=str(worst["limit"]),
+        excess=shortest / float(wanted or shortest) - 1,
+        shortest_duration=shortest,
+    )
+
+
+def never_held(certificate: Certificate) -> Infeasible:
+    """The error of a move that breaks a limit however slow it is; `certificate`: of a slow motion."""
+    worst = certificate.worst
+    return Infeasible(
+        f"{worst['joint']}: the {worst['limit']} limit {worst['bound']:.4g} cannot be held even by a slow move "
+        f"(value {worst['value']:.4g} at {worst['time']:.4g} s)",
+        joint=str(worst["joint"]),
+        limit=str(worst["limit"]),
+    )

@@ -69,6 +69,7 @@ def _few(names: Sequence[str]) -> str:
 SLACK = 1e-6  # [rad, m] smaller differences of limits are rounding
 MASSLESS = 1e-6  # [kg] an arm with a smaller moving mass has no masses
 FARTHEST = 50.0  # [m] an arm whose joints lie farther apart is in another unit: small arms in mm have 200 and more
+BARE = 0.05  # [m] a link without mass that reaches farther is no intersection of axes: its <inertial> is missing
 LIGHTEST = 0.1  # [kg] a smaller moving mass of an arm causes a warning
 GRAMS = 0.2  # [kg] the inertia of a link with a smaller mass is not refused
 ROUNDED = 1e-3  # share by which the largest principal moment may exceed the sum of the others, as in rounded files
@@ -147,7 +148,8 @@ def _link_warnings(links: Sequence[Link], solid: Collection[str]) -> list[str]:
     out = []
     for k, link in enumerate(links):
         if link.mass <= MASSLESS:
-            if link.name in solid or not any(child.parent == k for child in links):
+            ends = not any(child.parent == k for child in links)
+            if link.name in solid or ends or _reach(links, k, 1) > BARE:
                 out.append(f"{link.name}: its link has no mass; assumed: massless")
             continue
         largest = float(np.linalg.eigvalsh(link.inertia)[-1])

@@ -21,10 +21,12 @@ from energy_opt.errors import BadInput, Infeasible
 from energy_opt.formats import read_trajectory
 from energy_opt.jobs.allocate import Front, Solved, allocate
 from energy_opt.jobs.file import load_job
+from energy_opt.jobs.frames import wrong_frames
 from energy_opt.jobs.run import run_job
 from energy_opt.motion.judge.clearance import clearance_of
 from energy_opt.motion.path import straight
 from energy_opt.motion.retime.solve import retime
+from energy_opt.poses.given import poses_of_request
 from energy_opt.power import source_method_2
 from energy_opt.robot import Robot, load_robot
 
@@ -281,8 +283,9 @@ def test_a_pose_at_fault_is_named_once(tmp_path: Path) -> None:
 def test_check_names_a_frame_that_no_pose_can_be_in(panda: Robot, tmp_path: Path) -> None:
     step = '[[step]]\nname = "pick"\npose = "table: 0, 0, 0.1, 3.14, 0, 0"\n'
     path = _written(tmp_path, f'format = "energy-opt/job/1"\nrobot = "panda"\ncycle_time = 8.0\n{step}')
-    (fault,) = check_job(path, lambda name: panda)
+    (fault,) = wrong_frames(load_job(path, lambda name: panda), CellRequest())
     assert "no frame 'table'; frames are world, panda_link0" in fault
     scene = tmp_path / "scene.yaml"
     scene.write_text("objects:\n  - {name: table, type: box, size: [0.3, 0.3, 0.1], position: [0.5, 0, 0]}\n")
-    assert check_job(path, lambda name: panda, CellRequest(scene=scene)) == []
+    cell = CellRequest(scene=scene)
+    assert wrong_frames(load_job(path, lambda name: panda, named=poses_of_request(cell)), cell) == []

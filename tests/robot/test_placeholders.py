@@ -108,3 +108,23 @@ def test_an_arm_in_millimetres_is_refused(tmp_path: Path) -> None:
         BadInput, match=r"two\.urdf: from joint to joint the arm is 300 m long; is the unit mm\? Expected m"
     ):
         load_robot(path)
+
+
+def test_a_long_link_without_mass_is_named_also_inside_the_arm(tmp_path: Path) -> None:
+    limit = '<limit lower="-3" upper="3" velocity="2" effort="80"/>'
+    body = '<inertial><mass value="2"/><inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.005"/></inertial>'
+    for offset, named in (
+        ("0.3", ["j2"]),
+        ("0", []),
+    ):  # links between intersecting axes often have no body of their own
+        joints = "".join(
+            f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
+            f'<origin xyz="0 0 {z}"/><axis xyz="{axis}"/>{limit}</joint>'
+            for name, parent, child, z, axis in (
+                ("j1", "base", "a", "0", "0 0 1"), ("j2", "a", "b", "0.3", "0 1 0"), ("j3", "b", "c", offset, "1 0 0"),
+            )
+        )  # fmt: skip
+        links = f'<link name="base"/><link name="a">{body}</link><link name="b"/><link name="c">{body}</link>'
+        path = tmp_path / f"arm{offset}.urdf"
+        path.write_text(f'<robot name="arm">{links}{joints}</robot>')
+        assert [w.split(":")[0] for w in load_robot(path).warnings if "no mass" in w] == named

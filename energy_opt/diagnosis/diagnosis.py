@@ -107,6 +107,9 @@ def diagnose(
     model = replace(found.model, uncertainty=_covariance(found))
     before = {"train": errors(declared, samples, train), "holdout": errors(declared, samples, holdout)}
     after = {"train": errors(model, samples, train), "holdout": errors(model, samples, holdout)}
+    rejected = not found.claims and not found.links and _worse(after, before)
+    if rejected:  # a fit without a claim is not written if it predicts held-out motions worse than the declared model
+        found, model, after = replace(found, model=declared, after=found.before), declared, before
     effects, left = findings_of(found), _attributions(found, joints)
     # if the residual is more than noise, it may affect errors of energy, levels and the estimated noise
     noise = None if found.verdict in ("partly", "unexplained") else found.noise
@@ -152,6 +155,10 @@ def diagnose(
         document["remarks"].append(
             f"Long set: each {samples.group} neighbouring readings are averaged to one, {len(samples.power)} in all."
         )
+    if rejected:
+        document["remarks"].append(
+            "The fitted model predicts held-out motions worse than the declared one: model.toml holds the declared one."
+        )
     document["remarks"] += push_words(found_pushes, enough) + side_remarks(side, limits, records)
     document["remarks"] += speeds_seen(found, joints)
     document["headline"] = headline(document)
@@ -175,6 +182,13 @@ def _metered(measured: MeasuredSet) -> MeasuredSet:
 def _news(f: Any) -> list[str]:
     """Effects of a fit that were not free from the start; its link deviations if there are none."""
     return [name for name in f.names if name not in f.world.given] or [LinkInertia.name]
+
+
+def _worse(one: dict[str, Any], other: dict[str, Any]) -> bool:
+    """True if the first errors are larger on the motions held out; False if none are held out."""
+    if one["holdout"] is None or other["holdout"] is None:
+        return False
+    return bool(one["holdout"]["power_rmse"] > other["holdout"]["power_rmse"])
 
 
 def explained_share(before: dict[str, Any], after: dict[str, Any], floor: float) -> float:

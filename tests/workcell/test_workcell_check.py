@@ -1,0 +1,61 @@
+"""Faults of a cell's description, each named in one line by `check` and `job`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import tomli_w
+
+from energy_opt.cli.main import main
+
+
+def refused(tmp_path: Path, document: dict, verb: str = "job") -> int:
+    """The exit code for a description, as a file of `tmp_path`."""
+    file = tmp_path / "cell.toml"
+    file.write_bytes(tomli_w.dumps(document).encode())
+    return main([verb, str(file)])
+
+
+def one_robot(*steps: dict) -> dict:
+    """A job of one Panda."""
+    robot = {"name": "a", "robot": "panda", "step": list(steps)}
+    return {"format": "energy-opt/job/2", "cycle_time": 9.0, "robot": [robot]}
+
+
+def test_a_step_does_not_come_after_itself(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert refused(tmp_path, one_robot({"name": "p", "to": [0.0] * 7, "after": "a.p"})) == 2
+    assert "robot a: step p: after = 'a.p' is the step itself; name another" in capsys.readouterr().err
+
+
+def test_check_names_a_frame_that_no_pose_of_a_cell_can_be_in(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "scene.yaml").write_text(
+        "objects:\n  - {name: table, type: box, size: [0.3, 0.3, 0.1], position: [0.5, 0, 0]}\n"
+    )
+    unknown, known = (
+        one_robot({"name": "pick", "pose": f"{frame}: 0, 0, 0.1, 3.14, 0, 0"}) | {"scene": "scene.yaml"}
+        for frame in ("tabel", "table")
+    )
+    assert refused(tmp_path, unknown, "check") == 2
+    assert "robot a: pick: step 1 (pick): no frame 'tabel'; did you mean 'table'?" in capsys.readouterr().err
+    assert refused(tmp_path, known, "check") == 0
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "says"),
+    [
+        ("to", 5, "to = 5; expected a list, a table or text"),
+        ("to", [1.0, "x"], "to 2 = 'x'; expected a number"),
+        ("to", {"joint": "x"}, "to: joint = 'x'; expected a number"),
+        ("wait", "x", "wait = 'x'; expected a number or a list"),
+        ("wait", [1.0], "wait 2 is missing"),
+    ],
+)
+def test_a_value_of_no_kind_that_a_key_may_have_is_one_fault(
+    key: str, value: object, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert refused(tmp_path, one_robot({"name": "p", key: value})) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.endswith(f"cell.toml: robot 1 (a): step 1 (p): {says}")

@@ -7,14 +7,16 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from energy_opt.cell import solids
-from energy_opt.cell.solids import Ruler, Solid, placement
+from energy_opt.cell.solids import GJK_ERROR, Ruler, Solid, placement
 from energy_opt.errors import BadInput
+from energy_opt.numerics.hulls import Hulls, Pairs
 from energy_opt.robot import Robot
 from energy_opt.robot.checks import placed
 from energy_opt.robot.kinematics import Kinematics, Poses
@@ -111,6 +113,20 @@ class Bodies:
         points = np.zeros((1, 3)) if self.flat[body] else hull.points
         return points @ self.rotation[body].T + self.shift[body], hull.radius
 
+    @cached_property
+    def hulls(self) -> Hulls:
+        """The convex hulls of all bodies."""
+        corners = [self.corners_of(i) for i in range(len(self.all))]
+        radius = np.array([radius for _, radius in corners])
+        face = np.where(self.flat[:, None], self.rotation[:, :, 2], 0.0)
+        return Hulls([points for points, _ in corners], radius, self.joint, face)
+
+    @cached_property
+    def hull_pairs(self) -> Pairs:
+        """The pairs of hulls, with what moves them."""
+        of = self.kinematics
+        return Pairs(self.pairs, self.moves, self.planar, self.corners, of.prismatic, of.coupling.matrix)
+
     def names(self, pair: int) -> tuple[str, str]:
         """The names of a pair's bodies."""
         a, b = self.pairs[pair]
@@ -182,11 +198,15 @@ class Scenery:
             Configuration, number of the pair, its ruler, both placements, and the distance [m] of the hulls.
         """
         pairs, far = self.bodies.pairs, np.broadcast_to(reach, len(self.bodies.pairs))
-        k, pair = np.repeat(np.arange(len(self.q)), len(pairs)), np.tile(np.arange(len(pairs)), len(self.q))
-        near = np.flatnonzero(self.apart(k, pair)[0] <= far[pair]) if len(pair) else pair
+        if not len(pairs):
+            return
+        normals = np.zeros((len(self.q), len(pairs), 3))
+        most = float(far.max()) + GJK_ERROR
+        bound = self.bodies.hulls.apart(self.poses.rotation, self.poses.origin, pairs[:, 0], pairs[:, 1], most, normals)
+        k, pair = np.nonzero(~(bound > far + GJK_ERROR))
         for side in (0, 1):
-            self.place(k[near], pairs[pair[near], side])
-        for i, p in zip(k[near].tolist(), pair[near].tolist(), strict=True):
+            self.place(k, pairs[pair, side])
+        for i, p in zip(k.tolist(), pair.tolist(), strict=True):
             ruler, at, bt = self.bodies.ruler(p), *(self.placed(i, body) for body in pairs[p].tolist())
             distance = ruler.near(at, bt)
             if distance <= far[p]:

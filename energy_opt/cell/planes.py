@@ -21,7 +21,7 @@ import numpy as np
 
 from energy_opt.cell.bodies import Bodies
 from energy_opt.cell.solids import Gauge, Piece
-from energy_opt.numerics.clouds import Clouds, boxes_apart
+from energy_opt.numerics.hulls import Hulls
 from energy_opt.robot.kinematics import Poses, cross, into
 
 LENGTH = 0.1  # [m] unit of constraints, so that they are of order one
@@ -52,15 +52,13 @@ class Near:
         self.pieces: tuple[Piece, ...] = tuple(piece for _, piece in pieces)
         self.radius = np.array([piece.radius for piece in self.pieces])
         self.flat = bodies.flat[self.body]
-        self._joint = bodies.joint[self.body]
         points = [
             np.zeros((1, 3)) + bodies.shift[i] if bodies.flat[i] else p.points @ bodies.rotation[i].T + bodies.shift[i]
             for i, p in pieces
         ]  # in the frame of the joint
-        self.clouds = Clouds(points)
-        self._middle = np.array([(p.min(axis=0) + p.max(axis=0)) / 2 for p in points]).reshape(-1, 3)
-        self._half = np.array([(p.max(axis=0) - p.min(axis=0)) / 2 for p in points]).reshape(-1, 3)
-        self._half += self.radius[:, None]
+        face = np.where(self.flat[:, None], bodies.rotation[self.body, :, 2], 0.0)
+        self._hulls = Hulls(points, self.radius, bodies.joint[self.body], face)
+        self.clouds = self._hulls.clouds
         # a plane is fixed in the second body, so no joint may move that body alone
         of = [np.flatnonzero(self.body == i) for i in range(len(bodies.all))]
         usable = np.flatnonzero(~bodies.moves[1].any(axis=1) & ~bodies.flat[bodies.pairs[:, 0]])
@@ -68,7 +66,6 @@ class Near:
         self.pair, self.a, self.b = np.array(triples, dtype=int).reshape(-1, 3).T
         self._measures: dict[int, Gauge] = {}
         self._kept = np.zeros(0), np.zeros((0, 0, 3))
-        self._seen = np.ones(len(self.pair), dtype=bool)
         if free is not None and wanted is not None:
             self._pass_over(free, wanted)
 
@@ -80,7 +77,9 @@ class Near:
             hidden = number[distance < wanted[self.pair[number]]]
             if not len(hidden):
                 return
-            self._seen[hidden] = False
+            seen = np.setdiff1d(np.arange(len(self.pair)), hidden)
+            self.pair, self.a, self.b = self.pair[seen], self.a[seen], self.b[seen]
+            self._measures, self._kept = {}, (np.zeros(0), np.zeros((0, 0, 3)))
 
     def measured(
         self, u: np.ndarray, q: np.ndarray, reach: float
@@ -93,26 +92,14 @@ class Near:
                 towards the first, in the base frame), (M,) or (M, 3) each; and the poses of the links.
         """
         poses = self.bodies.poses(q, u)
-        k, number = np.nonzero((self._apart(poses) < reach) & self._seen)
-        known = self._planes(u)
-        normal, distance = known[k, number], np.full(len(k), -np.inf)
-        old = np.flatnonzero(normal.any(axis=1))
-        distance[old] = self._heights(poses, k[old], number[old], normal[old])
-        again = np.flatnonzero(distance < reach)
-        of_a, of_b = self.body[self.a[number[again]]], self.body[self.b[number[again]]]
-        placed = self.bodies.placements(poses, np.tile(k[again], 2), np.concatenate([of_a, of_b]))
-        columns = (again, k[again], number[again], of_a, of_b)
-        for i, place, one, a, b in zip(*(column.tolist() for column in columns), strict=True):
-            measure = self._measures.get(one)
-            if measure is None:
-                measure = self._measures[one] = Gauge(self.pieces[self.a[one]], self.pieces[self.b[one]])
-            distance[i] = measure(placed[place, a], placed[place, b])
-            normal[i] = measure.normal
-        known[k, number] = normal
-        near = np.flatnonzero(distance < reach)
+        normals = self._planes(u)
+        distances = self._hulls.apart(poses.rotation, poses.origin, self.a, self.b, reach, normals)
+        self._measure(poses, distances, normals)
+        k, number = np.nonzero(distances < reach)
+        distance, normal = distances[k, number], normals[k, number]
         # Sort by place, pair of bodies and distance; then rank counts the pairs of pieces within a pair of bodies at a
         # place.
-        order = near[np.lexsort((distance[near], self.pair[number[near]], k[near]))]
+        order = np.lexsort((distance, self.pair[number], k))
         name = k[order] * len(self.bodies.pairs) + self.pair[number[order]]
         first = np.flatnonzero(np.diff(name, prepend=-1))
         rank = np.arange(len(order)) - np.repeat(first, np.diff(np.append(first, len(order))))
@@ -132,30 +119,17 @@ class Near:
             self._kept = u.copy(), normals
         return self._kept[1]
 
-    def _apart(self, poses: Poses) -> np.ndarray:
-        """Lower bounds (K, pairs of pieces) [m] of distances, from boxes along the axes of the base."""
-        rotation, origin = poses.rotation[:, self._joint], poses.origin[:, self._joint]
-        middle = np.matmul(rotation, self._middle[:, :, None])[..., 0] + origin
-        half = np.matmul(np.abs(rotation), self._half[:, :, None])[..., 0]
-        out = boxes_apart(middle, half, self.a, self.b)
-        for one in np.flatnonzero(self.flat[self.b]):
-            b, a = self.b[one], self.a[one]
-            normal = rotation[:, b] @ self.bodies.rotation[self.body[b]][:, 2]
-            inward = np.matmul(normal[:, None], rotation[:, a])[:, 0]
-            height = np.sum(normal * (middle[:, a] - middle[:, b]), axis=1)
-            out[:, one] = np.maximum(height - np.abs(inward) @ self._half[a], 0)
-        return out
-
-    def _heights(self, poses: Poses, k: np.ndarray, number: np.ndarray, normal: np.ndarray) -> np.ndarray:
-        """Lower bounds (M,) [m] of distances: the height of piece a over piece b along the given normals.
-
-        It is min over vertices of a of n·p minus max over vertices of b of n·p, less both radii.
-        """
-        a, b = self.a[number], self.b[number]
-        ja, jb = self._joint[a], self._joint[b]
-        out = np.sum(normal * (poses.origin[k, ja] - poses.origin[k, jb]), axis=1) - self.radius[a] - self.radius[b]
-        out += self.clouds.lowest(a, into(poses.rotation[k, ja], normal))[1]
-        return np.asarray(out + self.clouds.lowest(b, into(poses.rotation[k, jb], -normal))[1])
+    def _measure(self, poses: Poses, distances: np.ndarray, normals: np.ndarray) -> None:
+        """Replace distances (K, pairs of pieces) [m] that are NaN, and their normals (K, pairs of pieces, 3)."""
+        k, number = np.nonzero(np.isnan(distances))
+        of_a, of_b = self.body[self.a[number]], self.body[self.b[number]]
+        placed = self.bodies.placements(poses, np.tile(k, 2), np.concatenate([of_a, of_b]))
+        for place, one, a, b in zip(*(column.tolist() for column in (k, number, of_a, of_b)), strict=True):
+            measure = self._measures.get(one)
+            if measure is None:
+                measure = self._measures[one] = Gauge(self.pieces[self.a[one]], self.pieces[self.b[one]])
+            distances[place, one] = measure(placed[place, a], placed[place, b])
+            normals[place, one] = measure.normal
 
     def constraints(self, u: np.ndarray, q: np.ndarray, margin: np.ndarray, reach: float) -> PlaneConstraints:
         """Constraints at places u (K,) and positions q (K, n), for pairs that are nearer than `reach` [m] there.
@@ -164,7 +138,7 @@ class Near:
             margin: (K, P) what each pair keeps at each place [m].
         """
         k, number, distance, normal, poses = self.measured(u, q, reach)
-        return PlaneConstraints(self, u, poses, (k, number, distance, normal), margin)
+        return PlaneConstraints(self, u, q, poses, (k, number, distance, normal), margin)
 
 
 class PlaneConstraints:
@@ -173,16 +147,16 @@ class PlaneConstraints:
     It has the interface of `motion.limits.base.PlaceConstraints`.
 
     Args:
-        near: the pieces. u: (K,) places. poses: of the links there, when the planes were found.
+        near: the pieces. u: (K,) places. q, poses: (K, n) and those of the links there, where the planes were found.
         found: place, number, distance and normal of each plane, as `Near.measured` returns them.
         margin: (K, P) [m] the clearance of each pair at each place.
     """
 
     def __init__(
-        self, near: Near, u: np.ndarray, poses: Poses, found: tuple[np.ndarray, ...], margin: np.ndarray
+        self, near: Near, u: np.ndarray, q: np.ndarray, poses: Poses, found: tuple[np.ndarray, ...], margin: np.ndarray
     ) -> None:
         bodies = self._bodies = near.bodies
-        self.u = u
+        self.u, self._found_at = u, (q, poses)
         k, number, distance, normal = found
         # the plane of a half-space is its boundary, whatever was found
         flat = np.flatnonzero(near.flat[near.b[number]])
@@ -212,7 +186,10 @@ class PlaneConstraints:
         if self._at is q:
             return
         self._at = q
-        poses, k = self._bodies.poses(q, self.u), self.place
+        found_at, poses = self._found_at
+        if not np.array_equal(q, found_at):
+            poses = self._bodies.poses(q, self.u)
+        k = self.place
         n = np.matmul(poses.rotation[k, self._joint_b], self._normal[:, :, None])[..., 0]
         point = np.matmul(poses.rotation[k, self._joint_a], self._point[:, :, None])[..., 0]
         point += poses.origin[k, self._joint_a]

@@ -180,6 +180,62 @@ class Proof:
     least: Touch | None = None
     touches: list[Touch] = field(default_factory=list)
 
+    def see(self, found: Touch) -> None:
+        """Keep the nearest pair."""
+        if self.least is None or found.distance < self.least.distance:
+            self.least = found
+
+
+@dataclass
+class Cases:
+    """M intervals of pairs, all of about one length.
+
+    Attributes:
+        span, pair: (M,) interval, and number of the pair. time: (K,) [s] of the intervals' middles.
+        far, reach: (K, n) and (K, L) [rad, m] how far the independent joints, and all joints, go from there.
+        wanted: (M,) [m] distance to be proven. normal: (M, 3) of the last plane between the hulls; 0: none is known.
+        distance: (M,) [m] lower bound of the distance in the middle; -inf where it is not needed, NaN if unknown.
+        travel: (M,) [m] how far the bodies come towards each other at most.
+    """
+
+    span: np.ndarray
+    pair: np.ndarray
+    time: np.ndarray
+    far: np.ndarray
+    reach: np.ndarray
+    wanted: np.ndarray
+    normal: np.ndarray
+    distance: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    travel: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+    def bound(self, scene: Scenery, wanted: np.ndarray, out: Proof) -> np.ndarray:
+        """What the pairs keep in the whole interval (M,) [m], by boxes, hulls and planes; sets distance and travel.
+
+        Args:
+            wanted: (P,) [m]. out: the proof so far, which sees the nearest pair.
+        """
+        poses, bodies = scene.poses, scene.bodies
+        frames = poses.rotation, poses.origin, poses.axis
+        least = np.inf if out.least is None else out.least.distance
+        found = bodies.hulls.within(
+            bodies.hull_pairs, frames, self.far, self.reach, (self.span, self.pair), wanted, least,
+            (GJK_ERROR, ROUNDING), self.normal,
+        )  # fmt: skip
+        if found is None:
+            floor, box_a, box_b = scene.apart(self.span, self.pair)
+            self.travel = scene.travel(self.span, self.pair, (box_a, box_b), self.reach[self.span])
+            self.distance = np.full(len(self.pair), np.nan)
+            return floor - self.travel
+        bound, self.distance, self.travel = found
+        measured = np.flatnonzero((self.distance > -np.inf) & (bound > self.wanted))  # the others are seen later
+        if len(measured):
+            i = measured[np.argmin(self.distance[measured])]
+            if self.distance[i] + GJK_ERROR < least:
+                k, p = int(self.span[i]), int(self.pair[i])
+                distance = bodies.ruler(p).near(*(scene.placed(k, body) for body in bodies.pairs[p].tolist()))
+                out.see(Touch(float(self.time[k]), p, distance))
+        return bound
+
 
 def prove(bodies: Bodies, curve: MotionCurve, wanted: np.ndarray) -> Proof:
     """Prove that every pair of `bodies` is apart by more than `wanted` (P,) [m] during all of `curve`.
@@ -193,21 +249,18 @@ def prove(bodies: Bodies, curve: MotionCurve, wanted: np.ndarray) -> Proof:
     pairs = len(bodies.pairs)
     span = np.repeat(np.arange(len(spans)), pairs)
     pair = np.tile(np.arange(pairs), len(spans))
+    normal = np.zeros((len(pair), 3))  # of the last plane between a pair; 0 where none is known
     haste = HASTE
     # pairs with one body inside the other's mesh, which surface distances do not show
     entered = inside_at(bodies, curve.at(0))
     while len(span):
         time, q, far = curve.middles(spans)
         scene = Scenery(bodies, q)
-        floor, box_a, box_b = scene.apart(span, pair)
-        reach = bodies.kinematics.coupling.reach(far)
-        travel = scene.travel(span, pair, (box_a, box_b), reach[span])
-        rest = floor - travel
-        open_ = rest <= wanted[pair]
-        out.lower_bound = min(out.lower_bound, float(rest[~open_].min(initial=np.inf)))
-        which = np.flatnonzero(open_)
-        cases = span[which], pair[which], travel[which]
-        again, unsure = (which[found] for found in _measured(out, scene, cases, wanted, time, far, reach, entered))
+        cases = Cases(span, pair, time, far, bodies.kinematics.coupling.reach(far), wanted[pair], normal)
+        bound = cases.bound(scene, wanted, out)
+        open_ = ~(bound > cases.wanted)
+        out.lower_bound = min(out.lower_bound, float(bound[~open_].min(initial=np.inf)))
+        again, unsure = _measured(out, scene, cases, np.flatnonzero(open_), entered)
         if out.touches:
             haste -= 1
             # the clearance is broken: only other places and contacts are still of interest
@@ -222,6 +275,7 @@ def prove(bodies: Bodies, curve: MotionCurve, wanted: np.ndarray) -> Proof:
         kept, back = np.unique(span[again], return_inverse=True)  # halved, each open pair in both halves
         spans = spans.take(kept).halves()
         span, pair = np.concatenate([back, back + len(kept)]), np.tile(pair[again], 2)
+        normal = np.tile(cases.normal[again], (2, 1))
     if out.touches:
         out.touches.sort(key=lambda touch: touch.distance)
         out.verdict = "colliding" if out.touches[0].distance <= 0 else "undecided"
@@ -231,66 +285,57 @@ def prove(bodies: Bodies, curve: MotionCurve, wanted: np.ndarray) -> Proof:
 
 
 def _measured(
-    out: Proof,
-    scene: Scenery,
-    cases: tuple[np.ndarray, np.ndarray, np.ndarray],
-    wanted: np.ndarray,
-    time: np.ndarray,
-    far: np.ndarray,
-    reach: np.ndarray,
-    entered: set[int],
+    out: Proof, scene: Scenery, cases: Cases, which: np.ndarray, entered: set[int]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Measure the distances that boxes left open. Proofs and touches are entered into `out`.
+    """Measure the distances that are not bounded yet. Proofs and touches are entered into `out`.
 
     Args:
-        out: the proof so far. scene: bodies in the middles of the intervals. cases: interval, pair, and bound of the
-            travel [m] of each, (M,). wanted: (P,) [m]. time: of the middles [s]. far, reach: how far the independent
-            joints, and all joints, go from there. entered: pairs with one body inside the other.
+        out: the proof so far. scene: bodies in the middles of the intervals. cases, which: those still open.
+        entered: pairs with one body inside the other.
 
     Returns:
         Cases that are still open, and those that may touch within their interval.
     """
-    bodies, (span, pair, travel) = scene.bodies, cases
-    again, unsure, planes, normals = [], [], [], []
-    least = np.inf if out.least is None else out.least.distance
+    bodies, pair = scene.bodies, cases.pair[which]
+    again, unsure, planes = [], [], []
+    some = which[np.isnan(cases.distance[which])]
     for side in (0, 1):
-        scene.place(span, bodies.pairs[pair, side])
-    # the second-order loss of heights over planes; infinite if no plane can separate the pair
-    bends = np.where(bodies.planar[pair], travel * turns(bodies, pair, reach[span]), np.inf)
-    columns = (span, pair, travel, wanted[pair], bends)
-    for i, (k, p, way, asked, bend) in enumerate(zip(*(column.tolist() for column in columns), strict=True)):
+        scene.place(cases.span[some], bodies.pairs[cases.pair[some], side])
+    columns = (which, cases.span[which], pair, cases.travel[which], cases.wanted[which], cases.distance[which])
+    for i, k, p, way, asked, distance in zip(*(column.tolist() for column in columns), strict=True):
         a, b = bodies.pairs[p].tolist()
         ruler = bodies.ruler(p)
-        at, bt = scene.placed(k, a), scene.placed(k, b)
-        distance = ruler.near(at, bt)
-        if not ruler.convex and distance - GJK_ERROR - asked < NARROW * way + GJK_ERROR:
+        known = not np.isnan(distance) and (distance > asked or ruler.near.exact)
+        if not known:
+            distance = ruler.near(scene.placed(k, a), scene.placed(k, b)) - GJK_ERROR
+            cases.normal[i] = ruler.near.normal
+        if not ruler.convex and distance - asked < NARROW * way + GJK_ERROR:
+            at, bt = scene.placed(k, a), scene.placed(k, b)
             if ruler.cut:
-                distance = max(distance, ruler.mid(at, bt))
-            if distance - GJK_ERROR <= asked or distance - GJK_ERROR - asked < NARROW * way < 0.005:
-                distance = 0.0 if p in entered else ruler.exact(at, bt)
-        if distance < least:
-            least = distance
-            out.least = Touch(float(time[k]), p, distance)
-        kept = distance - GJK_ERROR - way
+                distance = max(distance, ruler.mid(at, bt) - GJK_ERROR)
+            if distance <= asked or distance - asked < NARROW * way < 0.005:
+                distance = (0.0 if p in entered else ruler.exact(at, bt)) - GJK_ERROR
+        out.see(Touch(float(cases.time[k]), p, distance + GJK_ERROR))
+        kept = distance - way
         if kept > asked:
             out.lower_bound = min(out.lower_bound, kept)
-        elif distance - GJK_ERROR <= asked:
-            touch = distance <= GJK_ERROR
-            out.touches.append(Touch(float(time[k]), p, min(distance, 0.0) if touch else distance))
+        elif distance <= asked:
+            touch = distance <= 0
+            out.touches.append(Touch(float(cases.time[k]), p, min(distance + GJK_ERROR, 0.0 if touch else np.inf)))
             if not touch and kept <= 0:
                 unsure.append(i)
         else:
-            if distance - bend > asked:
+            if not known:
                 planes.append(i)
-                normals.append(ruler.near.normal)
             again.append(i)
             if kept <= 0:
                 unsure.append(i)
-    closed = np.array(planes, dtype=int)
-    if planes:
-        k, p = span[closed], pair[closed]
-        height = least_heights(scene, k, p, np.array(normals), far[k], bends[closed])
-        good = height > wanted[p]
+    closed = np.array([i for i in planes if bodies.planar[cases.pair[i]]], dtype=int)
+    if len(closed):
+        k, p, rest = cases.span[closed], cases.pair[closed], cases.travel[closed]
+        bend = rest * turns(bodies, p, cases.reach[k])
+        height = least_heights(scene, k, p, cases.normal[closed], cases.far[k], bend)
+        good = height > cases.wanted[closed]
         closed, out.lower_bound = closed[good], min(out.lower_bound, float(height[good].min(initial=np.inf)))
     return np.setdiff1d(np.array(again, dtype=int), closed), np.setdiff1d(np.array(unsure, dtype=int), closed)
 

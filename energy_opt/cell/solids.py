@@ -32,11 +32,15 @@ LARGE = 10.0  # [m] half the edge of the box that replaces a half-space if a bou
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A convex body: `geometry` is coal's; it lies in the hull of `points` (V, 3) [m], `radius` [m] added all round."""
+    """A convex body: `geometry` is coal's; it lies in the hull of `points` (V, 3) [m], `radius` [m] added all round.
+
+    `exact`: it is this hull.
+    """
 
     geometry: Any
     points: np.ndarray
     radius: float = 0.0
+    exact: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,8 +100,8 @@ def primitive(kind: str, size: Sequence[float]) -> Solid:
     angle, outside = 2 * np.pi * (np.arange(ROUND) + 0.5) / ROUND, radius / np.cos(np.pi / ROUND)
     rim = outside * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(ROUND)])  # a polygon around the circle
     if kind == "cylinder":
-        return _alone(coal.Cylinder(*size), np.vstack([rim - half, rim + half]))
-    return _alone(coal.Cone(*size), np.vstack([rim - half, half[None]]))
+        return _alone(coal.Cylinder(*size), np.vstack([rim - half, rim + half]), exact=False)
+    return _alone(coal.Cone(*size), np.vstack([rim - half, half[None]]), exact=False)
 
 
 def mesh(vertices: np.ndarray, triangles: np.ndarray) -> Solid:
@@ -136,9 +140,9 @@ def mesh_file(path: Path, scale: tuple[float, ...], most: int) -> Solid:
     return _of_mesh(model)
 
 
-def _alone(geometry: Any, points: np.ndarray, radius: float = 0.0) -> Solid:
+def _alone(geometry: Any, points: np.ndarray, radius: float = 0.0, exact: bool = True) -> Solid:
     """A convex solid that is its own hull and its only piece."""
-    piece = Piece(geometry, points, radius)
+    piece = Piece(geometry, points, radius, exact)
     return Solid(piece, (piece,), None, _box(geometry))
 
 
@@ -215,6 +219,7 @@ class Gauge:
     def __init__(self, a: Piece, b: Piece) -> None:
         self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
         self._measure = coal.ComputeDistance(a.geometry, b.geometry)
+        self.exact = a.exact and b.exact
 
     def __call__(self, at: Any, bt: Any) -> float:
         """The distance; negative where they overlap."""

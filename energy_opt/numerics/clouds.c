@@ -51,19 +51,3 @@ void clouds_spread(const Clouds *c, const I *which, const double *direction, con
         }
     }
 }
-
-/* `out` (count, pairs): distances of boxes along the axes, by middles and half edges (count, boxes, 3), of pairs of boxes
-   `a` and `b` (pairs,); 0 where they overlap. */
-void clouds_boxes_apart(const double *middle, const double *half, I count, I boxes, const I *a, const I *b, I pairs,
-                        double *out) {
-    for (I k = 0; k < count; k++)
-        for (I p = 0; p < pairs; p++) {
-            I i = (k * boxes + a[p]) * 3, j = (k * boxes + b[p]) * 3;
-            double s = 0;
-            for (I x = 0; x < 3; x++) {
-                double gap = larger(fabs(middle[i + x] - middle[j + x]) - half[i + x] - half[j + x], 0);
-                s += gap * gap;
-            }
-            out[k * pairs + p] = sqrt(s);
-        }
-}

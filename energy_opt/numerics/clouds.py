@@ -25,9 +25,10 @@ class Clouds:
         self.sets = tuple(np.asarray(points, dtype=float) for points in sets)
         self._columns = np.vstack([np.zeros((0, 3)), *self.sets]).T.copy()
         self._first = np.cumsum([0, *(len(points) for points in self.sets)], dtype=np.int64)
-        self._room = np.empty((2, max((len(points) for points in self.sets), default=1)))
+        self.room = np.empty((2, max((len(points) for points in self.sets), default=1)))
 
-    def _native(self) -> native.Clouds:
+    def native(self) -> native.Clouds:
+        """The sets in the layout of the C functions."""
         return native.Clouds(*map(pointer, self._columns), pointer(self._first))
 
     def points(self, which: np.ndarray, vertex: np.ndarray) -> np.ndarray:
@@ -45,8 +46,8 @@ class Clouds:
             return vertex, height
         which, direction = np.ascontiguousarray(which, dtype=np.int64), np.ascontiguousarray(direction)
         c.clouds_lowest(
-            ctypes.byref(self._native()), pointer(which), pointer(direction), ctypes.c_int64(len(which)),
-            pointer(self._room), pointer(vertex), pointer(height),
+            ctypes.byref(self.native()), pointer(which), pointer(direction), ctypes.c_int64(len(which)),
+            pointer(self.room), pointer(vertex), pointer(height),
         )  # fmt: skip
         return vertex, height
 
@@ -75,31 +76,11 @@ class Clouds:
         which, many = (np.ascontiguousarray(x, dtype=np.int64) for x in (which, many))
         direction = np.ascontiguousarray(direction)
         c.clouds_spread(
-            ctypes.byref(self._native()), pointer(which), pointer(direction), pointer(many),
+            ctypes.byref(self.native()), pointer(which), pointer(direction), pointer(many),
             ctypes.c_int64(len(which)), ctypes.c_int64(most), ctypes.c_double(above), ctypes.c_double(beside),
-            *map(pointer, self._room), pointer(out),
+            *map(pointer, self.room), pointer(out),
         )  # fmt: skip
         return out
-
-
-def boxes_apart(middle: np.ndarray, half: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Distances (K, P) of boxes along the axes, 0 where they overlap.
-
-    Args:
-        middle, half: (K, boxes, 3) middles and half edges. a, b: (P,) the boxes of each pair.
-    """
-    c = native.library()
-    if c is None:
-        gap = np.abs(middle[:, a] - middle[:, b]) - half[:, a] - half[:, b]
-        return np.asarray(np.sqrt(np.sum(np.maximum(gap, 0) ** 2, axis=2)))
-    out = np.empty((len(middle), len(a)))
-    middle, half = np.ascontiguousarray(middle), np.ascontiguousarray(half)
-    a, b = (np.ascontiguousarray(x, dtype=np.int64) for x in (a, b))
-    sizes = map(ctypes.c_int64, middle.shape[:2])
-    c.clouds_boxes_apart(
-        pointer(middle), pointer(half), *sizes, pointer(a), pointer(b), ctypes.c_int64(len(a)), pointer(out)
-    )
-    return out
 
 
 def _groups(which: np.ndarray) -> Iterable[tuple[int, np.ndarray]]:

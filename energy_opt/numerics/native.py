@@ -1,4 +1,4 @@
-"""`banded.c` and `clouds.c`, compiled once, kept in the cache folder, called by ctypes; None without a compiler.
+"""`banded.c`, `clouds.c` and `hulls.c`, compiled once, kept in the cache, called by ctypes; None without a compiler.
 
 The machine's C compiler builds them in a second; Numba would take fifteen. A quadratic program of 56 unknowns takes
 0.2 ms, in NumPy 5 ms; one of 294 unknowns 1 to 3 ms, with the library PIQP 18 to 38 ms.
@@ -23,7 +23,7 @@ FLAGS = (
 DEFINED = (
     "BARRIER", "BEGIN_BOX", "BEGIN_ROW", "CLOSE", "STEPS", "PRIMAL", "DUAL", "LEAST_DAMPING", "MOST_DAMPING",
 )  # fmt: skip
-FILES = "banded.c", "clouds.c"
+FILES = "banded.c", "clouds.c", "hulls.c"
 INTEGERS = ("first", "joint", "wide_first", "place", "place_first")
 NUMBERS = ("coefficient", "wide", "gradient", "basis", "border")
 
@@ -49,6 +49,28 @@ class Clouds(ctypes.Structure):
     """Sets of points in the layout of the C functions: coordinates, and where each set begins."""
 
     _fields_ = [(name, ctypes.c_void_p) for name in ("x", "y", "z", "first")]
+
+
+class Hulls(ctypes.Structure):
+    """Convex pieces on links in the layout of the C functions."""
+
+    _fields_ = [("points", Clouds)] + [(name, ctypes.c_void_p) for name in ("link", "radius", "middle", "half", "face")]
+
+
+class Motion(ctypes.Structure):
+    """Frames of links at configurations, and how far joints move them, in the layout of the C functions."""
+
+    _fields_ = [
+        (name, ctypes.c_void_p) for name in ("rotation", "origin", "axis", "far", "reach", "coupling", "slides")
+    ] + [("joints", ctypes.c_int64), ("own", ctypes.c_int64)]
+
+
+class Pairs(ctypes.Structure):
+    """Pairs of bodies in the layout of the C functions."""
+
+    _fields_ = [(name, ctypes.c_void_p) for name in ("a", "b", "moves", "planar", "corners", "wanted")] + [
+        ("count", ctypes.c_int64)
+    ]
 
 
 def pointer(x: np.ndarray) -> ctypes.c_void_p:

@@ -22,6 +22,7 @@ from energy_opt.cli.main import main
 from energy_opt.files import read_table, write_table
 from energy_opt.motion.path import JointPath, straight, through
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.numerics import native
 from energy_opt.robot import Robot, load_robot
 from energy_opt.robot.catalog import srdf_beside
 from energy_opt.robot.description import urdf_text
@@ -170,9 +171,11 @@ def dense(robot: Robot, t: Trajectory, samples: int = 400) -> float:
     return hits / samples
 
 
-@pytest.mark.parametrize("name", ["panda", "ur5"])
-def test_random_moves_against_a_dense_judge(name: str) -> None:
+@pytest.mark.parametrize(("name", "compiled"), [("panda", True), ("ur5", True), ("ur5", False)])
+def test_random_moves_against_a_dense_judge(name: str, compiled: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is proven is nowhere in contact, and what collides is in contact where the proof says."""
+    if not compiled:
+        monkeypatch.setattr(native, "library", lambda: None)
     robot = load_robot(name)
     cell = Cell(robot, CellRequest(clearance=0.0005))
     rng = np.random.default_rng(4)

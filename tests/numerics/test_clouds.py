@@ -1,10 +1,10 @@
-"""Lowest points of many sets, far apart or not, and distances of boxes: in C and in NumPy, against plain loops."""
+"""Lowest points of many sets, far apart or not: in C and in NumPy, against plain loops."""
 
 import numpy as np
 import pytest
 
-from energy_opt.numerics import clouds, native
-from energy_opt.numerics.clouds import Clouds, boxes_apart
+from energy_opt.numerics import native
+from energy_opt.numerics.clouds import Clouds
 
 RNG = np.random.default_rng(4)
 SETS = [RNG.normal(size=(size, 3)) for size in (1, 2, 17, 60)]
@@ -41,12 +41,3 @@ def test_lowest_and_low_points(compiled: bool, monkeypatch: pytest.MonkeyPatch) 
     assert found.points(WHICH, vertex) == pytest.approx(
         np.array([SETS[k][v] for k, v in zip(WHICH, vertex, strict=True)])
     )
-
-
-def test_boxes_are_as_far_apart_in_c_as_in_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
-    middle, half = RNG.normal(size=(5, 6, 3)), RNG.uniform(0.1, 0.8, size=(5, 6, 3))
-    a, b = np.triu_indices(6, 1)
-    found = boxes_apart(middle, half, a, b)
-    assert (found == 0).any() and (found > 0).any()
-    monkeypatch.setattr(clouds.native, "library", lambda: None)
-    assert boxes_apart(middle, half, a, b) == pytest.approx(found)

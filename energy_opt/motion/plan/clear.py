@@ -34,7 +34,7 @@ TOWARDS = (0.9, 0.75, 0.6, 0.45, 0.3)  # shares of the way from the first path t
 CLOSE, LEFT = 0.6, 0.12
 BOLD = 0.25  # [rad, m] first step from such a mixture
 ITERATIONS, DONE = 30, 1e-4  # iterations of a search, and the relative change of cost at which it ends
-FINISHED = 3  # most trials to continue
+FINISHED = 2  # most trials to continue
 APART = 0.3  # [rad, m] curves whose control points differ by less lead to the same optimum
 HOPES = (1.3, 1.1)  # largest merit relative to the best after the first and second trial, to be continued
 HALF = 0.05  # share of the cost: if the optimum without bodies saves more, a search starts half-way to it
@@ -122,7 +122,7 @@ class Clearing:
     def search_from(self, free: Candidate) -> None:
         """Find the best result of searches from the first paths and from the optima found without bodies."""
         search, optima = self.search, self._optima(free)
-        trials_from = [(curve, trust) for curve in self.curves for trust in (TRUST, BOLD)]
+        trials_from = [(curve, TRUST) for curve in self.curves]
         for number, optimum in enumerate(optima):
             gap = search.gap(optimum)
             if gap > -NEARLY and self.finish(optimum, TRUST):

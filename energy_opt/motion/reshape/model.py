@@ -6,6 +6,7 @@ nearer bound, which keeps them inside the limit.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -25,6 +26,8 @@ LINEAR, AT_NODES, VIA, AT_PLACES = range(4)  # kinds of constraints: a constrain
 
 class Model(Evaluation):
     """One problem of a shape, with the parts of its quadratic program."""
+
+    _constant: tuple[float, Constraints] | None = None  # constraints on derivatives at the last fixed duration
 
     @cached_property
     def _break_curvature(self) -> Batch:
@@ -119,9 +122,14 @@ class Model(Evaluation):
         local = np.take_along_axis(self._matrix(u), first[:, None] + np.arange(LOCAL), axis=1)
         return first - self.shape.pinned, local
 
-    def linear_constraints(self, point: Point, held: np.ndarray, side: np.ndarray | None = None) -> Constraints:
-        """The `held` constraints on derivatives, linearised at the nearer bound, or on `side` (L,)."""
-        which = np.flatnonzero(held)
+    def linear_constraints(
+        self, point: Point, held: np.ndarray | None = None, side: np.ndarray | None = None
+    ) -> Constraints:
+        """The `held` constraints on derivatives (L,), or all, linearised at the nearer bound, or on `side` (L,)."""
+        constant = held is None and self.fixed and not self.moving
+        if constant and self._constant is not None and self._constant[0] == point.duration:
+            return replace(self._constant[1], floor=-1 - point.linear, ceiling=1 - point.linear)
+        which = np.arange(len(point.linear)) if held is None else np.flatnonzero(held)
         time = 1 / point.duration ** self.order[which]
         border = np.zeros((len(which), self.border))
         share = point.linear[which]
@@ -131,11 +139,14 @@ class Model(Evaluation):
         if self.moving:
             by_end = np.einsum("cli,ci->lc", self.end_linear[self.of][:, which], point.along)
             border[:, self.toward] = time[:, None] * by_end
-        return Constraints.of(
+        out = Constraints.of(
             self.shape.joints, self.border, first=self._linear_first[which], joint=self._linear_joint[which],
             coefficient=self._linear_local[which] * (time * self._per[which])[:, None], border=border,
             floor=-1 - share, ceiling=1 - share, keys=which * 4 + LINEAR,
         )  # fmt: skip
+        if constant:
+            self._constant = point.duration, out
+        return out
 
     def hot(self, point: Point, share: float) -> np.ndarray:
         """True for limits at nodes (nodes, columns) whose share exceeds `share`, or that are always held."""

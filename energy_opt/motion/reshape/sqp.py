@@ -70,13 +70,12 @@ def descend(
     price = 3.0
     broken = model.broken(point, give, slack)
     now.converged, costs = False, [np.inf]
-    everywhere = np.ones(len(point.linear), dtype=bool)
     for _ in range(iterations):
         if stopped():
             break
         known = model.multipliers(point, now.keys, now.multipliers)
         hessian, gradient = model.hessian(point, known, now.convex), model.gradient(point)
-        near = model.linear_constraints(point, everywhere).joined(model.other_constraints(point, trust))
+        near = model.linear_constraints(point).joined(model.other_constraints(point, trust))
         constraints, failed = near, 0
         damping = now.damping / 3 if now.damping > 2 * LEAST_DAMPING else 0.0
         while True:

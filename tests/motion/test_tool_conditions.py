@@ -1,5 +1,8 @@
 """Conditions on the tool: acceleration, and what of its pose is kept; solved moves by Pinocchio on a dense grid."""
 
+from dataclasses import replace
+from time import process_time
+
 import casadi as ca
 import numpy as np
 import pinocchio as pin
@@ -9,7 +12,8 @@ from poses import GOAL, START
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion import Move, Planner, Settings
-from energy_opt.motion.limits.base import Limit, State
+from energy_opt.motion.judge.certificate import Certificate
+from energy_opt.motion.limits.base import Limit, State, Violation
 from energy_opt.motion.limits.registry import limits_of
 from energy_opt.motion.path import straight
 from energy_opt.motion.path_dynamics import PathDynamics
@@ -156,7 +160,9 @@ def test_a_reshaped_move_keeps_the_tool(
     result = Planner(panda, model, Settings(**MOVE, keep=name, tool=TCP)).solve(move)
     found = hand.worst(result.trajectory)[name]
     assert result.status == "solved" and 0.9 * bound < found <= bound * (1 + 1e-6)
-    with pytest.raises(Infeasible, match=f"{TCP}: the tool is .* would allow it.* at path position 0.5") as caught:
+    with pytest.raises(
+        Infeasible, match=f"tool frame {TCP}: the tool is .* would allow it.* at path position 0.5"
+    ) as caught:
         Planner(panda, model, Settings(**MOVE, keep=name, tool=TCP)).solve(
             Move(START, aside, "retime", duration=2.0, path=straight(START, aside))
         )
@@ -185,7 +191,7 @@ def test_up_is_against_gravity(panda: Robot, model: PowerModel) -> None:
 
 
 def test_ends_and_words_that_cannot_be(panda: Robot, model: PowerModel) -> None:
-    with pytest.raises(Infeasible, match=r"goal: panda_hand_tcp: the tool is .* deg from upright") as caught:
+    with pytest.raises(Infeasible, match=r"goal: tool frame panda_hand_tcp: the tool is .* deg from upright") as caught:
         Planner(panda, model, Settings(keep="upright", tool=TCP)).solve(Move(START, GOAL, duration=2.0))
     assert caught.value.limit == "upright" and caught.value.excess > 0
     wrong = ["level", "upright:-1", "upright:x", "orientation:180", "line:0", "line,line:2"]
@@ -210,6 +216,26 @@ def test_options(tmp_path, capsys) -> None:
 def test_a_move_too_short_for_a_tool_speed_names_that_limit_and_a_duration(panda: Robot) -> None:
     # the search for the fastest curve fails here; the fastest timing of the straight path is known
     planner = Planner(panda, source_method_2(), Settings(tool_speed=0.5, starts=1, controls=12))
-    with pytest.raises(Infeasible, match=r"a duration of 0\.9 s is too short: the shortest found is") as short:
+    with pytest.raises(
+        Infeasible, match=r"a duration of 0\.9 s is too short: the shortest .* of tool frame panda_joint7"
+    ) as short:
         planner.solve(Move(START, GOAL, duration=0.9))
     assert short.value.limit == "tool_speed" and short.value.shortest_duration == pytest.approx(1.58, abs=0.02)
+
+
+@pytest.mark.parametrize("mode", ["retime", "reshape"])
+def test_a_tool_speed_that_no_duration_allows_is_refused_at_once(panda: Robot, model: PowerModel, mode: str) -> None:
+    """It was solved, and refused when written: the file lasted longer than any file may."""
+    flange, planner = Watched(panda, "panda_joint7"), Planner(panda, model, Settings(**MOVE, tool_speed=1e-6))
+    way, began = np.linalg.norm(flange.pose(GOAL).translation - flange.pose(START).translation), process_time()
+    with pytest.raises(Infeasible, match=f"tool frame panda_joint7 .* at least {way / 1e-6:.3e}"[:-4]) as caught:
+        planner.solve(Move(START, GOAL, mode))
+    assert caught.value.limit == "tool_speed" and process_time() - began < 1
+
+
+def test_a_condition_that_binds_comes_before_the_arm_s_own_limits() -> None:
+    # the fastest motion always uses some limit of a joint fully; without the tool's limit it would be faster
+    found = [("position", 0.0), ("acceleration", -1e-6), ("tool_speed", -1e-3)]
+    places = tuple(Violation(name, excess, "part", 0.0, 1.0, 1.0) for name, excess in found)
+    assert Certificate(3, places, 0.0).binding["limit"] == "tool_speed"
+    assert Certificate(3, (*places[:2], replace(places[2], excess=-0.5)), 0.0).binding["limit"] == "acceleration"

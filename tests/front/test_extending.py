@@ -140,8 +140,8 @@ def test_a_format_of_ones_own_is_read_and_written(panda, tmp_path):
         ))  # fmt: skip
         out = tmp_path / "out"
         assert main(["optimize", "--robot", "panda", "--path", str(path), "--mode", "retime", "--duration", "2",
-                     "--out", str(out), "--quiet"]) == 0  # fmt: skip
-        result = eo.optimize("panda", path=path, mode="retime", duration=2.0)
+                     "--model", "source-method-2", "--out", str(out), "--quiet"]) == 0  # fmt: skip
+        result = eo.optimize("panda", "source-method-2", path=path, mode="retime", duration=2.0)
         np.testing.assert_allclose(result.trajectory.position[[0, -1]], [START, GOAL], atol=1e-9)
         FORMATS["text"].write(result.trajectory, tmp_path / "again.joints")
         again = FORMATS["text"].read(tmp_path / "again.joints").of(panda.joints)

@@ -53,7 +53,7 @@ class Watched:
     def worst(self, trajectory: Trajectory) -> dict[str, float]:
         """The largest of all that can be bounded, at 3001 times."""
         place, axis = [], None
-        size = {"tool_acceleration": 0.0, "tool_speed": 0.0, "upright": 0.0, "orientation": 0.0}
+        found: dict[str, list] = {"tool_acceleration": [], "tool_speed": [], "upright": [], "orientation": []}
         for q, v, a, _ in zip(*trajectory.sample(np.linspace(*trajectory.time[[0, -1]], 3001)), strict=True):
             pin.forwardKinematics(self.model, self.data, q, v, a)
             pin.updateFramePlacements(self.model, self.data)
@@ -61,17 +61,16 @@ class Watched:
             if axis is None:
                 first, k = here.rotation.copy(), np.argmax(np.abs(here.rotation[2]))
                 axis = np.sign(first[2, k]) * np.eye(3)[k]
-            found = {
-                "tool_acceleration": pin.getFrameClassicalAcceleration(self.model, self.data, self.frame, local).linear,
-                "tool_speed": pin.getFrameVelocity(self.model, self.data, self.frame, local).linear,
-                "upright": np.degrees(np.arccos(np.clip((here.rotation @ axis)[2], -1, 1))),
-                "orientation": np.degrees(pin.log3(first.T @ here.rotation)),
-            }
-            size = {name: max(size[name], float(np.linalg.norm(x))) for name, x in found.items()}
+            acceleration = pin.getFrameClassicalAcceleration(self.model, self.data, self.frame, local)
+            found["tool_acceleration"].append(acceleration.linear)
+            found["tool_speed"].append(pin.getFrameVelocity(self.model, self.data, self.frame, local).linear)
+            found["upright"].append([np.degrees(np.arccos(np.clip(here.rotation[2] @ axis, -1, 1)))])
+            found["orientation"].append(np.degrees(pin.log3(first.T @ here.rotation)))
             place.append(here.translation.copy())
         begin, way = place[0], place[-1] - place[0]
         off = np.array(place) - begin
         along = np.clip(off @ way / (way @ way), 0, 1)
+        size = {name: float(np.linalg.norm(x, axis=1).max()) for name, x in found.items()}
         return {**size, "line": 1000 * float(np.linalg.norm(off - along[:, None] * way, axis=1).max())}
 
 
@@ -205,6 +204,7 @@ def test_ends_and_words_that_cannot_be(panda: Robot, model: PowerModel) -> None:
 def test_options(tmp_path, capsys) -> None:
     words = ["optimize", "--robot", "panda", "--start", "0,-0.785,0,-2.356,0,1.571,0.785", "--goal"]
     words += ["0.2,-0.6,0.1,-2.2,0,1.6,0.7", "--mode", "retime", "--out", str(tmp_path), "--json", "--quiet"]
+    words += ["--model", "source-method-2", "--self-collision", "off"]
     assert main([*words, "--keep", "orientation:3"]) == 3
     capsys.readouterr()
     assert main([*words, "--keep", "upright:30", "--keep", "line:200", "--tool-acceleration", "2"]) == 0

@@ -49,15 +49,7 @@ PLAIN = {
 }  # fmt: skip
 
 
-KINDS = (
-    "string_type",
-    "list_type",
-    "tuple_type",
-    "dict_type",
-    "model_type",
-    "bool_type",
-    "literal_error",
-)  # wrong kind
+KINDS = {kind for kind in PLAIN if kind.endswith("_type")} | {"literal_error"}  # faults of a value of another kind
 
 
 class Table(BaseModel):
@@ -151,13 +143,11 @@ def _line(model: type[Table], document: Mapping[str, Any], fault: Any) -> str:
 
 def _expected(fault: Any) -> str:
     """What is wrong with a value, without its place."""
-    text = str(fault["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
-    if fault["type"] in PLAIN:
-        text = f"expected {PLAIN[fault['type']].format(**fault.get('ctx', {}))}"
-        return text + (
-            ", without quotes" if fault["type"] == "bool_type" and isinstance(fault.get("input"), str) else ""
-        )
-    return text if fault["type"] == "value_error" or text.startswith("expected") else f"expected {text}"
+    kind, text = fault["type"], str(fault["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
+    if kind in PLAIN:
+        quoted = kind == "bool_type" and isinstance(fault.get("input"), str)
+        return f"expected {PLAIN[kind].format(**fault.get('ctx', {}))}{', without quotes' if quoted else ''}"
+    return text if kind == "value_error" or text.startswith("expected") else f"expected {text}"
 
 
 def _joined(place: list[str]) -> str:
@@ -174,8 +164,7 @@ def _place(document: Any, loc: tuple[Any, ...]) -> list[str]:
                 continue
             at = at[part] if part < len(at) else None
             named = at.get("name") if isinstance(at, Mapping) else None
-            shown = isinstance(named, str) and named.isprintable()
-            out[-1] = f"{out[-1]} {part + 1}" + (f" ({named})" if shown else "")
+            out[-1] += f" {part + 1}" + (f" ({named})" if isinstance(named, str) and named.isprintable() else "")
         else:
             out.append(str(part))
             at = at.get(part) if isinstance(at, Mapping) else None

@@ -7,6 +7,7 @@ Also here: checks of the standard streams, and opening of the report in a browse
 from __future__ import annotations
 
 import errno
+import io
 import os
 import signal
 import sys
@@ -111,6 +112,8 @@ SAY = ("robots", "effects", "--example", "--print-completion")  # these verbs an
 def opened(words: Sequence[str]) -> None:
     """Redirect closed streams to the null device, so that no file opened later gets their number.
 
+    Characters that the terminal's encoding lacks are printed as escapes, such as \\u2265.
+
     Raises:
         BadInput: standard output is closed, and what was asked for is to be printed there.
     """
@@ -119,6 +122,9 @@ def opened(words: Sequence[str]) -> None:
             os.fstat(number)
         except OSError:
             os.open(os.devnull, os.O_RDWR)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     closed = [name for name in ("stderr", "stdout") if getattr(sys, name) is None]
     for name in closed:
         setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115

@@ -93,7 +93,8 @@ def add_options(parser: argparse.ArgumentParser, name: str, verb: Verb) -> None:
     for field, (declared, spelled) in options_of(verb.request).items():
         if spelled.internal:
             continue
-        title = _title(verb.request, field)
+        owner = next(kind for kind in verb.request.__mro__ if field in vars(kind).get("__annotations__", {}))
+        title = (owner.__doc__ or "") if owner.__name__.endswith("Group") else ""  # a verb's own options have none
         if title and title not in groups:
             groups[title] = parser.add_argument_group(title)
         _add(groups[title] if title else parser, field, spelled, declared.default)
@@ -115,12 +116,6 @@ def add_options(parser: argparse.ArgumentParser, name: str, verb: Verb) -> None:
         "-v", dest="verbose", action="store_true", help="print each step of the solver, and the traceback of a fault"
     )
     parser.add_argument("--help-all", nargs=0, action=_HelpAll, help="show all options, and exit")
-
-
-def _title(request: type[Request], field: str) -> str:
-    """The title of the group that declares a field; empty for a verb's own."""
-    owner = next(kind for kind in request.__mro__ if field in vars(kind).get("__annotations__", {}))
-    return (owner.__doc__ or "") if owner.__name__.endswith("Group") else ""
 
 
 def _add(group: Any, field: str, spelled: Option, default: Any) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import product
 from types import SimpleNamespace
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from energy_opt.effects.base import Effect, Signals
 from energy_opt.effects.meter import MeterEffect
-from energy_opt.effects.parameter import EXACT, Kinks, Smooth
+from energy_opt.effects.parameter import EXACT, Kinks, Parameter, Smooth
 from energy_opt.effects.stages import (
     DriveEffect,
     HeatEffect,
@@ -70,7 +71,7 @@ def check_effect(kind: type[Effect], joints: int = 3, seed: int = 0) -> list[str
 
 def _derivatives(kind: type[Effect], law: SimpleNamespace, values: np.ndarray) -> list[str]:
     """A fault if the Jacobian of the law disagrees with central finite differences of step 1e-6."""
-    exact, smooth = law.jacobian(values), _fitted_by_descent(kind, law.joints)
+    exact, smooth = law.jacobian(values), _entries(kind, law.joints, lambda p: not p.steps)
     for k in np.flatnonzero(smooth):
         step = 1e-6 * max(1.0, abs(values[k]))
         high, low = values.copy(), values.copy()
@@ -92,7 +93,7 @@ def _recovery(kind: type[Effect], law: SimpleNamespace, values: np.ndarray, rng:
     from scipy.optimize import least_squares
 
     data = law.change(values)
-    free = _fitted_by_descent(kind, law.joints)
+    free = _entries(kind, law.joints, lambda p: not p.steps)  # a fit may descend along these
     start = np.where(free, values * (1 + 0.1 * rng.uniform(-1, 1, len(values))), values)
     low = np.concatenate([np.full(p.count(law.joints, kind.extents_by_default), p.lower) for p in kind.parameters])
     high = np.concatenate([np.full(p.count(law.joints, kind.extents_by_default), p.upper) for p in kind.parameters])
@@ -105,21 +106,17 @@ def _recovery(kind: type[Effect], law: SimpleNamespace, values: np.ndarray, rng:
     off = np.abs(found - values[free]) / np.maximum(np.abs(values[free]), 1e-3)
     if np.max(off, initial=0.0) > CLOSE:
         return [f"{kind.name}: its parameters are not recovered from its own data (off by {off.max():.2g})"]
-    for k in np.flatnonzero(~free & ~_grid_entries(kind, law.joints)):  # scanned: no other value may fit as well
+    grid = _entries(kind, law.joints, lambda p: bool(p.free))
+    for k in np.flatnonzero(~free & ~grid):  # scanned: no other value may fit as well
         others = [_replaced_at(values, np.arange(len(values)) == k, values[k] * share) for share in (0.7, 1.4)]
         if min(np.abs(law.change(x) - data).max() for x in others) < 1e-9:
             return [f"{kind.name}: number {k} of its parameters cannot be scanned: others fit its data as well"]
     return []
 
 
-def _fitted_by_descent(kind: type[Effect], joints: int) -> np.ndarray:
-    """For each entry of `full`: True if a fit may descend along it."""
-    return np.array([not p.steps for p in kind.parameters for _ in range(p.count(joints, kind.extents_by_default))])
-
-
-def _grid_entries(kind: type[Effect], joints: int) -> np.ndarray:
-    """For each entry of `full`: True if it belongs to a grid that is chosen."""
-    return np.array([bool(p.free) for p in kind.parameters for _ in range(p.count(joints, kind.extents_by_default))])
+def _entries(kind: type[Effect], joints: int, holds: Callable[[Parameter], bool]) -> np.ndarray:
+    """For each entry of `full`: what `holds` says of its parameter."""
+    return np.array([holds(p) for p in kind.parameters for _ in range(p.count(joints, kind.extents_by_default))])
 
 
 def _replaced_at(values: np.ndarray, where: np.ndarray, x: np.ndarray | float) -> np.ndarray:

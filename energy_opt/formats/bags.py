@@ -118,7 +118,8 @@ def opened(path: Path) -> Iterator[Bag]:
     if size > LARGEST:
         raise BadInput(f"{path}: larger than {LARGEST / 1e9:g} GB; cut out the needed part")
     if path.is_dir():
-        _check_files(path)
+        for name in _listed(path):
+            inside(path, str(name))  # a bag's files lie in its folder
     elif path.suffix.lower() == ".zstd":
         raise BadInput(f"{path}: part of a compressed bag; expected beside it the bag's {METADATA}, which names it")
     try:
@@ -130,12 +131,6 @@ def opened(path: Path) -> Iterator[Bag]:
     except Exception as error:  # a faulty bag may raise almost any exception in the library
         reason = " ".join(str(error).split()) or type(error).__name__
         raise BadInput(f"{path}: not a readable bag: {reason[:300]}") from None
-
-
-def _check_files(folder: Path) -> None:
-    """Check that the files named by a bag's metadata lie in its folder; the document is read within bounds."""
-    for name in _listed(folder):
-        inside(folder, str(name))
 
 
 def _listed(folder: Path) -> list[Any]:

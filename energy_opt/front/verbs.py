@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import importlib
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from energy_opt import __version__
 from energy_opt.errors import BadInput, suggest
 from energy_opt.files import read_json
 from energy_opt.folders import ANSWERS
@@ -104,7 +106,7 @@ def asked_in(given: Any) -> Request:
     """The request of a document, of a result that holds one, or of the file of either.
 
     Raises:
-        BadInput: there is none, or it is not one of a known verb.
+        BadInput: there is none, it is not one of a known verb, or a newer version of this program wrote it.
     """
     where, document = "the request", given
     if not isinstance(given, Mapping):
@@ -121,10 +123,22 @@ def asked_in(given: Any) -> Request:
     if name not in VERBS or name == "run":
         others = [each for each in VERBS if each != "run"]
         raise BadInput(f"{where}: no verb {name!r} to run{suggest(name, others)}; verbs are {', '.join(others)}")
+    version = document.get("version")
+    if version is not None and not _is_known(version):
+        raise BadInput(
+            f"{where}: version = {version!r:.40}; expected {__version__} or an earlier version of energy-opt"
+        )
     try:
         return VERBS[name].request.from_document(document)
     except BadInput as error:
         raise BadInput(f"{where}: {error}") from None
+
+
+def _is_known(version: object) -> bool:
+    """True for this version of the program and for all earlier ones, such as "0.1.0"."""
+    if not isinstance(version, str) or not re.fullmatch(r"[0-9]{1,9}(\.[0-9]{1,9}){0,3}", version):
+        return False
+    return [int(n) for n in version.split(".")] <= [int(n) for n in __version__.split(".")]
 
 
 def run(request: RunRequest, desk: Desk) -> Any:

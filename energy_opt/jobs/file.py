@@ -210,7 +210,9 @@ class _Reading:
             scene = scene if row.scene is None else self._scene(row.scene, where)
             name, goal, pose = row.name or where, at if target is None else target, None
             if isinstance(goal, Pose):
-                pose, goal = replace(goal, name=f"{name}: {goal.name}" if goal.name not in name else name), nowhere
+                own = goal.name == where  # the step states the pose itself
+                label = where if own else name if goal.name in name else f"{name}: {goal.name}"
+                pose, goal = replace(goal, name=label), nowhere
             step = Step(
                 name, at, goal, row.wait, row.brakes, row.mode or self.job.mode, row.min_duration, row.max_duration,
                 payload, scene, row.stop, pose,

@@ -269,6 +269,7 @@ def place(
 
     Raises:
         BadInput: no step of the job ends at a pose. Infeasible: no placement was found at which the job can be done.
+        KeyboardInterrupt: stopped before one was found.
     """
     cell = cell or CellRequest()
     if not job.open:
@@ -315,6 +316,8 @@ def place(
         result = search.solve(rough.point, "answer", rough.ends or None)
         if result is not None:
             done.append((not result.solved, result.energy, rough.point, result))
+    if not done and stopped():
+        raise KeyboardInterrupt
     if not done:
         raise _no_placement_error(search, looked)
     _, _, best, result = min(done, key=lambda item: item[:2])

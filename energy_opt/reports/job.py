@@ -59,11 +59,12 @@ def page(
         Chart("Time of each step", "duration [s]", "", bars={"result": durations}),
         Chart("Energy of each step", "energy, standby included [J]", "", bars={"result": energies}),
     )
+    firsts = [GIVEN if row.get("first_path") == "given" else row.get("first_path") for row in steps]  # waits have none
     report.table(
         ["step", "begins [s]", "takes [s]", "energy [J]", "payload [kg]", "mode", "first path", "status"],
         [
-            [name, *(row.get(key) for key in COLUMNS), _first_path(row), row.get("status")]
-            for name, row in zip(names, steps, strict=True)
+            [name, *(row.get(key) for key in COLUMNS), first, row.get("status")]
+            for name, row, first in zip(names, steps, firsts, strict=True)
         ],
     )
     several = document.get("robust")
@@ -113,9 +114,3 @@ def headline(document: Mapping[str, Any]) -> str:
             saved = 100 * (1 - total / row["energy_total"])
             text += f", {saved:.3g} % less than {row['name'].replace('_', ' ')}"
     return text + "."
-
-
-def _first_path(row: Mapping[str, Any]) -> str | None:
-    """Origin of a motion's first path, in a job's words; None for a wait."""
-    source = row.get("first_path")
-    return GIVEN if source == "given" else source

@@ -54,7 +54,9 @@ def page(
     _certificate(report, document, robot)
     report.section("Search")
     optimality, solver = document["optimality"], document["solver"]
-    report.facts({"taken from": document.get("chosen"), **_first_path(document), **_named(solver, "s", "seconds")})
+    first = document.get("first_path")
+    found = {"first path": first["source"], "found in [s]": first["seconds"]} if first else {}
+    report.facts({"taken from": document.get("chosen"), **found, **_named(solver, "s", "seconds")})
     report.facts(
         {
             "optimum": optimality["kind"],
@@ -239,16 +241,11 @@ def assumed(report: Report, document: Mapping[str, Any]) -> None:
             [
                 [
                     f"{row['step']}: {row['joint']}" if "step" in row else row["joint"],
-                    *map(_short, (row["path"], row["straight"])),
+                    *(round(row[key], 5) for key in ("path", "straight")),  # hundredths of a mrad or mm
                 ]
                 for row in far
             ],
         )
-
-
-def _short(length: float) -> float:
-    """A length [rad or m] without digits below a hundredth of a mrad or mm."""
-    return round(length, 5)
 
 
 def _certificate(report: Report, document: Mapping[str, Any], robot: Robot) -> None:
@@ -283,11 +280,6 @@ def _certificate(report: Report, document: Mapping[str, Any], robot: Robot) -> N
 
 def _count(value: Any) -> Any:
     return len(value) if isinstance(value, (list, tuple)) else value
-
-
-def _first_path(document: Mapping[str, Any]) -> dict[str, Any]:
-    first = document.get("first_path")
-    return {} if not first else {"first path": first["source"], "found in [s]": first["seconds"]}
 
 
 def _named(values: Mapping[str, Any], unit: str, suffix: str) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from energy_opt.files import replacing
@@ -42,8 +43,9 @@ def new_figure(down: int, columns: int, *, width: float = 10.0, height: float = 
 
 def png(figure: Figure) -> bytes:
     """The figure as a PNG."""
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", bbox_inches="tight", pad_inches=0.1)  # legends are beside the axes
+    stream, canvas = io.BytesIO(), FigureCanvasAgg(figure)
+    around = figure.get_tightbbox(canvas.get_renderer()).padded(0.1)  # [inch] legends are beside the axes
+    figure.savefig(stream, format="png", bbox_inches=around)  # "tight" would draw everything twice
     return stream.getvalue()
 
 

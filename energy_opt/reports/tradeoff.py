@@ -63,7 +63,7 @@ def page(
             )
         )
     report.charts(*charts)
-    chosen = _nearest(motions, best["duration"]) if best is not None and motions else None
+    chosen = min(motions, key=lambda d: abs(d - best["duration"])) if best is not None and motions else None
     played = [Played(f"{d:.4g} s", motion, shown=d == chosen) for d, motion in sorted(motions.items())]
     if played:
         report.section("Motion at any point of the front").player(player(robot, played, bodies, scene))
@@ -80,7 +80,3 @@ def page(
         [[*(p.get(name) for name in names), p.get("reason", "")] for p in document["points"]],
     )
     return report.command(document.get("request"))
-
-
-def _nearest(motions: Mapping[float, Motion], duration: float) -> float:
-    return min(motions, key=lambda d: abs(d - duration))

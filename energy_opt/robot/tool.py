@@ -25,6 +25,9 @@ class Tool:
     joint: int
     pose: tuple[tuple[float, ...], ...]
 
+    def __str__(self) -> str:
+        return f"tool frame {self.name}"
+
 
 def tool_of(body: RigidBody, words: str | None = None) -> Tool:
     """The tool from FRAME[,X,Y,Z[,R,P,Y]]: frame of a joint or link, and origin [m] and rotation [rad] in it.

@@ -106,14 +106,11 @@ def only_child(where: str, element: ElementTree.Element, tag: str) -> ElementTre
         BadInput: children of that tag differ: readers disagree on which of them counts.
     """
     found = element.findall(tag)
-    if len({_content(child) for child in found}) > 1:
+    # the content does not depend on white space and on the order of attributes
+    contents = {repr([(e.tag, sorted((k, v.split()) for k, v in e.attrib.items())) for e in c.iter()]) for c in found}
+    if len(contents) > 1:
         raise BadInput(f"{where}: <{tag}> is given {len(found)} times with different content; keep one")
     return found[0] if found else None
-
-
-def _content(element: ElementTree.Element) -> str:
-    """Content of an element, independent of white space and of the order of attributes."""
-    return repr([(e.tag, sorted((k, v.split()) for k, v in e.attrib.items())) for e in element.iter()])
 
 
 def _is_identity_pose(element: ElementTree.Element) -> bool:

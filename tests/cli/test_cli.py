@@ -16,7 +16,7 @@ from energy_opt.files import read_table
 from energy_opt.robot import load_robot
 
 START, GOAL = "0,-0.785,0,-2.356,0,1.571,0.785", "1.2,0.3,0.4,-1.2,-0.5,2.2,-0.4"
-QUICK = ["--starts", "1", "--controls", "16", "--compile", "never"]
+QUICK = ["--starts", "1", "--controls", "16", "--compile", "never", "--model", "source-method-2"]
 
 
 def test_optimize_writes_what_the_contract_lists(tmp_path, capsys):
@@ -53,7 +53,7 @@ def test_optimize_writes_what_the_contract_lists(tmp_path, capsys):
     # the trajectory as input of the next move
     again = tmp_path / "again"
     assert main(["optimize", "--robot", "panda", "--path", str(out / "trajectory.csv"), "--mode", "retime",
-                 "--duration", "2", "--out", str(again), "--quiet"]) == 0  # fmt: skip
+                 "--duration", "2", "--out", str(again), "--quiet", *QUICK]) == 0  # fmt: skip
     second = json.loads((again / "result.json").read_text())
     assert {b["name"] for b in second["baselines"]} == {"toppra", "scaled", "input"}
     assert second["energy"]["total"] <= stored["energy"]["total"] + 1e-6
@@ -62,7 +62,7 @@ def test_optimize_writes_what_the_contract_lists(tmp_path, capsys):
 def test_names_may_come_in_any_order(tmp_path):
     joints = load_robot("panda").joints
     pairs = ",".join(f"{joint}={value}" for joint, value in reversed(list(zip(joints, GOAL.split(","), strict=True))))
-    words = ["optimize", "--robot", "panda", "--start", START, "--goal", pairs, "--mode", "retime", "--quiet"]
+    words = ["optimize", "--robot", "panda", "--start", START, "--goal", pairs, "--mode", "retime", "--quiet", *QUICK]
     assert main([*words, "--out", str(tmp_path)]) == 0
     table = read_table(tmp_path / "trajectory.csv")
     assert table["panda_joint4.position"][-1] == pytest.approx(-1.2)
@@ -88,7 +88,7 @@ def test_names_may_come_in_any_order(tmp_path):
     ],
 )
 def test_faults_are_one_line(words, code, text, tmp_path, capsys):
-    assert main(["optimize", "--robot", "panda", *words, "--out", str(tmp_path), *QUICK]) == code
+    assert main(["optimize", "--robot", "panda", *QUICK, *words, "--out", str(tmp_path)]) == code
     error = capsys.readouterr().err.strip()
     assert text in error and len(error.splitlines()) == 1
     if code == 3:

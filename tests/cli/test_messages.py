@@ -77,6 +77,7 @@ def test_unknown_effects_come_with_a_suggestion(tmp_path, capsys):
 
 def test_a_folder_with_another_result_is_refused(tmp_path, capsys):
     words = ["optimize", "--robot", "z1", "--start", "0,1,-1,0,0,0", "--mode", "retime", "--out", str(tmp_path / "out")]
+    words += ["--model", "source-method-2", "--self-collision", "off"]
     assert main([*words, "--goal", "1,1,-1,0,0,0", "--quiet"]) == 0
     request = json.loads((tmp_path / "out/result.json").read_text())["request"]
     assert request["command"].startswith("energy-opt optimize --robot z1") and request["goal"] == [1, 1, -1, 0, 0, 0]

@@ -34,7 +34,7 @@ def listed(out: Path) -> set[str]:
 @pytest.fixture(scope="module")
 def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("results") / "out"
-    assert run(out, "2.5", "--write", "yaml", "--write", "mcap", "--write", "follow-joint-trajectory") == 0
+    assert run(out, "1.5", "--write", "yaml", "--write", "mcap", "--write", "follow-joint-trajectory") == 0
     return out
 
 
@@ -72,7 +72,7 @@ def test_a_second_run_leaves_files_of_one_motion_only(written: Path, tmp_path: P
     (out / "result.json").unlink()
     if state != "unlisted":
         (out / answer).write_text("{" if state == "broken" else '{"request": {}}')
-    assert run(out, "2", "--force") == 0
+    assert run(out, "1", "--force") == 0
     assert {path.name for path in out.iterdir()} == listed(out) | {"result.json", "mine.txt"}
     assert "trajectory.mcap" not in listed(out) and faults_of_results(out) == []
 

@@ -1,6 +1,7 @@
 """With --json, standard output holds one document, whatever users' files print."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -29,8 +30,17 @@ def test_what_users_files_print_goes_to_standard_error(tmp_path: Path) -> None:
     conditions.write_text(CONDITION)
     at = ",".join(map(str, START))
     words = ["optimize", "--robot", "panda", f"--start={at}", f"--goal={at}", "--duration", "1", "--json"]
+    words += ["--model", "source-method-2", "--self-collision", "off"]
     words += ["--effects", str(effects), "--conditions", str(conditions), "--out", str(tmp_path / "out")]
     done = subprocess.run([sys.executable, "-m", "energy_opt", *words], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["status"] == "solved"
     assert "read" in done.stderr and "written to the descriptor" in done.stderr
+
+
+def test_a_terminal_without_some_characters_gets_escapes() -> None:
+    """In such a locale, a list of robots was refused as text that cannot be encoded."""
+    words = [sys.executable, "-m", "energy_opt", "robots", "z1"]
+    for encoding in ("ascii", "latin-1"):
+        done = subprocess.run(words, capture_output=True, check=False, env=os.environ | {"PYTHONIOENCODING": encoding})
+        assert done.returncode == 0 and rb"-2.618 \u2026 2.618 rad" in done.stdout

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 from pathlib import Path
+from time import process_time
 
 import numpy as np
 import pytest
@@ -59,7 +60,7 @@ def test_a_limit_that_depends_on_time_is_kept_by_reshaping_and_refused_for_a_tim
     assert (speed * (1 + time / 2) <= 1 + 1e-5).all()
 
 
-def test_conditions_are_options(panda, tmp_path):
+def test_conditions_are_options(panda, tmp_path, capsys):
     ends = {"start": START, "goal": GOAL, "mode": "retime", "model": "source-method-2"}
     conditions = [eo.conditions.MaxPower(400), eo.conditions.ToolSpeed(0.9), eo.conditions.KeepLine(2000)]
     request = OptimizeRequest("panda", **ends, conditions=conditions)
@@ -81,7 +82,7 @@ def test_conditions_are_options(panda, tmp_path):
         with pytest.raises(eo.BadInput, match=says):
             OptimizeRequest("panda", **ends, conditions=[tmp_path / "wrong.py"])
     file = tmp_path / "mine.py"
-    file.write_text((EXAMPLES / "my_limit.py").read_text().replace("bound = 25.0", "bound = 2.0"))
+    file.write_text((EXAMPLES / "my_limit.py").read_text().replace("bound = 25.0", "bound = 1e-6"))
     out = ["--out", str(tmp_path / "out"), "--quiet"]
     words = ["optimize", "--robot", "panda", "--path", str(file), "--conditions", str(file), *out]
     assert main(words) == 2  # a Python file is no path
@@ -93,7 +94,10 @@ def test_conditions_are_options(panda, tmp_path):
         f"--goal={','.join(map(str, GOAL))}",
     ]
     retime = ["--mode", "retime", "--duration", "2.5", "--model", "source-method-2"]
+    began = process_time()
     assert main([*moves, *retime, "--conditions", str(file), *out]) == 3
+    assert "the drive_power limit does not hold even 50 times slower" in capsys.readouterr().err
+    assert process_time() - began < 15  # such a bound took minutes
 
 
 OWN = """import energy_opt as eo
@@ -140,8 +144,8 @@ def test_a_format_of_ones_own_is_read_and_written(panda, tmp_path):
         ))  # fmt: skip
         out = tmp_path / "out"
         assert main(["optimize", "--robot", "panda", "--path", str(path), "--mode", "retime", "--duration", "2",
-                     "--out", str(out), "--quiet"]) == 0  # fmt: skip
-        result = eo.optimize("panda", path=path, mode="retime", duration=2.0)
+                     "--model", "source-method-2", "--out", str(out), "--quiet"]) == 0  # fmt: skip
+        result = eo.optimize("panda", "source-method-2", path=path, mode="retime", duration=2.0)
         np.testing.assert_allclose(result.trajectory.position[[0, -1]], [START, GOAL], atol=1e-9)
         FORMATS["text"].write(result.trajectory, tmp_path / "again.joints")
         again = FORMATS["text"].read(tmp_path / "again.joints").of(panda.joints)

@@ -7,7 +7,7 @@ from typing import Any, get_args, get_type_hints
 import pytest
 
 from energy_opt.front.verbs import VERBS
-from energy_opt.results import Found
+from energy_opt.results import Found, exit_of
 
 
 class Table(Found):
@@ -45,3 +45,8 @@ def test_a_result_is_text_files_and_a_view(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "a.json").read_text()) == {"a": 1} and Table().exit_code == 0
     assert Table()._repr_html_() == "<pre>a &lt; b</pre>"
     assert json.loads(Said().to_json()) == {"b": [2.0]} and Said()._repr_html_() == "<pre>two &amp; more</pre>"
+
+
+@pytest.mark.parametrize(("interrupted", "good", "code"), [(0, 1, 0), (0, 0, 4), (1, 1, 130), (1, 0, 130)])
+def test_an_interrupted_answer_says_so_whether_it_is_good_or_not(interrupted: int, good: int, code: int) -> None:
+    assert exit_of(bool(interrupted), bool(good)) == code

@@ -215,6 +215,9 @@ def test_a_request_by_hand_and_its_faults(tmp_path: Path, capsys: pytest.Capture
         ({"duratoin": 1}, "did you mean 'duration'"),
         ({"duration": "soon"}, "--duration 'soon': expected a number"),
         ({"write": ["urscrpt"]}, "did you mean 'urscript'"),
+        ({"version": "99.1.0"}, f"version = '99.1.0'; expected {eo.__version__} or an earlier version"),
+        ({"version": 7}, f"version = 7; expected {eo.__version__} or an earlier version"),
+        ({"version": "newest"}, f"version = 'newest'; expected {eo.__version__} or an earlier version"),
     ):
         file.write_text(json.dumps({"verb": "optimize", **MOVE, **change}))
         assert main(["run", str(file), "--out", str(tmp_path / "x"), "--quiet"]) == 2

@@ -285,6 +285,7 @@ def test_check_names_a_frame_that_no_pose_can_be_in(panda: Robot, tmp_path: Path
     path = _written(tmp_path, f'format = "energy-opt/job/1"\nrobot = "panda"\ncycle_time = 8.0\n{step}')
     (fault,) = wrong_frames(load_job(path, lambda name: panda), CellRequest())
     assert "no frame 'table'; frames are world, panda_link0" in fault
+    assert "step 1 (pick): " in fault and "pick: step" not in fault
     scene = tmp_path / "scene.yaml"
     scene.write_text("objects:\n  - {name: table, type: box, size: [0.3, 0.3, 0.1], position: [0.5, 0, 0]}\n")
     cell = CellRequest(scene=scene)

@@ -36,13 +36,13 @@ def peaks(robot: Robot, trajectory: Trajectory, frame: str = "panda_joint7", shi
     model = pin.buildReducedModel(model, [model.getJointId(name) for name in robot.locked], pin.neutral(model))
     data, number = model.createData(), model.getFrameId(frame)
     time = np.linspace(trajectory.time[0], trajectory.time[-1], 4001)
-    power, speed = [], []
+    power, speed, offset = [], [], np.array([0, 0, shift])
     for q, v, a, _ in zip(*trajectory.sample(time), strict=True):
         tau = pin.rnea(model, data, q, v, a)
         power.append(STANDBY + tau @ v + COPPER * tau @ tau)
         pin.forwardKinematics(model, data, q, v)
         twist = pin.getFrameVelocity(model, data, number, pin.ReferenceFrame.LOCAL)
-        speed.append(np.linalg.norm(twist.linear + np.cross(twist.angular, [0, 0, shift])))
+        speed.append(np.linalg.norm(twist.linear + pin.skew(twist.angular) @ offset))
     return max(power), max(speed)
 
 
@@ -184,6 +184,7 @@ def test_impossible_requests_are_reported(panda: Robot, model: PowerModel) -> No
 def test_options(tmp_path, capsys) -> None:
     words = ["optimize", "--robot", "panda", "--start", "0,-0.785,0,-2.356,0,1.571,0.785", "--goal"]
     words += ["0.2,-0.6,0.1,-2.2,0,1.6,0.7", "--mode", "retime", "--out", str(tmp_path), "--json", "--quiet"]
+    words += ["--model", "source-method-2", "--self-collision", "off"]
     assert main([*words, "--max-power", "50"]) == 3
     capsys.readouterr()
     assert main([*words, "--max-power", "150", "--tool-speed", "0.2", "--tool", "panda_hand"]) == 0

@@ -1,5 +1,8 @@
 """What the tool keeps on the way: upright, its orientation, a line, and a bounded acceleration."""
 
+from functools import cache
+from pathlib import Path
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -19,12 +22,18 @@ GOAL = np.array([0.7, 0.2, 0.0, -1.8, 0.0, 2.0, 0.785])
 ALL = ("upright:3", "orientation:50", "line:120")
 
 
+@cache
+def tree(urdf: Path) -> tuple[pin.Model, pin.Data]:
+    """Pinocchio's model of an arm, read once."""
+    model = pin.buildModelFromUrdf(str(urdf))
+    return model, model.createData()
+
+
 def frame(robot: Robot, q: np.ndarray) -> np.ndarray:
     """The last joint's pose by Pinocchio."""
-    model = pin.buildModelFromUrdf(str(robot.urdf))
-    data = model.createData()
+    model, data = tree(robot.urdf)
     pin.forwardKinematics(model, data, np.concatenate([q, [0.0, 0.0]]))
-    return data.oMi[7].homogeneous
+    return data.oMi[7].homogeneous.copy()
 
 
 @pytest.fixture(scope="module")

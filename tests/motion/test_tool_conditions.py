@@ -1,5 +1,8 @@
 """Conditions on the tool: acceleration, and what of its pose is kept; solved moves by Pinocchio on a dense grid."""
 
+from dataclasses import replace
+from time import process_time
+
 import casadi as ca
 import numpy as np
 import pinocchio as pin
@@ -9,7 +12,8 @@ from poses import GOAL, START
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion import Move, Planner, Settings
-from energy_opt.motion.limits.base import Limit, State
+from energy_opt.motion.judge.certificate import Certificate
+from energy_opt.motion.limits.base import Limit, State, Violation
 from energy_opt.motion.limits.registry import limits_of
 from energy_opt.motion.path import straight
 from energy_opt.motion.path_dynamics import PathDynamics
@@ -49,7 +53,7 @@ class Watched:
     def worst(self, trajectory: Trajectory) -> dict[str, float]:
         """The largest of all that can be bounded, at 3001 times."""
         place, axis = [], None
-        size = {"tool_acceleration": 0.0, "tool_speed": 0.0, "upright": 0.0, "orientation": 0.0}
+        found: dict[str, list] = {"tool_acceleration": [], "tool_speed": [], "upright": [], "orientation": []}
         for q, v, a, _ in zip(*trajectory.sample(np.linspace(*trajectory.time[[0, -1]], 3001)), strict=True):
             pin.forwardKinematics(self.model, self.data, q, v, a)
             pin.updateFramePlacements(self.model, self.data)
@@ -57,17 +61,16 @@ class Watched:
             if axis is None:
                 first, k = here.rotation.copy(), np.argmax(np.abs(here.rotation[2]))
                 axis = np.sign(first[2, k]) * np.eye(3)[k]
-            found = {
-                "tool_acceleration": pin.getFrameClassicalAcceleration(self.model, self.data, self.frame, local).linear,
-                "tool_speed": pin.getFrameVelocity(self.model, self.data, self.frame, local).linear,
-                "upright": np.degrees(np.arccos(np.clip((here.rotation @ axis)[2], -1, 1))),
-                "orientation": np.degrees(pin.log3(first.T @ here.rotation)),
-            }
-            size = {name: max(size[name], float(np.linalg.norm(x))) for name, x in found.items()}
+            acceleration = pin.getFrameClassicalAcceleration(self.model, self.data, self.frame, local)
+            found["tool_acceleration"].append(acceleration.linear)
+            found["tool_speed"].append(pin.getFrameVelocity(self.model, self.data, self.frame, local).linear)
+            found["upright"].append([np.degrees(np.arccos(np.clip(here.rotation[2] @ axis, -1, 1)))])
+            found["orientation"].append(np.degrees(pin.log3(first.T @ here.rotation)))
             place.append(here.translation.copy())
         begin, way = place[0], place[-1] - place[0]
         off = np.array(place) - begin
         along = np.clip(off @ way / (way @ way), 0, 1)
+        size = {name: float(np.linalg.norm(x, axis=1).max()) for name, x in found.items()}
         return {**size, "line": 1000 * float(np.linalg.norm(off - along[:, None] * way, axis=1).max())}
 
 
@@ -156,7 +159,9 @@ def test_a_reshaped_move_keeps_the_tool(
     result = Planner(panda, model, Settings(**MOVE, keep=name, tool=TCP)).solve(move)
     found = hand.worst(result.trajectory)[name]
     assert result.status == "solved" and 0.9 * bound < found <= bound * (1 + 1e-6)
-    with pytest.raises(Infeasible, match=f"{TCP}: the tool is .* would allow it.* at path position 0.5") as caught:
+    with pytest.raises(
+        Infeasible, match=f"tool frame {TCP}: the tool is .* would allow it.* at path position 0.5"
+    ) as caught:
         Planner(panda, model, Settings(**MOVE, keep=name, tool=TCP)).solve(
             Move(START, aside, "retime", duration=2.0, path=straight(START, aside))
         )
@@ -185,7 +190,7 @@ def test_up_is_against_gravity(panda: Robot, model: PowerModel) -> None:
 
 
 def test_ends_and_words_that_cannot_be(panda: Robot, model: PowerModel) -> None:
-    with pytest.raises(Infeasible, match=r"goal: panda_hand_tcp: the tool is .* deg from upright") as caught:
+    with pytest.raises(Infeasible, match=r"goal: tool frame panda_hand_tcp: the tool is .* deg from upright") as caught:
         Planner(panda, model, Settings(keep="upright", tool=TCP)).solve(Move(START, GOAL, duration=2.0))
     assert caught.value.limit == "upright" and caught.value.excess > 0
     wrong = ["level", "upright:-1", "upright:x", "orientation:180", "line:0", "line,line:2"]
@@ -199,6 +204,7 @@ def test_ends_and_words_that_cannot_be(panda: Robot, model: PowerModel) -> None:
 def test_options(tmp_path, capsys) -> None:
     words = ["optimize", "--robot", "panda", "--start", "0,-0.785,0,-2.356,0,1.571,0.785", "--goal"]
     words += ["0.2,-0.6,0.1,-2.2,0,1.6,0.7", "--mode", "retime", "--out", str(tmp_path), "--json", "--quiet"]
+    words += ["--model", "source-method-2", "--self-collision", "off"]
     assert main([*words, "--keep", "orientation:3"]) == 3
     capsys.readouterr()
     assert main([*words, "--keep", "upright:30", "--keep", "line:200", "--tool-acceleration", "2"]) == 0
@@ -210,6 +216,26 @@ def test_options(tmp_path, capsys) -> None:
 def test_a_move_too_short_for_a_tool_speed_names_that_limit_and_a_duration(panda: Robot) -> None:
     # the search for the fastest curve fails here; the fastest timing of the straight path is known
     planner = Planner(panda, source_method_2(), Settings(tool_speed=0.5, starts=1, controls=12))
-    with pytest.raises(Infeasible, match=r"a duration of 0\.9 s is too short: the shortest found is") as short:
+    with pytest.raises(
+        Infeasible, match=r"a duration of 0\.9 s is too short: the shortest .* of tool frame panda_joint7"
+    ) as short:
         planner.solve(Move(START, GOAL, duration=0.9))
     assert short.value.limit == "tool_speed" and short.value.shortest_duration == pytest.approx(1.58, abs=0.02)
+
+
+@pytest.mark.parametrize("mode", ["retime", "reshape"])
+def test_a_tool_speed_that_no_duration_allows_is_refused_at_once(panda: Robot, model: PowerModel, mode: str) -> None:
+    """It was solved, and refused when written: the file lasted longer than any file may."""
+    flange, planner = Watched(panda, "panda_joint7"), Planner(panda, model, Settings(**MOVE, tool_speed=1e-6))
+    way, began = np.linalg.norm(flange.pose(GOAL).translation - flange.pose(START).translation), process_time()
+    with pytest.raises(Infeasible, match=f"tool frame panda_joint7 .* at least {way / 1e-6:.3e}"[:-4]) as caught:
+        planner.solve(Move(START, GOAL, mode))
+    assert caught.value.limit == "tool_speed" and process_time() - began < 1
+
+
+def test_a_condition_that_binds_comes_before_the_arm_s_own_limits() -> None:
+    # the fastest motion always uses some limit of a joint fully; without the tool's limit it would be faster
+    found = [("position", 0.0), ("acceleration", -1e-6), ("tool_speed", -1e-3)]
+    places = tuple(Violation(name, excess, "part", 0.0, 1.0, 1.0) for name, excess in found)
+    assert Certificate(3, places, 0.0).binding["limit"] == "tool_speed"
+    assert Certificate(3, (*places[:2], replace(places[2], excess=-0.5)), 0.0).binding["limit"] == "acceleration"

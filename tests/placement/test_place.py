@@ -71,6 +71,19 @@ def test_a_proven_placement_comes_before_a_cheaper_one_that_is_none(
     assert found.solved and found.place[0] == 0.0 and found.result.energy == 5.0
 
 
+def test_a_search_that_is_stopped_before_it_has_found_anything_is_no_proof(
+    tmp_path: Path, ur: ToolKinematics, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It was reported, and written down, as a job that cannot be done in the box."""
+    path = tmp_path / "job.toml"
+    path.write_text(JOB)
+    monkeypatch.setattr(Search, "solve", lambda *_: None)
+    monkeypatch.setattr(Search, "estimates", lambda search: [(np.zeros(4), 1.0)])
+    job, box = load_job(path, lambda name: ur.robot), PlaceRequest((-0.2, 0.2, 0.0, 0.0, 0.0, 0.0))
+    with pytest.raises(KeyboardInterrupt):
+        place(job, source_model(ur.robot), box, stopped=lambda: True)
+
+
 @pytest.mark.parametrize("kind", ["yaml", "json"])  # as lines of ours, and as MoveIt's message with an object's pose
 def test_a_fixture_is_placed_with_its_shape_and_the_poses_in_its_frame(
     tmp_path: Path, ur: ToolKinematics, kind: str

@@ -119,7 +119,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "retime": ["optimize", *PLANNED, "--mode", "retime", "--duration", "2"],
         "tradeoff": ["tradeoff", *PLANNED, "--mode", "retime", "--durations", "1:2:2", "--cycle", "4"],
         "bench": ["bench", str(at / "suite.toml"), "--jobs", "1", "--compile", "never"],
-        "job": ["job", str(at / "job.toml"), "--compile", "never"],
+        "job": ["job", str(at / "job.toml"), "--compile", "never", "--model", "source-method-2"],
         "set": ["simulate", *plays, "--plant", str(at / "plant.toml"), "--repeat", "3", "--static", "1"],
         "identify": ["identify", str(at / "set")],
         "diagnose": ["diagnose", str(at / "set")],

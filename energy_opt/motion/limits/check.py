@@ -8,6 +8,7 @@ import numpy as np
 
 from energy_opt.errors import Infeasible
 from energy_opt.motion.limits.base import Limit
+from energy_opt.motion.move import LONGEST
 from energy_opt.motion.path import straight
 from energy_opt.motion.path_dynamics import PathDynamics
 from energy_opt.power import PowerModel
@@ -63,4 +64,22 @@ def check_pose(limits: Sequence[Limit], robot: Robot, model: PowerModel, q: np.n
                 limit=limit.name,
                 position={"start": 0.0, "goal": 1.0}.get(what),
                 excess=float(fixed.excess[0, j]),
+            )
+
+
+def check_duration(limits: Sequence[Limit], robot: Robot, poses: np.ndarray) -> None:
+    """Check that some duration up to `LONGEST` [s] may hold the limits of a move through poses (K, n).
+
+    Raises:
+        Infeasible: names the limit and the duration that it requires at least.
+    """
+    for limit in limits:
+        least = limit.least_duration(poses)
+        if least > LONGEST:
+            where = limit.where(robot.joints, 0)
+            raise Infeasible(
+                f"the {limit.name} limit of {where} requires at least {least:.4g} s; no motion may last "
+                f"more than {LONGEST:g} s",
+                joint=where,
+                limit=limit.name,
             )

@@ -85,8 +85,8 @@ class Keep(Limit):
         return self.name, self.body, self.tool
 
     def where(self, joints: Sequence[str], column: int) -> str:
-        """The tool's name."""
-        return self.tool.name
+        """The tool's frame, in words."""
+        return str(self.tool)
 
     def worst(self, x: Dense) -> Violation:
         """The pose of the largest deviation."""

@@ -38,18 +38,24 @@ class ToolBound(Limit):
     squared = True
 
     def __init__(self, body: RigidBody, tool: Tool, bound: float) -> None:
-        if not LEAST <= bound <= self.fastest:
-            option = f"--{self.name.replace('_', '-')}"
-            hint = f" (are these millimetres? {bound / 1000:g} {self.unit} then)" if bound > self.fastest else ""
-            raise BadInput(f"{option} {bound:g}: expected {LEAST:g} to {self.fastest:g} {self.unit}{hint}")
         self.body, self.tool, self.most = body, tool, float(bound)
         self.scale = np.array([self.most**2])
 
     @classmethod
     def asked(cls, robot: Robot, settings: Settings, move: Move | None, gravity: np.ndarray) -> Self | None:
-        """The limit of the setting with its name; None if it is not set."""
+        """The limit of the setting with its name; None if it is not set.
+
+        Raises:
+            BadInput: the bound is below `LEAST` or above `fastest`.
+        """
         bound = getattr(settings, cls.name)
-        return None if bound is None else cls(robot.body, tool_of(robot.body, settings.tool), bound)
+        if bound is None:
+            return None
+        if not LEAST <= bound <= cls.fastest:
+            option = f"--{cls.name.replace('_', '-')}"
+            hint = f" (are these millimetres? {bound / 1000:g} {cls.unit} then)" if bound > cls.fastest else ""
+            raise BadInput(f"{option} {bound:g}: expected {LEAST:g} to {cls.fastest:g} {cls.unit}{hint}")
+        return cls(robot.body, tool_of(robot.body, settings.tool), bound)
 
     @property
     def structure(self) -> Hashable:
@@ -57,8 +63,8 @@ class ToolBound(Limit):
         return self.name, self.body, self.tool
 
     def where(self, joints: Sequence[str], column: int) -> str:
-        """The tool's name."""
-        return self.tool.name
+        """The tool's frame, in words."""
+        return str(self.tool)
 
     def worst(self, x: Dense) -> Violation:
         """The largest length over the bound."""
@@ -84,6 +90,12 @@ class ToolSpeed(ToolBound):
         """Squared speed [m^2/s^2]."""
         velocity = tool_state(self.body.tree(), self.tool, x.q, x.v, x.a).velocity
         return ca.dot(velocity, velocity)
+
+    def least_duration(self, poses: np.ndarray) -> float:
+        """The straight lines between the tool's places, at the bound."""
+        still = np.zeros_like(poses)
+        place = self.body.frame_motion(self.tool.joint, np.array(self.tool.pose), poses, still, still)[0][:, :3, 3]
+        return float(np.linalg.norm(np.diff(place, axis=0), axis=1).sum() / self.most)
 
     def linear(self, d: PathDynamics, b: float) -> Linear:
         """|J q'|^2 b / bound^2 <= 1."""

@@ -31,7 +31,7 @@ class Carried:
     """A tool of an arm, in NumPy: the position and motion of its origin."""
 
     def __init__(self, robot: Robot, tool: Tool) -> None:
-        self.name, self._joint = tool.name, tool.joint
+        self.name, self._joint = str(tool), tool.joint
         self._kinematics, self._origin = Kinematics(robot.body.tree()), np.array(tool.pose)[:3, 3]
         self._moves = self._kinematics.moves[tool.joint]
 

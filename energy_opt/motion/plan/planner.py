@@ -19,9 +19,9 @@ from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.judge.clearance import cell_beside
 from energy_opt.motion.judge.energy import Energy, Scorer
 from energy_opt.motion.limits.base import Limit
-from energy_opt.motion.limits.check import check_pose
+from energy_opt.motion.limits.check import check_duration, check_pose
 from energy_opt.motion.limits.registry import limits_of
-from energy_opt.motion.move import Move, Settings, long_turns
+from energy_opt.motion.move import LONGEST, Move, Settings, long_turns
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.plan.anytime import Progress
 from energy_opt.motion.plan.candidates import below_resolution
@@ -256,6 +256,8 @@ class Planner:
                 continue
             digits = 5 - int(np.floor(np.log10(longer * named)))
             tried = float(np.ceil(longer * named * 10**digits) / 10**digits)
+            if tried * BEYOND[-1] > LONGEST:
+                break
             if all(
                 process_time() - begin < 3 * CONFIRMING
                 and self._is_solvable(replace(move, duration=share * tried, max_duration=None))
@@ -289,12 +291,8 @@ class Planner:
     def _another_path(self, asked: Move, source: str) -> tuple[JointPath, ...]:
         """Another initial path, if the first went around a body; called if the result saves too little."""
         settings = self.settings
-        if (
-            settings.initial_paths is not None
-            or settings.objective != "energy"
-            or self.cell is None
-            or source == "straight"
-        ):
+        as_asked = settings.initial_paths is not None or settings.objective != "energy"
+        if as_asked or self.cell is None or source == "straight":
             return ()
         other = replace(settings, initial_paths=1, seed=settings.seed + OTHER)
         try:
@@ -346,3 +344,4 @@ class Planner:
             check_pose(limits, self.robot, self.model, q, what, resting)
             if self.cell is not None:
                 check_free(self.cell, q, what)
+        check_duration(limits, self.robot, np.array([move.start, *move.via, move.goal]))

@@ -36,10 +36,14 @@ def slowing(limits: Sequence[Limit], dense: PathDynamics, timing: Timing) -> flo
     # a derivative of order k falls with the k-th power of the duration; other limits are tried
     factor = max([1.0, *(use.worst[0] ** (1 / use.limit.order) for use in worse if use.limit.order)])
     others = [use.limit for use in worse if not use.limit.order]
-    while factor < SLOWEST and others:
+
+    def held(factor: float) -> bool:
         slower = timing.slowed(timing.duration * factor * (1 + TOLERANCE))
-        if max(use.worst[0] for use in uses(others, dense, slower)) <= 1 + TOLERANCE:
-            break
+        return max(use.worst[0] for use in uses(others, dense, slower)) <= 1 + TOLERANCE
+
+    if others and not held(SLOWEST):
+        return max(factor, SLOWEST)
+    while factor < SLOWEST and others and not held(factor):
         factor *= 1.01
     return factor
 

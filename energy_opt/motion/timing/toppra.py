@@ -104,8 +104,9 @@ def _slowed_or_coarser(
         if factor > 1 and any(ends):
             continue  # given end speeds cannot be slowed
         slowed = timing.slowed(timing.duration * factor * (1 + TOLERANCE)) if factor > 1 else timing
-        if best is None or slowed.duration < best.duration:
-            best = slowed
+        best = slowed if best is None or slowed.duration < best.duration else best
+        if factor >= SLOWEST:
+            raise not_held(robot, rest, dense, slowed, f"does not hold even {SLOWEST:g} times slower")
         if factor == 1:
             break
         if all(limit.local for limit in rest if broken(limit, dense, timing)):

@@ -4,11 +4,11 @@ Everything that checks or holds limits loops over a list of `Limit` objects and 
 overrides only the methods that apply to it. A new limit is one class and its line in `registry`; `own.OwnLimit` derives
 everything from one formula.
 
-    caller                     calls                result judge (certificate)        worst(dense)         the worst
-    place of a sampled motion, by the exact laws repair                     scaled(share)        the same limit with a
-    smaller bound path check                 fixed(d) excess that no timing of a path can change: position, holding
-    torque retiming, minimum time     linear(d, b)         |ra a + rb b + r0| <= 1, a path acceleration, b squared path
-    speed
+    caller                     calls                result
+    judge (certificate)        worst(dense)         the worst place of a sampled motion, by the exact laws
+    repair                     scaled(share)        the same limit with a smaller bound
+    path check                 fixed(d)             excess that no timing of a path can change: position, holding torque
+    retiming, minimum time     linear(d, b)         |ra a + rb b + r0| <= 1, a path acceleration, b squared path speed
                                tangent(d, a, b)     the same to first order, for limits that are not linear
                                functions(path, s)   |f(a, b, w)| <= 1 in NumPy, for limits that need w = da/ds
                                expression(x, p)     else: compiled with the power law at the path's points

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from energy_opt.diagnosis.candidates import candidates
-from energy_opt.diagnosis.evidence import Subset, noise_of
-from energy_opt.diagnosis.fit import Fit, Free, columns_of, fit, linearised
+from energy_opt.diagnosis.candidates import Candidate, candidates
+from energy_opt.diagnosis.evidence import SPREADS, Subset, noise_of
+from energy_opt.diagnosis.fit import Fit, columns_of, fit, linearised
 from energy_opt.diagnosis.hypothesis import Chart
 from energy_opt.diagnosis.noise import Noise
-from energy_opt.diagnosis.search import FREE_ODDS, Search, buildable, moved, root
+from energy_opt.diagnosis.search import FREE_ODDS, Search, buildable, moved, rarity, root
 from energy_opt.effects import StoreEffect
 from energy_opt.power import PowerModel
 
@@ -152,13 +152,13 @@ def _profiled(found: Search, f: Fit) -> float:
 def structures(found: Search, f: Fit) -> list[int]:
     """Indices of free functions in the bank of a fit that are more likely, besides its effects, than noise.
 
-    Evidence alone decides: the prior odds of free functions are removed. Functions of time are ignored, as a meter
-    drifts.
+    Evidence alone decides: the prior odds of free functions are removed. The best of c functions must be c times as
+    likely as a single one. Functions of time are ignored, as a meter drifts.
     """
     bank = found.bank(f)
     here = found.whole(bank)
-    least = bank.weigh(here).value + FREE_ODDS + RIVAL
-    free = (k for k, b in enumerate(bank.blocks) if b.name.startswith("free") and b.name != "free time")
+    free = [k for k, b in enumerate(bank.blocks) if b.name.startswith("free") and b.name != "free time"]
+    least = bank.weigh(here).value + FREE_ODDS + RIVAL + float(np.log(max(len(free), 1)))
     return [k for k in free if k not in here and bank.weigh(here | {k}).value > least]
 
 
@@ -273,11 +273,11 @@ def instead_of_links(found: Search, start: Fit) -> list[Fit]:
     value, out = bank.weigh(here).value, {}
     for k, b in enumerate(bank.blocks):
         option = here | {k}
-        if k in here or isinstance(b.source, Free) or not buildable(bank, option):
+        if k in here or not isinstance(b.source, Candidate) or not buildable(bank, option):
             continue
-        if bank.weigh(option).value > value - RIVAL:
+        if bank.weigh(option).value - rarity(b.source.chart.term) > value - RIVAL:
             new = found.refit(bank, option)
-            if found.score(new) > found.score(start) - RIVAL:
+            if found.level_score(new) > found.level_score(start) - RIVAL:
                 out[new.names] = new
     return sorted(out.values(), key=found.score, reverse=True)[:MOST]
 
@@ -308,12 +308,12 @@ def widened(f: Fit) -> Fit:
 
 
 def written(f: Fit, links: bool | None = None, level: bool = True) -> PowerModel:
-    """Model of a fit for model.toml: link deviations if significant, and the runs' common level in `standby`.
+    """Model of a fit for model.toml: link deviations if likely, and the runs' common level in `standby`.
 
     If an effect adds to the level, the fit compensates for it in the levels of the runs. A model has no such levels, so
     its standby takes the compensation.
     """
-    model = f.full_model(links_show(f) if links is None else links)
+    model = f.full_model(f.nuisance.spread > min(SPREADS) if links is None else links)
     standby = model.get("standby")
     if standby is None or "standby" in f.names or not level:
         return model

@@ -24,13 +24,13 @@ class Samples:
 
     Attributes:
         q, v, a: (K, n) rad, rad/s, rad/s^2 at the nodes. t: (K,) set time, s. slices: where each run's nodes lie.
-        temperature: (K, n) degC or nan. torque: (K, n) logged torque [N m] or current [A] of the joints, or nan.
+        temperature: (K, n) degC or nan.
         at: (M,) set time of the readings, s. power: (M,) W. parts: where each run's readings lie.
         operators: matrix from nodes to readings of each run, None if both are the same.
         counts: number of meter readings averaged in one of these.
         weight: (M,) weight of each reading, 1 is full weight, see `weighted`.
         noise: standard deviation of a reading's white noise, W. floor: of a single reading of the meter, W.
-        clock: True where the log states every run's set time. files, kinds: of the runs.
+        files, kinds: of the runs.
         single: set time and power of every single reading of the meter, run by run.
         logged: (K,) values by name of further signals that every run has and that change somewhere.
         group: how many neighbouring readings were averaged to one, 1 in all but long sets.
@@ -46,7 +46,6 @@ class Samples:
     t: np.ndarray
     slices: tuple[slice, ...]
     temperature: np.ndarray
-    torque: np.ndarray
     at: np.ndarray
     power: np.ndarray
     parts: tuple[slice, ...]
@@ -55,7 +54,6 @@ class Samples:
     weight: np.ndarray
     noise: float
     floor: float
-    clock: bool
     files: tuple[str, ...]
     kinds: tuple[str, ...]
     single: tuple[tuple[np.ndarray, np.ndarray], ...]
@@ -76,8 +74,7 @@ class Samples:
         read = np.concatenate([np.arange(self.parts[r].start, self.parts[r].stop) for r in runs])
         out = replace(
             self, q=self.q[samples], v=self.v[samples], a=self.a[samples], t=self.t[samples],
-            temperature=self.temperature[samples], torque=self.torque[samples],
-            slices=laid([self.slices[r] for r in runs]), at=self.at[read],
+            temperature=self.temperature[samples], slices=laid([self.slices[r] for r in runs]), at=self.at[read],
             power=self.power[read], weight=self.weight[read], parts=laid([self.parts[r] for r in runs]),
             operators=tuple(self.operators[r] for r in runs), counts=tuple(self.counts[r] for r in runs),
             files=tuple(self.files[r] for r in runs), kinds=tuple(self.kinds[r] for r in runs),

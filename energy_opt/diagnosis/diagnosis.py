@@ -15,7 +15,7 @@ from energy_opt.diagnosis.clusters import parted, shortened, split
 from energy_opt.diagnosis.errors import errors
 from energy_opt.diagnosis.evidence import drift_of
 from energy_opt.diagnosis.findings import Result, evidence_records, findings_of, nuisance_of
-from energy_opt.diagnosis.joint_report import friction_findings, prior_of, side_records, side_remarks
+from energy_opt.diagnosis.joint_report import friction_findings, prior_of, side_records, side_remarks, wrong_units
 from energy_opt.diagnosis.joint_side import free_runs, joint_side, push_words, pushes
 from energy_opt.diagnosis.modes import mode_words, modes_of
 from energy_opt.diagnosis.recordings import take_samples
@@ -90,6 +90,8 @@ def diagnose(
         return _of_joints(measured, declared)
     measured = parted(shortened(_metered(measured)))
     side = joint_side(measured, declared)
+    if wrong := wrong_units(side, measured.robot.joints, measured.robot.limits):
+        side, measured = None, replace(measured, remarks=(*measured.remarks, wrong))
     found_pushes = pushes(side, measured) if side is not None else []
     measured, enough = free_runs(measured, found_pushes)
     if found_pushes and enough:
@@ -159,7 +161,7 @@ def diagnose(
         document["remarks"].append(
             "The fitted model predicts held-out motions worse than the declared one: model.toml holds the declared one."
         )
-    document["remarks"] += push_words(found_pushes, enough) + side_remarks(side, limits, records)
+    document["remarks"] += push_words(found_pushes, enough) + side_remarks(side, joints, limits, records)
     document["remarks"] += speeds_seen(found, joints)
     document["headline"] = headline(document)
     document["next_step"] = next_step(document)
@@ -234,18 +236,20 @@ def _of_joints(measured: MeasuredSet, declared: PowerModel) -> Diagnosis:
     """Diagnosis from the joints' currents or torques alone: friction, rotor inertia and drive constants.
 
     Raises:
-        BadInput: the set has neither.
+        BadInput: the set has neither, or its torques clearly have another sign or unit.
     """
     side = joint_side(measured, declared)
     if side is None:
         raise BadInput(
             f"{measured.path}: no readings of power, energy, currents or torques; a diagnosis is not possible"
         )
+    limits, joints = measured.robot.limits, measured.robot.joints
+    if wrong := wrong_units(side, joints, limits):
+        raise BadInput(f"{measured.path}: {wrong}")
     found = pushes(side, measured)
     kept, enough = free_runs(measured, found)
     if found and enough:
         side = joint_side(kept, declared) or side
-    limits, joints = measured.robot.limits, measured.robot.joints
     effects, said = friction_findings(side, limits, joints) if enough else ([], [])
     model = declared
     for x in effects:
@@ -270,7 +274,7 @@ def _of_joints(measured: MeasuredSet, declared: PowerModel) -> Diagnosis:
         "next_motion": None,
         "worth": None,
         "remarks": [
-            *measured.remarks, *push_words(found, enough), *side_remarks(side, limits, records), *said,
+            *measured.remarks, *push_words(found, enough), *side_remarks(side, joints, limits, records), *said,
             "No meter: the model's other effects are as declared or borrowed, not measured.",
         ],
         "robot": measured.robot.name,

@@ -1,12 +1,12 @@
-"""The likeliest numbers of a hypothesis, and its evidence.
+"""The likeliest numbers of a hypothesis.
 
 A hypothesis is a set of effects with numbers z and of free functions with weights w. Every hypothesis also contains
 links that deviate from their URDF (amounts d), and a level that differs from run to run (o). With the noise made white,
 
     phi = 1/2 |y - f(z, d, o) - F w|^2 + 1/2 (theta - mean)^T precision (theta - mean),    theta = (z, w, d, o)
 
-is minimised by Gauss-Newton steps within bounds. Laplace's integral of exp(-phi) over theta is the evidence. It grows
-with the fit, and falls with every number that the data had to determine.
+is minimised by Gauss-Newton steps within bounds. Laplace's integral of exp(-phi) over theta is the evidence (see
+`evidence`). It grows with the fit, and falls with every number that the data had to determine.
 """
 
 from __future__ import annotations
@@ -161,8 +161,8 @@ class Fit:
     Attributes:
         charts, numbers: of its effects. free, weights: of its free functions. amounts, levels: of links and runs.
         model: the declared model with the effects' values. residual: (M,) what remains, W, levels and free functions
-            taken out. mean, precision: of theta's prior. hessian: of phi. phi: at the likeliest numbers.
-        evidence: its logarithm, but for a constant. spread: (P, P) covariance of theta if not the inverse of `hessian`.
+            taken out. mean, precision: of theta's prior. hessian: of phi.
+        spread: (P, P) covariance of theta if not the inverse of `hessian`.
     """
 
     world: World
@@ -178,8 +178,6 @@ class Fit:
     mean: np.ndarray
     precision: np.ndarray
     hessian: np.ndarray
-    phi: float
-    evidence: float
     token: int = field(default_factory=count().__next__)
     spread: np.ndarray | None = None
 
@@ -292,15 +290,10 @@ def fit(
             break
     jacobian = white[:, 1:]
     hessian = jacobian.T @ jacobian + precision
-    evidence = (
-        -phi
-        - 0.5 * world.whiten.log_determinant
-        + 0.5 * float(np.linalg.slogdet(precision)[1] - np.linalg.slogdet(hessian)[1])
-    )
     found = Fit(
         world, nuisance, tuple(charts), tuple(np.split(theta[:zs], cuts[:-1])) if charts else (), tuple(free),
         theta[zs : zs + ws], theta[zs + ws : zs + ws + ds], theta[zs + ws + ds :], model, residual, mean, precision,
-        hessian, phi, evidence,
+        hessian,
     )  # fmt: skip
     world.recent.put(found.token, (p, jacobian))
     return found

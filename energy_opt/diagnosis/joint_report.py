@@ -11,7 +11,7 @@ import numpy as np
 from energy_opt.diagnosis.findings import STUDENT, Finding
 from energy_opt.diagnosis.fit import Fit, fit
 from energy_opt.diagnosis.hypothesis import ROTOR, USUAL, Chart, Measured, Scale, chart
-from energy_opt.diagnosis.joint_side import STRANGE, JointSide
+from energy_opt.diagnosis.joint_side import STRANGE, TIMES, JointSide
 from energy_opt.diagnosis.predict import friction_torque
 from energy_opt.effects import TorqueEffect, effect_class
 from energy_opt.robot import Limits
@@ -124,7 +124,9 @@ def _word(seen: tuple[float, float]) -> dict[str, Any]:
     return {"friction": value, "ci95": ci}
 
 
-def side_remarks(side: JointSide | None, limits: Limits, records: Sequence[dict[str, Any]]) -> list[str]:
+def side_remarks(
+    side: JointSide | None, joints: Sequence[str], limits: Limits, records: Sequence[dict[str, Any]]
+) -> list[str]:
     """Remarks on the joints' readings and on how they agree with the power."""
     if side is None:
         return []
@@ -138,6 +140,9 @@ def side_remarks(side: JointSide | None, limits: Limits, records: Sequence[dict[
     off = [row["joint"] for row in records if row["unit"] == "1" and row["scale"] and abs(row["scale"] - 1) > STRANGE]
     if off:
         out.append(f"The logged torques of {', '.join(off)} are not torques in N m; by their size, they are currents.")
+    if side.unit == "A" and (side.multiple < 0).any():
+        names = ", ".join(joint for joint, k in zip(joints, side.multiple, strict=True) if k < 0)
+        out.append(f"The logged currents of {names} have the opposite sign of the torque: used with the other sign.")
     for row in records:
         if row["disagreement"] is not None and row["disagreement"] > DISAGREE:
             out.append(
@@ -145,6 +150,25 @@ def side_remarks(side: JointSide | None, limits: Limits, records: Sequence[dict[
                 f"readings and {row['power']['friction']:.3g} N m by the power: the two sides disagree."
             )
     return out
+
+
+NEAR = 0.3  # relative deviation up to which a multiple of the torque identifies a unit
+
+
+def wrong_units(side: JointSide | None, joints: Sequence[str], limits: Limits) -> str:
+    """Remark on logged torques that clearly have another sign or unit; "" if there are none."""
+    if side is None or side.unit != "N m":
+        return ""
+    found: dict[str, list[str]] = {}
+    for joint, times, effort in zip(joints, side.multiple, limits.effort, strict=True):
+        units = {"N m with the opposite sign": -1.0, "mN m": 1e3, "% of the effort limit": 100 / effort}
+        unit = next((u for u, x in units.items() if abs(times / x - 1) < NEAR), f"{times:.3g} times the torque in N m")
+        if times < -1 / TIMES or times > TIMES:
+            found.setdefault(unit, []).append(joint)
+    if not found:
+        return ""
+    said = "; ".join(f"those of {', '.join(names)} look like {unit}" for unit, names in found.items())
+    return f"The logged torques are not used: {said}. Correct them, or name their unit in log.toml."
 
 
 GUESS = 3.0  # upper bound for a joint without information, over the median share of the effort limit

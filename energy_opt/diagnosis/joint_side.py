@@ -27,7 +27,8 @@ STILL, SLOWEST = 0.02, 0.004  # [rad/s] below this speed dry friction holds a jo
 HELD = 0.15  # weight of a joint's sample at rest, where dry friction may carry any part of the load
 HUBER = 1.5  # standard deviations from which a sample has less weight
 OFFSET = 0.05  # usual offset of a reading, as a share of its value at the effort limit
-TORQUES = 0.3  # prior standard deviation of k around 1 for logged torques, before gravity determines it
+TORQUES = 0.3  # prior standard deviation of k around 1 for logged torques that have another scale
+TIMES = 3.0  # multiple from which neither a payload nor wrong links explain a logged torque
 STRANGE = 0.5  # largest deviation of k from 1 at which logged values still count as torques
 EXACT = 1e-4  # standard deviation of k if logged torques are used unscaled
 SURE = 5.0  # standard deviations of k: from 0, to state torques in N m; from 1, to rescale logged torques
@@ -62,6 +63,7 @@ class JointSide:
         covariance: (3, n, n) of each across the joints. pair: (n,) covariance of the first two.
         usual: [rad/s] the median speed in motion. noise: [N m] robust rms of the residual.
         left: (K, n) residual of the readings [N m].
+        multiple: reading by torque where the data alone show it, without a prior; else nan.
     """
 
     unit: str
@@ -73,6 +75,7 @@ class JointSide:
     usual: np.ndarray
     noise: np.ndarray
     left: np.ndarray
+    multiple: np.ndarray
     samples: JointSamples
 
     @property
@@ -132,21 +135,20 @@ def _fit(samples: JointSamples, measured: MeasuredSet, unit: str) -> JointSide:
     still = np.abs(samples.v) < STILL
     trust, memory = np.where(still, HELD, 1.0), np.ones(n)
     noise = np.array([max(float(np.std(samples.reading[u, j])), 1e-6) for j, u in enumerate(used)])
-    k = _slopes(samples) if unit == "A" else np.ones(n)
-    flat = np.full(n, 1e-12) if unit == "A" else np.full(n, TORQUES**-2)
-    middle = np.zeros(n) if unit == "A" else np.ones(n)
-    tight = flat
+    k, multiple = _slopes(samples), np.full(n, np.nan)
+    middle, tight = np.zeros(n), np.full(n, 1e-12)
     size = 5 * n + samples.torques.shape[2]
     x, h = np.zeros(size), np.eye(size)
     residual = np.zeros_like(samples.reading)
     for turn in range(2 * TURNS):
         if turn == TURNS:  # each joint's own k is found: add the prior from drives of the same kind
             own = np.sqrt(np.diag(np.linalg.inv(h))[:n])
+            multiple = np.where(own < KNOWN * np.abs(k), k, np.nan)
             if unit == "A":
-                middle, tight = _kinds(k, own, np.column_stack([limits.effort, limits.velocity]), middle, flat)
+                middle, tight = _kinds(k, own, np.column_stack([limits.effort, limits.velocity]), middle, tight)
             else:  # logged torques are used unscaled unless gravity clearly shows another scale
                 plain = (np.abs(k - 1) <= STRANGE) | (np.abs(k - 1) < SURE * own)
-                tight = np.where(plain, EXACT**-2, flat)
+                middle, tight = np.ones(n), np.where(plain, EXACT, TORQUES) ** -2.0
         by = np.maximum(np.abs(k), 1e-6) * limits.effort  # reading at the effort limit
         usual = np.column_stack([by / 3, by / 3, 3 * ROTOR * by, OFFSET * by])
         h = np.diag(np.concatenate([tight, usual.ravel() ** -2.0, np.full(size - 5 * n, USUAL_SPREAD**-2)]))
@@ -172,7 +174,7 @@ def _fit(samples: JointSamples, measured: MeasuredSet, unit: str) -> JointSide:
             noise[j] = max(1.4826 * float(np.median(np.abs(r[live]))), 1e-9)
             trust[:, j] = np.where(still[:, j], HELD, 1.0) * np.minimum(1.0, HUBER * noise[j] / np.abs(r).clip(1e-12))
             memory[j] = _memory(samples.run[u], r[u])
-    return _side(samples, unit, x, np.linalg.inv(h), residual, noise, used)
+    return _side(samples, unit, x, np.linalg.inv(h), residual, noise, used, multiple)
 
 
 def _slopes(samples: JointSamples) -> np.ndarray:
@@ -216,7 +218,7 @@ def _memory(run: np.ndarray, r: np.ndarray) -> float:
 
 def _side(
     samples: JointSamples, unit: str, x: np.ndarray, spread: np.ndarray, residual: np.ndarray, noise: np.ndarray,
-    used: list[np.ndarray],
+    used: list[np.ndarray], multiple: np.ndarray,
 ) -> JointSide:  # fmt: skip
     """Values in N m with their covariance: c = beta / k, to first order."""
     n = len(used)
@@ -241,7 +243,8 @@ def _side(
     with np.errstate(divide="ignore", invalid="ignore"):
         return JointSide(
             unit, np.where(sure, 1 / k, np.nan), np.where(sure, deviation / k**2, np.nan), values, covariance, pair,
-            usual, np.where(sure, noise / np.abs(k), np.nan), np.where(sure, residual / k, np.nan), samples,
+            usual, np.where(sure, noise / np.abs(k), np.nan), np.where(sure, residual / k, np.nan), multiple,
+            samples,
         )  # fmt: skip
 
 

@@ -37,13 +37,13 @@ def take_samples(measured: MeasuredSet) -> tuple[Samples, Smoothing]:
             for one, (_, reading, _, _), own in zip(single, taken, windows, strict=True)
         ]
     motion, readings, operators, counts = zip(*taken, strict=True)
-    t, q, v, a, temperature, torque, blur, smoothed = (np.concatenate(column) for column in zip(*motion, strict=True))
+    t, q, v, a, temperature, blur, smoothed = (np.concatenate(column) for column in zip(*motion, strict=True))
     at, power = (np.concatenate(column) for column in zip(*readings, strict=True))
     parts = laid([slice(0, len(r[0])) for r in readings])
     samples = Samples(
-        measured.robot.body, q, v, a, t - first, laid([slice(0, len(m[0])) for m in motion]), temperature, torque,
+        measured.robot.body, q, v, a, t - first, laid([slice(0, len(m[0])) for m in motion]), temperature,
         at - first, power, parts, operators, counts, np.ones(len(at)), noise / group**0.5,
-        meter_noise([(r.power_time, r.power) for r in measured.runs]), measured.clock,
+        meter_noise([(r.power_time, r.power) for r in measured.runs]),
         tuple(r.file for r in measured.runs), tuple(r.kind for r in measured.runs), tuple(single), group,
         _logged(measured.runs, [m[0] for m in motion]), blur, _lag(measured, smoothing, v, smoothed),
     )  # fmt: skip
@@ -107,20 +107,18 @@ def _grouped(taken: Taken, group: int) -> Taken:
 
 
 def _motion(run: Run, time: np.ndarray, smoothing: Smoothing) -> tuple[np.ndarray, ...]:
-    """Set time, motion, temperature and torque at some times of a run, blur, and the smoothing's time constants, s."""
+    """Set time, motion and temperature at some times of a run, blur, and the smoothing's time constants, s."""
     moved = np.ptp(run.position, axis=0)
     k = kinematics(run, time, smoothing)
     q, v, a = k.q, k.v, k.a
     if moved.max() < 2e-3:
         q, v, a = np.tile(run.position.mean(axis=0), (len(time), 1)), np.zeros_like(v), np.zeros_like(a)
     v = np.where(np.abs(v) < REST, 0.0, v)
-    logged = run.effort if run.effort is not None else run.current
-    others = [
-        np.full_like(q, np.nan) if x is None else np.column_stack([np.interp(time, run.time, c) for c in x.T])
-        for x in (run.temperature, logged)
-    ]
+    temperature = np.full_like(q, np.nan)
+    if run.temperature is not None:
+        temperature = np.column_stack([np.interp(time, run.time, c) for c in run.temperature.T])
     blur = np.where(np.tile(v, 2) != 0, _blur(run, smoothing, k.cutoffs), 0.0)
-    return run.start + time, q, v, a, *others, blur, np.tile(1 / (2 * np.pi * k.cutoffs), (len(time), 1))
+    return run.start + time, q, v, a, temperature, blur, np.tile(1 / (2 * np.pi * k.cutoffs), (len(time), 1))
 
 
 def _logged(runs: Sequence[Run], times: Sequence[np.ndarray]) -> dict[str, np.ndarray]:

@@ -19,7 +19,8 @@ from energy_opt.diagnosis.fit import Fit, Free, Nuisance, World, fit
 from energy_opt.diagnosis.hypothesis import Chart, Term, chart
 from energy_opt.effects import Effect
 
-# Prior log odds of an effect (one in fifty), of a refitted declared effect, of a free function; RARE is added.
+# Prior log odds of an effect (one in fifty), of a refitted declared effect, of a free function. RARE is added before an
+# effect is claimed; it excludes no alternative.
 ODDS, REFIT_ODDS, FREE_ODDS = -4.0, -3.0, -5.0
 RARE = {"iron_loss": -3.0, "psu_loss": -2.0, "asymmetric_friction": -1.5, "power_law_friction": -2.0,
         "thermal_viscous": -1.5, "standby_drift": -3.0}  # fmt: skip
@@ -47,6 +48,10 @@ class Search:
     def score(self, f: Fit) -> float:
         """Logarithm of evidence times odds, over all nuisances, linearised around the fit."""
         return self.weighed(f).value - 0.5 * f.world.whiten.log_determinant
+
+    def level_score(self, f: Fit) -> float:
+        """The score if rare effects were as likely before the data as the others."""
+        return self.score(f) - sum(rarity(c.term) for c in f.charts)
 
     def weighed(self, f: Fit) -> Weighed:
         """A fit's own evidence over all nuisances."""
@@ -227,7 +232,12 @@ def odds_of(term: Term, variants: int) -> float:
     """Logarithm of a term's odds before the data."""
     if term.declared:
         return REFIT_ODDS
-    return ODDS + RARE.get(term.name, 0.0) - float(np.log(max(variants, 1)))
+    return ODDS + rarity(term) - float(np.log(max(variants, 1)))
+
+
+def rarity(term: Term) -> float:
+    """Logarithm of a term's odds before the data over those of a usual effect."""
+    return 0.0 if term.declared else RARE.get(term.name, 0.0)
 
 
 def _loose(bank: Bank, here: Subset) -> list[int]:

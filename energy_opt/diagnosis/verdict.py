@@ -53,6 +53,7 @@ log = logging.getLogger(__name__)
 
 NO_CLAIM = (is_a_step, is_a_line, is_beyond_bounds)  # an effect is not claimed if one of these is true
 ALIKE = 1.1  # factor on the held-out error within which a set predicts equally well
+HALF = 0.5  # least log odds of such a set, as a share of those of the accepted one
 BESIDE = 0.3  # share of the explained log odds that a claimed effect must have if more than noise is left
 NOISE = 1.2  # factor on the noise below which a model's held-out error counts as noise
 # most noise estimates, and search rounds before each: few, as effects that imitate a misfit hide it
@@ -270,10 +271,16 @@ def _links_are_off(found: Search, judge: Judge, start: Fit, declared: Quality) -
 def _as_good(found: Search, judge: Judge, accepted: Fit) -> tuple[Fit, ...]:
     """If a law is not in the library: all sets that predict held-out motions as well, highest prior odds first.
 
-    Evidence compares the details of laws. It decides nothing here, because no law holds in detail.
+    Evidence compares the details of laws. Small differences decide nothing here, because no law holds in detail. But a
+    set that has less than `HALF` of the log odds of another does not explain the same.
     """
     most = ALIKE * judge.of(accepted).rmse
-    rivals = [f for f in alternatives(found, accepted, np.inf) if f is accepted or judge.of(f).rmse <= most]
+    none = found.score(root(found.world, accepted.nuisance))
+    least = none + HALF * (found.score(accepted) - none)
+    rivals = [
+        f for f in alternatives(found, accepted, np.inf)
+        if f is accepted or (judge.of(f).rmse <= most and found.score(f) > least)
+    ]  # fmt: skip
     return tuple(sorted(rivals, key=found.odds, reverse=True))
 
 
@@ -289,13 +296,13 @@ def _in_all(found: Search, judge: Judge, rivals: tuple[Fit, ...]) -> tuple[Fit, 
 def left_open(found: Search, judge: Judge, rivals: tuple[Fit, ...]) -> tuple[Fit, ...]:
     """Alternatives that held-out motions do not exclude, the likeliest first.
 
-    Laws that agree to first order, as load friction and gear efficiency, have equal evidence before they are fitted:
-    rounding decides which of them the search finds.
+    The lower prior odds of rare effects exclude none of them. Laws that agree to first order, as load friction and gear
+    efficiency, have equal evidence before they are fitted: rounding decides which of them the search finds.
     """
     gains = [0.0 if judge.held is None else float(np.sum(judge.gains(f, rivals[0]))) for f in rivals]
-    odds = [found.score(f) + gain for f, gain in zip(rivals, gains, strict=True)]
-    order = sorted(range(len(rivals)), key=lambda k: -odds[k])
-    return tuple(rivals[k] for k in order if odds[k] > odds[order[0]] - RIVAL)
+    scores = [np.array([found.score(f), found.level_score(f)]) + gain for f, gain in zip(rivals, gains, strict=True)]
+    order = sorted(range(len(rivals)), key=lambda k: -scores[k][0])
+    return tuple(rivals[k] for k in order if (scores[k] > scores[order[0]] - RIVAL).any())
 
 
 def _borne_out(

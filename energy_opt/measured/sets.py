@@ -47,6 +47,8 @@ def read_set(
         more = f" (and {len(faults) - 1} more faults; `energy-opt check` lists them)" if len(faults) > 1 else ""
         raise BadInput(faults[0] + more)
     clock = len(log.runs) == 1 or all(entry.start is not None for entry in log.runs)
+    if _overlap(log, runs):
+        runs, clock = _one_after_another(runs), False
     return MeasuredSet(log.path.parent, robot, tuple(runs), clock, stated_payload(log), tuple(remarks))
 
 
@@ -109,7 +111,32 @@ def collect(log: LogFile, robot: Robot) -> tuple[list[Run], list[str], list[str]
         )
     faults += [fault for one in found for fault in one.faults]
     runs = [run for one in found for run in one.runs]
+    if found:
+        found[-1].remarks += _overlap(log, runs)
     return runs, list(dict.fromkeys(faults)), _merged_remarks([remark for one in found for remark in one.remarks])
+
+
+CLOSE = 1.0  # [s] by which runs may overlap, as starts are rounded
+
+
+def _overlap(log: LogFile, runs: Sequence[Run]) -> list[str]:
+    """A remark on runs whose stated starts make them overlap in time."""
+    ordered = sorted(runs, key=lambda run: run.start + run.time[0])
+    for one, other in zip(ordered, ordered[1:], strict=False):
+        begin, end = other.start + float(other.time[0]), one.start + float(one.time[-1])
+        if begin < end - CLOSE:
+            return [
+                f"{log.path}: start of {other.file}: begins at {begin:.4g} s, before {one.file} ends at {end:.4g} s; "
+                "an arm makes one run at a time, so no start is used. Correct them, or leave them out"
+            ]
+    return []
+
+
+def _one_after_another(runs: Sequence[Run]) -> list[Run]:
+    """The runs, each starting where the one before ends."""
+    ends = np.cumsum([run.time[-1] for run in runs])
+    starts = [0.0, *ends.tolist()]
+    return [dataclasses.replace(run, start=begin) for run, begin in zip(runs, starts, strict=False)]
 
 
 def _merged_remarks(remarks: list[str]) -> list[str]:

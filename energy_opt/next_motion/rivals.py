@@ -163,6 +163,6 @@ def samples_of(body: RigidBody, trajectory: Trajectory, step: float) -> Samples:
     whole = (slice(0, count),)
     nothing = np.full_like(q, np.nan)
     return Samples(
-        body, q, v, a, time, whole, nothing, nothing, time, np.zeros(count), whole, (None,), (1,), np.ones(count), 1.0,
-        1.0, True, ("",), ("motion",), ((time, np.zeros(count)),),
+        body, q, v, a, time, whole, nothing, time, np.zeros(count), whole, (None,), (1,), np.ones(count), 1.0,
+        1.0, ("",), ("motion",), ((time, np.zeros(count)),),
     )  # fmt: skip

@@ -317,6 +317,15 @@ def test_a_payload_picked_up_in_mid_run_is_found_where_its_moment_is_uncertain(t
         (World("panda", 220004, (0.03, 0.05), "ar1", "armature"), {"armature"}),
         (World("xarm7", 220007, (0.03, 0.05), "ar1", "supply_efficiency"), {"supply_efficiency"}),
         (World("xarm7", 520050, (0.03, 0.05), "ar1", "psu_loss"), {"psu_loss"}),  # or links that are all too light
+        # lower prior odds of a rare effect exclude no alternative
+        (World("xarm7", 220050, (0.03, 0.05), "ar1", "psu_loss"), {"psu_loss"}),
+        (World("panda", 520051, (0.03, 0.05), "ar1", "asymmetric_friction"), {"asymmetric_friction"}),
+        # the best of a dozen free functions is twenty times as likely by chance
+        (World("panda", 420008, (0.03, 0.05), "ar1", "motion_power"), {"motion_power"}),
+        # the loss of a supply beside heavier links has a third of the evidence
+        (World("z1", 420002, (0.03, 0.05), "ar1", "payload"), {"payload"}),
+        # no deviation of a link is significant alone
+        (World("xarm7", 320054, (0.03, 0.05), "ar1", "dc_link"), {"dc_link"}),
     ],
 )
 def test_laws_that_resemble_each_other_are_alternatives(tmp_path, world, true):

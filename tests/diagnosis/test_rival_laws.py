@@ -152,14 +152,26 @@ def test_held_out_motions_settle_which_alternative_stays(gains, left):
     """Two laws of the same evidence on the motions fitted."""
     a, b = SimpleNamespace(name="a"), SimpleNamespace(name="b")
     judge = SimpleNamespace(held=1, gains=lambda more, _: np.array([gains[0] if more is a else gains[1]]))
-    assert "".join(f.name for f in left_open(SimpleNamespace(score=lambda f: 5.0), judge, (a, b))) == left
+    found = SimpleNamespace(score=lambda f: 5.0, level_score=lambda f: 5.0)
+    assert "".join(f.name for f in left_open(found, judge, (a, b))) == left
 
 
 def test_without_motions_held_out_the_likelier_alternative_is_claimed():
     """The search may end at either of two laws that are the same to first order."""
     a, b = SimpleNamespace(score=5.0), SimpleNamespace(score=6.0)
-    found, judge = SimpleNamespace(score=lambda f: f.score), SimpleNamespace(held=None)
-    assert left_open(found, judge, (a, b)) == (b, a)
+    found = SimpleNamespace(score=lambda f: f.score, level_score=lambda f: f.score)
+    assert left_open(found, SimpleNamespace(held=None), (a, b)) == (b, a)
+
+
+def test_the_prior_odds_of_a_rare_law_exclude_no_alternative():
+    """Odds by evidence and prior; by evidence alone, where the rare law gains 2. The usual law is claimed first."""
+    usual, rare = SimpleNamespace(score=9.0, level=9.0), SimpleNamespace(score=5.5, level=7.5)
+    found = SimpleNamespace(score=lambda f: f.score, level_score=lambda f: f.level)
+    judge = SimpleNamespace(held=None)
+    assert left_open(found, judge, (rare, usual)) == (usual, rare)
+    rare.score, rare.level, usual.level = 9.5, 11.5, 8.0
+    usual.score = 8.0  # within odds of twenty to one by evidence and prior, not by evidence alone
+    assert left_open(found, judge, (rare, usual)) == (rare, usual)
 
 
 def test_the_headline_states_no_share_of_nothing():
@@ -210,7 +222,8 @@ def test_motions_held_out_do_not_speak_against_a_law_for_what_its_numbers_leave_
     truth = write_world(world, tmp_path / "set")
     found = diagnose(read_set(truth.folder), load_model(truth.folder / "declared.toml"))
     assert found.verdict == "ambiguous"
-    assert sorted(found.document["alternatives"]) == [["meter_gain"], ["supply_efficiency"]]
+    said = sorted(found.document["alternatives"])  # a loss of the supply is the same law but for its square
+    assert said == [["meter_gain"], ["psu_loss"], ["supply_efficiency"]]
 
 
 @pytest.mark.slow

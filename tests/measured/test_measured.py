@@ -257,3 +257,18 @@ def test_a_slow_meter_sees_the_mean_over_its_window():
     np.testing.assert_allclose(matrix @ (3 * uneven + 2), 3 * (stamps - run.window / 2) + 2, atol=1e-9)
     slopes = operator(run, at) @ np.column_stack([at, at**2])
     np.testing.assert_allclose(slopes[:, 1], operator(run, at) @ (at**2))
+
+
+def test_starts_that_make_runs_overlap_are_named_and_not_used(tmp_path):
+    t, q = motion()
+    for name in "ab":
+        write_run(tmp_path / f"{name}.csv", t, q, 30 + q[:, 1])
+    entries = '[[run]]\nfile = "a.csv"\nstart = 100.0\n[[run]]\nfile = "b.csv"\nstart = {}\n'
+    _, remarks = inspect_set(write_log(tmp_path, entries.format(101.5)))
+    (said,) = [remark for remark in remarks if "start of b.csv" in remark]
+    assert "101.5 s" in said and "a.csv ends at 103 s" in said
+    measured = read_set(tmp_path)
+    assert not measured.clock
+    assert measured.runs[1].start == pytest.approx(measured.runs[0].start + t[-1])
+    write_log(tmp_path, entries.format(102.5))  # rounded to a second: within what is accepted
+    assert read_set(tmp_path).clock and not any("start of" in remark for remark in inspect_set(tmp_path)[1])

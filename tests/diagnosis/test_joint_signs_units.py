@@ -1,0 +1,88 @@
+"""Currents and torques with another sign or unit: the diagnosis says so, and takes no such torque for a contact."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from energy_opt.diagnosis import diagnose
+from energy_opt.errors import BadInput
+from energy_opt.measured import read_set
+
+pytest.importorskip("mujoco")
+from misfit_world import Motors, World, write_world
+
+SECOND = np.array([1.0, -1, 1, 1, 1, 1])  # the second joint alone
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """A Z1 without a hidden cause, its drive constants [N m/A], and its declared model."""
+    kept, before = [], Motors.__init__
+
+    def remember(self, *rest):
+        before(self, *rest)
+        kept.append(self.kt)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Motors, "__init__", remember)
+        folder = tmp_path_factory.mktemp("signs") / "set"
+        truth = write_world(World("z1", 45, currents=True, motions=5, poses=2), folder)
+    return read_set(folder, truth.robot), kept[0], truth.declared
+
+
+def changed(measured, kt, factor):
+    """The set with torques times a factor in place of its currents."""
+    runs = (dataclasses.replace(run, effort=run.current * kt * factor, current=None) for run in measured.runs)
+    return dataclasses.replace(measured, runs=tuple(runs))
+
+
+def remarks(measured, declared):
+    """What the diagnosis says of the joints' readings; it never takes them for a contact."""
+    document = diagnose(measured, declared).document
+    assert document["verdict"] == "nothing_missing"
+    said = [remark for remark in document["remarks"] if "logged" in remark or "pushed" in remark]
+    assert not any("pushed" in remark for remark in said)
+    return said
+
+
+@pytest.mark.parametrize(("factor", "word"), [(1000.0, "mN m"), (-1.0, "opposite sign")])
+def test_torques_with_another_unit_or_sign_are_named_and_not_used(recorded, factor, word):
+    measured, kt, declared = recorded
+    (said,) = remarks(changed(measured, kt, factor), declared)
+    assert word in said and "not used" in said and all(joint in said for joint in measured.robot.joints[:5])
+
+
+def test_torques_in_per_cent_of_the_effort_limit_are_named(recorded):
+    measured, kt, declared = recorded
+    (said,) = remarks(changed(measured, kt, 100 / measured.robot.limits.effort), declared)
+    assert "% of the effort limit" in said and "not used" in said
+
+
+def test_one_torque_with_the_opposite_sign_is_named_alone(recorded):
+    measured, kt, declared = recorded
+    (said,) = remarks(changed(measured, kt, SECOND), declared)
+    assert "joint2 look like N m with the opposite sign" in said and "joint3" not in said
+
+
+def test_torques_in_newton_metres_need_no_remark(recorded):
+    measured, kt, declared = recorded
+    assert remarks(changed(measured, kt, 1.0), declared) == []
+
+
+def test_currents_with_the_opposite_sign_are_named(recorded):
+    measured, _, declared = recorded
+    runs = tuple(dataclasses.replace(run, current=run.current * SECOND) for run in measured.runs)
+    (said,) = remarks(dataclasses.replace(measured, runs=runs), declared)
+    assert "currents of joint2 have the opposite sign" in said
+
+
+def test_torques_alone_in_another_unit_are_refused(recorded):
+    measured, kt, declared = recorded
+    mute = changed(measured, kt, 1000.0)
+    nothing = np.zeros(0)
+    runs = (dataclasses.replace(run, power=nothing, power_time=nothing, window=nothing) for run in mute.runs)
+    with pytest.raises(BadInput, match="look like mN m"):
+        diagnose(dataclasses.replace(mute, runs=tuple(runs)), declared)

@@ -72,10 +72,10 @@ class Hulls:
         rotation, origin = np.ascontiguousarray(rotation), np.ascontiguousarray(origin)
         a, b, link = (np.ascontiguousarray(x, dtype=np.int64) for x in (a, b, self.link % links))
         pieces = self._native(link)
-        box, sizes = np.empty((len(link), 6)), map(ctypes.c_int64, (count, links, len(link)))
+        box, room, sizes = np.empty((len(link), 6)), self._room(), map(ctypes.c_int64, (count, links, len(link)))
         c.hulls_apart(
             ctypes.byref(pieces), pointer(rotation), pointer(origin), *sizes, pointer(a), pointer(b),
-            ctypes.c_int64(len(a)), ctypes.c_double(reach), pointer(box), pointer(self.clouds.room), pointer(normal),
+            ctypes.c_int64(len(a)), ctypes.c_double(reach), pointer(box), pointer(room), pointer(normal),
             pointer(out),
         )  # fmt: skip
         return out
@@ -102,7 +102,7 @@ class Hulls:
         if c is None:
             return None
         bound, distance, travel = (np.empty(len(normal)) for _ in range(3))
-        lever = np.empty((far.shape[1], 4))
+        lever, room = np.empty((far.shape[1], 4)), self._room()
         of = (*frames, far, reach, pairs.coupling, pairs.slides)
         a, b, k, pair, link = (
             np.ascontiguousarray(x, dtype=np.int64) for x in (*pairs.ends.T, *cases, self.link % frames[1].shape[1])
@@ -114,10 +114,14 @@ class Hulls:
             ctypes.byref(self._native(link)),
             ctypes.byref(native.Pairs(*map(pointer, (a, b, *kept)), len(a))), ctypes.byref(motion),
             pointer(k), pointer(pair), ctypes.c_int64(len(k)), *map(ctypes.c_double, margins),
-            ctypes.byref(ctypes.c_double(least)), pointer(self.clouds.room), pointer(lever),
+            ctypes.byref(ctypes.c_double(least)), pointer(room), pointer(lever),
             *map(pointer, (bound, distance, travel, normal)),
         )  # fmt: skip
         return bound, distance, travel
+
+    def _room(self) -> np.ndarray:
+        """Memory of one call: several threads may use the hulls of one cell."""
+        return np.empty(max((len(points) for points in self.clouds.sets), default=1))
 
     def _native(self, link: np.ndarray) -> native.Hulls:
         """The hulls in the layout of the C functions."""

@@ -1,5 +1,7 @@
 """Distances of convex hulls on links against the library coal, and half-spaces against the formula."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import coal
 import numpy as np
 import pytest
@@ -90,3 +92,18 @@ def test_a_half_space_is_measured_to_its_plane(compiled: bool, monkeypatch: pyte
     height = ((points @ rotation[0, 0].T + origin[0, 0] - rotation[0, 1] @ through - origin[0, 1]) @ n).min()
     assert ahead == pytest.approx(height) if compiled else ahead <= max(height, 0.0)
     assert np.isnan(back) or not compiled
+
+
+def test_threads_share_the_hulls_of_a_cell(case) -> None:
+    sets, rotation, origin, _ = case
+    both = hulls(sets)
+    many = [(np.tile(rotation[s::4], (20, 1, 1, 1)), np.tile(origin[s::4], (20, 1, 1))) for s in range(4)]
+
+    def distances(frames: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+        return both.apart(*frames, A, B, 10.0, np.zeros((len(frames[0]), len(A), 3)))
+
+    alone = [distances(frames) for frames in many]
+    with ThreadPoolExecutor(4) as pool:
+        for _ in range(5):
+            for found, expected in zip(pool.map(distances, many), alone, strict=True):
+                assert found == pytest.approx(expected, abs=1e-6, nan_ok=True)

@@ -39,7 +39,7 @@ def test_check_names_a_frame_that_no_pose_of_a_cell_can_be_in(
         for frame in ("tabel", "table")
     )
     assert refused(tmp_path, unknown, "check") == 2
-    assert "robot a: pick: step 1 (pick): no frame 'tabel'; did you mean 'table'?" in capsys.readouterr().err
+    assert "robot a: step 1 (pick): no frame 'tabel'; did you mean 'table'?" in capsys.readouterr().err
     assert refused(tmp_path, known, "check") == 0
 
 

@@ -105,7 +105,7 @@ def _slowed_or_coarser(
             continue  # given end speeds cannot be slowed
         slowed = timing.slowed(timing.duration * factor * (1 + TOLERANCE)) if factor > 1 else timing
         best = slowed if best is None or slowed.duration < best.duration else best
-        if factor >= SLOWEST:
+        if factor >= SLOWEST and any(broken(limit, dense, slowed) for limit in rest if not limit.order):
             raise not_held(robot, rest, dense, slowed, f"does not hold even {SLOWEST:g} times slower")
         if factor == 1:
             break

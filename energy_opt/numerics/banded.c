@@ -496,6 +496,13 @@ int banded_interior(double *band, double *edge, double *corner, const double *ma
                 room[i] = price - lam[i];
             }
         }
+        if (way < STUCK && primal > PRIMAL) { /* the excesses take over what is missing */
+            primal = 0;
+            for (I i = 0; i < total; i++) {
+                if (i >= begin) e[i] = larger(e[i], b[i] - v[i] + t[i]);
+                primal = larger(primal, fabs(e[i] - b[i] + v[i] - t[i]));
+            }
+        }
     }
     for (I i = 0; i < total; i++) lam[i] = -lam[i];
     by_constraint(lam, at, -1, rows, by_row);

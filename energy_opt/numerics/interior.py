@@ -10,7 +10,9 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve, cho_solve_banded, c
 from scipy.sparse import csr_matrix, diags_array, eye_array, vstack
 
 BARRIER = 1e-3  # first barrier parameter, for a cost of order one
-BEGIN_BOX, BEGIN_ROW = 1e-3, 1e-2  # least initial distances from bounds of the box and of constraints
+BEGIN_BOX, BEGIN_ROW = 1e-2, 1e-1  # least initial distances from bounds of the box and of constraints
+# share of a step below which the program seems to have no free point: the excesses e take over all that is missing
+STUCK = 0.1
 CLOSE = 0.995  # share of the distance to the nearest bound that a step may use
 STEPS = 40
 PRIMAL, DUAL = 1e-5, 1e-4  # residuals at which the loop ends
@@ -155,6 +157,9 @@ def interior(
         residual, primal, d, v = residual * (1 - way), primal * (1 - way), d + way * change, v + way * slope
         t, lam, e = t + way * dt, lam + way * dl, e + way * de
         room = np.where(elastic, price - lam, 1.0)
+        if way < STUCK and primal > PRIMAL:
+            e = np.where(elastic, np.maximum(e, b - v + t), e)
+            primal = float(np.abs(e - b + v - t).max())
     multipliers = np.zeros(len(floor))
     multipliers[low] -= lam[begin : begin + len(low)]
     multipliers[high] += lam[begin + len(low) :]

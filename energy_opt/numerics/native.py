@@ -21,7 +21,7 @@ FLAGS = (
     "-O3", "-fopenmp-simd", "-fno-math-errno", "-fno-trapping-math", "-fassociative-math", "-fno-signed-zeros", "-lm",
 )  # fmt: skip
 DEFINED = (
-    "BARRIER", "BEGIN_BOX", "BEGIN_ROW", "CLOSE", "STEPS", "PRIMAL", "DUAL", "LEAST_DAMPING", "MOST_DAMPING",
+    "BARRIER", "BEGIN_BOX", "BEGIN_ROW", "STUCK", "CLOSE", "STEPS", "PRIMAL", "DUAL", "LEAST_DAMPING", "MOST_DAMPING",
 )  # fmt: skip
 FILES = "banded.c", "clouds.c", "hulls.c"
 INTEGERS = ("first", "joint", "wide_first", "place", "place_first")

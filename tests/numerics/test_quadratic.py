@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import cvxpy
 import numpy as np
 import pytest
 
@@ -90,6 +91,33 @@ def test_constraints_that_cannot_be_kept_are_broken_by_as_little_as_pays() -> No
     )  # fmt: skip
     found = minimise(h, np.zeros(2), (np.full(2, -5.0), np.full(2, 5.0)), held, PRICE, h)
     assert found.broken == pytest.approx(1.0, abs=1e-3) and found.d[0] == pytest.approx(1.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_a_program_far_from_any_free_point_ends_at_the_least_cost_with_excesses(
+    compiled: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not compiled:
+        monkeypatch.setattr(native, "library", lambda: None)
+    rng = np.random.default_rng(4)
+    count = 300  # floors up to 1 above what steps within the box of +-0.2 reach
+    held = Constraints.of(
+        JOINTS, 0, place=np.repeat(np.arange(10), 30), gradient=rng.normal(size=(count, JOINTS)),
+        place_first=np.arange(10), basis=rng.uniform(0.1, 0.3, (10, WINDOW)), border=np.zeros((count, 0)),
+        floor=rng.uniform(0.2, 1.0, count), ceiling=np.full(count, np.inf), keys=np.arange(count),
+    )  # fmt: skip
+    eye, none = Banded(banded(np.eye(SIZE)), np.zeros((SIZE, 0)), np.zeros((0, 0))), np.zeros((SIZE, 0))
+    low, high = np.full(SIZE, -0.2), np.full(SIZE, 0.2)
+    g = np.zeros(SIZE)
+    found = minimise(eye, g, (low, high), held, PRICE, Banded(eye.band, none, np.zeros((0, 0))))
+    d = cvxpy.Variable(SIZE)
+    excess = cvxpy.sum(cvxpy.pos(held.floor - held.sparse(SIZE).toarray() @ d))
+    best = cvxpy.Problem(cvxpy.Minimize(cvxpy.sum_squares(d) / 2 + PRICE * excess), [d >= low, d <= high])
+    best.solve(solver="CLARABEL")
+    over = np.maximum(held.floor - held.times(found.d), 0).sum()
+    assert found.steps < 40
+    assert found.broken == pytest.approx(over, rel=1e-3)
+    assert found.d @ found.d / 2 + PRICE * over == pytest.approx(best.value, rel=1e-3)
 
 
 def test_where_the_hessian_is_not_convex_enough_mass_is_added() -> None:

@@ -82,7 +82,7 @@ def kept_clear(
     if context.settings.initial_paths:
         known = [work.first, *(outcome.curve for outcome in (wider.outcome, work.best) if outcome is not None)]
         found = further_lines(context, work.search.cell, task, level, known)
-        work.best_of([(task.curve(level.shape, line), TRUST) for line in found])
+        work.best_of([Start(task.curve(level.shape, line), TRUST) for line in found])
     if work.best is None:
         return Candidate(None, work.search.iterations, True, NOTHING, free.starts)
     candidate = repaired_clear(context, work.search, task, work.best)
@@ -92,6 +92,17 @@ def kept_clear(
         trajectory = trajectory_of(replace(candidate.outcome.curve, duration=move.duration), context.robot.joints)
     spent = wider.iterations + work.search.iterations
     return replace(candidate, trajectory=trajectory, iterations=spent, starts=free.starts)
+
+
+@dataclass(frozen=True)
+class Start:
+    """A curve to search from, its first step [rad, m], and a scaled cost: about the least that it can lead to, which is
+    that of the optimum without bodies near it.
+    """
+
+    curve: Curve
+    trust: float
+    least: float = 0.0
 
 
 @dataclass
@@ -122,15 +133,18 @@ class Clearing:
     def search_from(self, free: Candidate) -> None:
         """Find the best result of searches from the first paths and from the optima found without bodies."""
         search, optima = self.search, self._optima(free)
-        trials_from = [(curve, TRUST) for curve in self.curves]
+        starts = [Start(curve, TRUST) for curve in self.curves]
         for number, optimum in enumerate(optima):
+            least = search.scale * self._cost(optimum)
+            if self.best is not None and least > self._scaled(self.best):
+                continue
             gap = search.gap(optimum)
             if gap > -NEARLY and self.finish(optimum, TRUST):
                 if number == 0:
                     return
                 continue
             if gap > -DEEP:
-                trials_from.append((optimum, BOLD))
+                starts.append(Start(optimum, BOLD, least))
             mix, share = self._mixture(optimum) if self._cost(optimum) <= WORTH * self._cost(optima[0]) else (None, 0.0)
             if mix is None:
                 continue
@@ -139,8 +153,8 @@ class Clearing:
                     self._search_from_other_optima(optima[1:])
                     return
                 continue
-            trials_from.append((mix, BOLD))
-        self.best_of(trials_from)
+            starts.append(Start(mix, BOLD, least))
+        self.best_of(starts)
         self._half_way(optima)
 
     def _mixture(self, optimum: Curve) -> tuple[Curve | None, float]:
@@ -172,13 +186,17 @@ class Clearing:
                 out.append(curve)
         return out[:OPTIMA]
 
-    def best_of(self, trials_from: Sequence[tuple[Curve, float]]) -> None:
-        """Run a short trial from each curve with its first step [rad, m], and finish the most promising ones."""
+    def best_of(self, starts: Sequence[Start]) -> None:
+        """Run a short trial from each start that may be the best, and finish the most promising ones."""
         search = self.search
-        if len(trials_from) == 1:
-            self.finish(*trials_from[0])
+        if len(starts) == 1:
+            self.finish(starts[0].curve, starts[0].trust)
             return
-        trials = [search.trial(curve, trust) for curve, trust in trials_from]
+        trials, known = list[Descent](), np.inf if self.best is None else self._scaled(self.best)
+        for start in starts:
+            if start.least <= known:
+                trials.append(search.trial(start.curve, start.trust))
+                known = min(known, search.merit(trials[-1]))
         done: list[Descent] = []
         for trial in sorted(trials, key=search.merit):
             if len(done) == FINISHED or (self.context.stopped() and self.best is not None):

@@ -39,7 +39,7 @@ NEARBY = 0.06  # [rad, m] first step of each descent but the first
 FINE = 1e-3  # relative: such a descent ends if it can save less
 MET = 1e-7  # [rad] allowed error of via points: a tenth of that of poses
 TRIAL, ROUGH = 7, 3e-3  # iterations of a trial, and the relative change of cost at which it ends
-SOON, STUCK = 3, 0.3  # it ends after so many iterations if more than this share of its violations is left
+SOON, STUCK = 2, 2.0  # it ends after so many iterations if the sum of its violations is larger [0.1 m]
 RESOLVED, EXACT = 15, 1e-6  # iterations after limits changed slightly, and the accepted excess over them
 
 
@@ -128,10 +128,9 @@ class ClearSearch:
     def trial(self, curve: Curve, trust: float) -> Descent:
         """A few iterations from a curve, at the usual places; fewer if bodies do not come apart in the first ones."""
         model, now = self._started(curve, trust)
-        most = STUCK * max(model.broken(now.point, GIVE, SLACK), 1.0)
 
         def ended() -> bool:
-            return self.stopped() or (now.iterations >= SOON and model.broken(now.point, GIVE, SLACK) > most)
+            return self.stopped() or (now.iterations >= SOON and model.broken(now.point, GIVE, SLACK) > STUCK)
 
         descend(model, now, TRIAL, trust, tolerance=ROUGH, give=GIVE, slack=SLACK, stopped=ended)
         self.iterations += now.iterations

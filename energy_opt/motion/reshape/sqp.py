@@ -122,7 +122,7 @@ def descend(
             if (
                 failed > (KINKED if now.convex else TRIES)
                 or trust < LEAST_TRUST
-                or abs(predicted) < tolerance * max(point.cost, 0.02)
+                or predicted < tolerance * max(point.cost, 0.02)
             ):
                 break
         now.trust = trust

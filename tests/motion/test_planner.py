@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from energy_opt.effects import CoulombFriction, Payload
 from energy_opt.errors import BadInput, Infeasible
@@ -30,6 +31,18 @@ def planner():
 @pytest.fixture(scope="module")
 def reshaped(planner):
     return planner.solve(Move(START, GOAL, duration=2.0))
+
+
+def test_linear_algebra_of_a_solve_runs_on_one_thread(planner, caplog):
+    def threads():
+        return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+
+    seen = []
+    caplog.handler.addFilter(lambda record: seen.append(threads()) or True)
+    with threadpool_limits(2, user_api="blas"), caplog.at_level("INFO", logger="energy_opt.motion.reshape"):
+        planner.solve(Move(START, START + 0.1, duration=1.0))
+        assert threads() == {2}
+    assert len(seen) > 1 and all(one == {1} for one in seen)
 
 
 def assert_keeps_its_word(result, move):

@@ -34,6 +34,7 @@ from energy_opt.motion.reshape.open import FIXED, Open
 from energy_opt.motion.result import FirstPath, Result
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.numerics.threads import one_thread
 from energy_opt.power import PowerModel
 from energy_opt.power.law import rigid_inputs
 from energy_opt.robot import Robot
@@ -174,6 +175,7 @@ class Planner:
             return None
         return trajectory if self.certify(trajectory, move).valid else None
 
+    @one_thread
     def timing(self, move: Move) -> Timing:
         """The fastest timing of a move along its path, computed once for all durations.
 

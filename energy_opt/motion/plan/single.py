@@ -31,6 +31,7 @@ from energy_opt.motion.result import FirstPath, Result
 from energy_opt.motion.retime.solve import RetimeSolution
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.numerics.threads import one_thread
 
 log = logging.getLogger(__name__)
 # times the least time of the first path: in longer moves, zero acceleration at the ends costs almost nothing
@@ -168,6 +169,7 @@ class Single:
         """The fastest timing of the first path; None if a reshaped move's path has none."""
         return first_timing(self.move, partial(self._timing, self.move))
 
+    @one_thread
     def at(
         self, duration: float | None, max_duration: float | None = None, warm: Sequence[Trajectory] = (),
         progress: Progress | None = None,

@@ -19,6 +19,7 @@ from energy_opt.motion.reshape.open import Open
 from energy_opt.motion.reshape.search import ITERATIONS, trajectory_of
 from energy_opt.motion.reshape.task import FEASIBLE, Line, Task
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.numerics.threads import one_thread
 
 Settled = tuple[Trajectory, tuple[np.ndarray, ...]]  # a motion, and its positions at the via points
 SETTLED, FIRST = 1e-6, 0.05  # relative tolerance and first step [rad, m] of the search beside bodies
@@ -26,6 +27,7 @@ SETTLED, FIRST = 1e-6, 0.05  # relative tolerance and first step [rad, m] of the
 BEYOND = 0.5
 
 
+@one_thread
 def sketched(context: Context, move: Move, warm: Sequence[Trajectory] = ()) -> Trajectory:
     """A reshaped motion near an optimum, without bodies; it may exceed a limit by up to `BEYOND` of its bound.
 
@@ -50,6 +52,7 @@ def sketched(context: Context, move: Move, warm: Sequence[Trajectory] = ()) -> T
     return trajectory_of(found.curve, context.robot.joints)
 
 
+@one_thread
 def settled(context: Context, move: Move, motion: Trajectory, open_: Open) -> Settled:
     """The optimum near a motion, which is bent first if its ends differ from the move's; with its via positions.
 

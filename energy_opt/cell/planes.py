@@ -29,6 +29,7 @@ MOST = 2  # most pieces of a pair of bodies at a place, the nearest ones: more m
 VERTICES = 3  # most vertices of a near pair with a constraint
 BESIDE, ABOVE = 0.02, 0.02  # [m] least distance between these vertices; largest height over the lowest one
 TURNING = 0.03  # [m] pairs that are farther apart get one constraint, for the lowest vertex
+NOTHING = 1e-5  # share of the largest multiplier: slack constraints have less, and do not count in the Hessian
 KEYS, POINTS = 100_000, 100_000  # sizes of the key ranges for places within a pair of pieces, and for vertices
 
 
@@ -221,9 +222,11 @@ class PlaneConstraints:
         self._move(q)
         kinematics = self._bodies.kinematics
         above = kinematics.moves[: kinematics.count].T  # (L, L): joint i moves joint j, or is it
-        turned = cross(self._n[:, None], self._axis) * (self._moves & ~kinematics.prismatic)[:, :, None]
-        h = np.matmul(turned, self._w.transpose(0, 2, 1)) * (multipliers / LENGTH)[:, None, None] * above
+        size = np.abs(multipliers)
+        acts = np.flatnonzero(size > NOTHING * size.max(initial=0.0))
+        turned = cross(self._n[acts, None], self._axis[acts]) * (self._moves[acts] & ~kinematics.prismatic)[:, :, None]
+        h = np.matmul(turned, self._w[acts].transpose(0, 2, 1)) * (multipliers[acts] / LENGTH)[:, None, None] * above
         out = np.zeros((len(self.u), *h.shape[1:]))
-        np.add.at(out, self.place, h)
+        np.add.at(out, self.place[acts], h)
         out += (out * ~np.eye(len(above), dtype=bool)).transpose(0, 2, 1)
         return kinematics.coupling.joined(kinematics.coupling.joined(out), axis=1)

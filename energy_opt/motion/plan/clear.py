@@ -33,6 +33,8 @@ TOWARDS = (0.9, 0.75, 0.6, 0.45, 0.3)  # shares of the way from the first path t
 # a search from a mixture of at least CLOSE ends all others if less than the share LEFT of the saving is missing
 CLOSE, LEFT = 0.6, 0.12
 BOLD = 0.25  # [rad, m] first step from such a mixture
+# scaled cost with violations: a trial below it came free of bodies; a second step is tried if at most one trial does
+FREED = 2.0
 ITERATIONS, DONE = 30, 1e-4  # iterations of a search, and the relative change of cost at which it ends
 FINISHED = 2  # most trials to continue
 APART = 0.3  # [rad, m] curves whose control points differ by less lead to the same optimum
@@ -197,6 +199,8 @@ class Clearing:
             if start.least <= known:
                 trials.append(search.trial(start.curve, start.trust))
                 known = min(known, search.merit(trials[-1]))
+        if sum(search.merit(trial) < FREED for trial in trials) < 2:
+            trials.append(search.trial(starts[0].curve, BOLD))
         done: list[Descent] = []
         for trial in sorted(trials, key=search.merit):
             if len(done) == FINISHED or (self.context.stopped() and self.best is not None):

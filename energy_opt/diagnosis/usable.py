@@ -135,7 +135,7 @@ def hidden(f: Fit) -> float:
     wide = fit(w, f.nuisance, charts, numbers, amounts=f.amounts, iterations=0)
     model = _unmetered(wide.model)
     _, slopes = _changes(model, *_paces(w.samples), w.links.basis)
-    where = dict(zip((e.name for e in model.effects), model.slices(n), strict=True))
+    where = model.places(n)
     count, none = slopes.shape[1] - len(f.amounts), slice(0, 0)
     own = [slopes[:, s] @ c.slope(z) if (s := where.get(c.term.name, none)) != none else np.zeros((len(slopes), len(z)))
            for c, z in zip(charts, numbers, strict=True)]  # fmt: skip

@@ -160,6 +160,15 @@ def test_a_model_beside_which_a_law_is_likely_that_nobody_knows_cannot_plan(weak
     assert off > 1.2 * of(noise=None).percent
 
 
+@pytest.mark.slow
+def test_two_effects_that_imitate_one_law_give_way_to_it(tmp_path):
+    """Two joints that rub by the sum and the difference of their speeds: no viscous and Stribeck friction together."""
+    world = World("xarm7", 11700034, (0.0, 0.05), "ar1", unlisted="coupled_friction")
+    truth = write_world(world, tmp_path / "set")
+    d = diagnose(read_set(truth.folder, truth.robot), truth.declared)
+    assert [x.name for x in d.effects] == ["coulomb_friction"]
+
+
 @pytest.mark.parametrize(
     ("gains", "left"), [((0.0, 0.5), "ba"), ((0.0, -1.5), "ab"), ((0.0, -9.0), "a"), ((0, 9), "b")]
 )

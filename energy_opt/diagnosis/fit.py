@@ -227,9 +227,8 @@ class Fit:
     @property
     def link_covariance(self) -> np.ndarray:
         """Posterior covariance of the link amounts."""
-        first = len(self.theta) - len(self.levels) - len(self.amounts)
-        span = slice(first, first + len(self.amounts))
-        return self.covariance[span, span]
+        end = len(self.theta) - len(self.levels)
+        return self.covariance[end - len(self.amounts) : end, end - len(self.amounts) : end]
 
     @property
     def level_deviations(self) -> np.ndarray:

@@ -105,7 +105,7 @@ def _absent(kinds: Sequence[tuple[type[Effect], Term]], now: Fit) -> Iterator[Ca
             charts[kind.name] = (c, z0, [p.shapes and p.neutral != 0 for p in parameters])
             whole = whole.replaced(c.effect(z0))
         jacobian = predict(whole, w.samples, push).jacobian
-        where = dict(zip((e.name for e in whole.effects), whole.slices(n), strict=True))
+        where = whole.places(n)
         for name, (c, z0, shapes) in charts.items():
             columns = jacobian[:, where[name]] @ c.slope(z0)
             if not columns.any():  # the effect does not influence these data, e.g. no run has a dwell
@@ -130,7 +130,7 @@ def _declared(kind: type[Effect], now: Fit) -> Iterator[Candidate]:
     slope = c.slope(c.origin)
     if not np.isfinite(slope).all():  # the slope is undefined, e.g. for a declared payload without mass
         return
-    where = dict(zip((e.name for e in now.model.effects), now.model.slices(n), strict=True))
+    where = now.model.places(n)
     columns = now.prediction.jacobian[:, where[kind.name]] @ slope
     c = sized(c, columns, w.scale)
     low, high = np.minimum(c.lower - c.origin, 0.0), np.maximum(c.upper - c.origin, 0.0)

@@ -117,8 +117,7 @@ def diagnose(
     noise = None if found.verdict in ("partly", "unexplained") else found.noise
     best, drift = found.best, drift_of(found.best, samples, centred=True)
     offset = float(np.hypot(best.nuisance.offset, best.nuisance.drift))
-    others = [written(f) for f in (*found.rivals[1:], best)]
-    ahead = foreseen(model, samples, noise, drift, offset, found.accepted, others, best.free)
+    ahead = foreseen(model, samples, noise, drift, offset, found.accepted, best, [written(f) for f in found.rivals[1:]])
     if found.misspecified and found.verdict != "nothing_missing":
         ahead = replace(ahead, reason=ahead.reason or "a law is present that is not among the effects")
     floor = found.after.noise

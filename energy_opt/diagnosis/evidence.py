@@ -25,7 +25,7 @@ from scipy.linalg.lapack import dposv
 from energy_opt.diagnosis.candidates import Candidate
 from energy_opt.diagnosis.clusters import clusters
 from energy_opt.diagnosis.data import Samples
-from energy_opt.diagnosis.fit import DRIFTS, Fit, Free, Nuisance, World, linearised
+from energy_opt.diagnosis.fit import DRIFTS, Fit, Free, Nuisance, World, columns_of, linearised, slopes
 from energy_opt.diagnosis.links import Links
 from energy_opt.diagnosis.noise import MISFITS, NORMAL_MEDIAN, WAVES, Noise, Whitener, no_less, weighed
 from energy_opt.numerics.box import bounded_step
@@ -236,13 +236,13 @@ def foresight(f: Fit, held: Samples, noise: Noise) -> list[tuple[np.ndarray, np.
 def noise_of(f: Fit) -> Noise:
     """The noise with the largest evidence for a fit's residual (empirical Bayes); its parameters are integrated out.
 
-
     First the correlated noise is found with the old discrepancy, then the discrepancy.
     """
     s, count = f.world.samples, len(f.residual)
     times = [s.at[p] for p in s.parts]
     old = f.world.whiten.noise
-    raw = np.column_stack([f.residual, _unwhitened(f)])
+    by_theta = slopes(f.world, f.model, f.charts, f.numbers, columns_of(f.world, f.free), f.prediction)
+    raw = np.column_stack([f.residual, by_theta])
     here = [w for w in WAVES if 0.2 * old.wave <= w * old.white <= 5 * max(old.wave, 0.6 * old.white)] or list(WAVES)
 
     def worth(wave: float, memory: float, misfit: float) -> tuple[float, float]:
@@ -261,14 +261,6 @@ def noise_of(f: Fit) -> Noise:
         return found
     _, white, misfit = max((*no_less(*worth(wave, memory, m), s.noise, count), m) for m in MISFITS)
     return Noise(white, wave * white, memory, misfit * white)
-
-
-def _unwhitened(f: Fit) -> np.ndarray:
-    """Derivatives (M, P) [W] of the readings of a fit by theta, not whitened."""
-    p, s = f.prediction, f.world.samples
-    where = dict(zip((e.name for e in f.model.effects), f.model.slices(s.n), strict=True))
-    own = [p.jacobian[:, where[c.term.name]] @ c.slope(z) for c, z in zip(f.charts, f.numbers, strict=True)]
-    return np.column_stack([*own, *(g.columns for g in f.free), p.external, f.world.offsets])
 
 
 def drift_of(f: Fit, samples: Samples, centred: bool) -> np.ndarray:

@@ -227,9 +227,8 @@ class Fit:
     @property
     def link_covariance(self) -> np.ndarray:
         """Posterior covariance of the link amounts."""
-        first = len(self.theta) - len(self.levels) - len(self.amounts)
-        span = slice(first, first + len(self.amounts))
-        return self.covariance[span, span]
+        end = len(self.theta) - len(self.levels)
+        return self.covariance[end - len(self.amounts) : end, end - len(self.amounts) : end]
 
     @property
     def level_deviations(self) -> np.ndarray:
@@ -320,11 +319,19 @@ def linearised(
         model = model.replaced(c.effect(z))
     d = theta[zs + ws : zs + ws + ds]
     p = predict(model, s, links.torques @ d, links.torques)
-    where = dict(zip((e.name for e in model.effects), model.slices(s.n), strict=True))
-    own = [p.jacobian[:, where[c.term.name]] @ c.slope(z) for c, z in zip(charts, parts, strict=True)]
-    jacobian = np.column_stack([*own, drawn, p.external, world.offsets])
+    jacobian = slopes(world, model, charts, parts, drawn, p)
     residual = s.power - p.reading - drawn @ theta[zs : zs + ws] - world.offsets @ theta[zs + ws + ds :]
     return model, p, residual, world.whiten(np.column_stack([residual, jacobian]))
+
+
+def slopes(
+    world: World, model: PowerModel, charts: Sequence[Chart], numbers: Sequence[np.ndarray], drawn: np.ndarray,
+    p: Prediction,
+) -> np.ndarray:  # fmt: skip
+    """Derivatives (M, P) [W] of the readings by theta, from the prediction of a model with these numbers."""
+    where = model.places(world.samples.n)
+    own = [p.jacobian[:, where[c.term.name]] @ c.slope(z) for c, z in zip(charts, numbers, strict=True)]
+    return np.column_stack([*own, drawn, p.external, world.offsets])
 
 
 def _before(

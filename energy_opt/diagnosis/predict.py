@@ -206,7 +206,7 @@ def predict(
             out.append(own.copy())
         return np.concatenate(out)
 
-    where = dict(zip((e.name for e in model.effects), model.slices(s.n), strict=True))
+    where = model.places(s.n)
     out = law()
     store = store_of(model)
     if store is not None:

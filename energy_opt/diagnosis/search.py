@@ -1,7 +1,7 @@
 """Search for the likeliest hypothesis: compare linearised sets around a fit, refit the best, repeat until it stays.
 
-Around a fit, effects and free functions are added, dropped, swapped and added in pairs while the evidence of the set
-grows; the resulting set is fitted. A set that does not improve once fitted is not tried again.
+Around a fit, effects and free functions are added, dropped, swapped (also one for two) and added in pairs while the
+evidence of the set grows; the resulting set is fitted. A set that does not improve once fitted is not tried again.
 """
 
 from __future__ import annotations
@@ -197,11 +197,11 @@ class Search:
         return fit(self.world, likeliest, f.charts, list(f.numbers), f.free, f.amounts)
 
     def _climb(self, bank: Bank, start: Subset, poor: set[frozenset[str]]) -> Subset:
-        """The best set by linearised evidence: single moves first, then swaps, then pairs."""
+        """The best set by linearised evidence: single moves first, then swaps, then one for two, then pairs."""
         here = start
         for _ in range(MOVES):
             reached = bank.glance(here) + GAIN
-            for stage in (_single, _swaps, _pairs):
+            for stage in (_single, _swaps, _merged, _pairs):
                 best, most = here, reached
                 for option in stage(bank, here):
                     self.world.go_on()
@@ -279,6 +279,13 @@ def _swaps(bank: Bank, here: Subset) -> Iterator[Subset]:
     """Sets with one effect exchanged for another."""
     for k in _loose(bank, here):
         less = here - {k}
+        yield from (less | {j} for j in _open(bank, less) if not bank.blocks[j].name.startswith("free"))
+
+
+def _merged(bank: Bank, here: Subset) -> Iterator[Subset]:
+    """Sets with one effect in place of two: two effects may imitate a single law together."""
+    for pair in combinations(_loose(bank, here), 2):
+        less = here.difference(pair)
         yield from (less | {j} for j in _open(bank, less) if not bank.blocks[j].name.startswith("free"))
 
 

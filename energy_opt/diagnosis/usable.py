@@ -7,7 +7,8 @@ error is stated relative to rms(d),
     sqrt(2 e^2 + h + a) / rms(d)
 
 e: error of a motion's energy, conformal over distinct motions: a further motion has less with probability `STATED`
-(Vovk, Gammerman and Shafer, Algorithmic Learning in a Random World); two motions' errors differ by sqrt(2) e.
+(Vovk, Gammerman and Shafer, Algorithmic Learning in a Random World); two motions' errors differ by sqrt(2) e. If the
+set is explained, it is the error of the likeliest hypothesis: `a` has the step from there to the model, for d itself.
 h: mean square change of d by numbers that the data leave uncertain, see `hidden`. a: largest mean square difference
 of d between the model and the models that explain the set as well or better.
 """
@@ -20,10 +21,11 @@ from typing import Any
 
 import numpy as np
 
+from energy_opt.diagnosis.claims import written
 from energy_opt.diagnosis.clusters import clusters
 from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.errors import energy, reading_of
-from energy_opt.diagnosis.fit import Fit, Free, fit
+from energy_opt.diagnosis.fit import Fit, fit
 from energy_opt.diagnosis.hypothesis import Term, chart
 from energy_opt.diagnosis.noise import Noise
 from energy_opt.diagnosis.predict import predict
@@ -70,8 +72,8 @@ def foreseen(
     levels: np.ndarray,
     offset: float,
     f: Fit,
+    best: Fit,
     rivals: Sequence[PowerModel] = (),
-    free: Sequence[Free] = (),
 ) -> Foreseen:
     """Error of energies over a set's distinct motions, relative to the change by going faster and waiting.
 
@@ -79,17 +81,18 @@ def foreseen(
 
     Args: noise: of the meter; its share of an energy is subtracted from e^2. None subtracts nothing, if more than noise
     is left. levels: (R,) W of every run by the meter's drift. offset: of its level from run to run, W. f: the fit of
-    the model. rivals: models that explain the set as well or better. free: free functions of the likeliest hypothesis:
-    their influence on other motions is unknown, unless they follow the position or the time alone.
+    the model. best: the likeliest hypothesis; the influence of its free functions on other motions is unknown, unless
+    they follow the position or the time alone. rivals: further models that explain the set as well.
     """
-    shown = reading_of(model, samples)
+    likeliest = written(best)
+    shown = reading_of(model if noise is None else likeliest, samples)
     errors_, lasting, by_noise = [], [], []
     paces = _paces(samples)
     moving = [r for r, kind in enumerate(samples.kinds) if kind == "motion"]
     if not moving:
         return Foreseen(None, 0, "no motion was recorded")
     difference = _changes(_unmetered(model), *paces)[0][moving]
-    others = [_changes(_unmetered(rival), *paces)[0][moving] - difference for rival in rivals]
+    others = [_changes(_unmetered(rival), *paces)[0][moving] - difference for rival in (*rivals, likeliest)]
     for group in (g for g in clusters(samples) if samples.kinds[g[0]] == "motion"):
         last = [float(np.ptp(samples.t[samples.slices[r]])) for r in group]
         error = [energy(*samples.single[r]) - energy(samples.single[r][0], shown[r]) - levels[r] * time
@@ -110,7 +113,7 @@ def foreseen(
     apart = max((float(np.mean(other**2)) for other in others), default=0.0)
     square = 2 * float(np.sort(squares)[rank - 1]) + hidden(f) + apart
     size = max(float(np.sqrt(np.mean(difference**2))), 1e-9)
-    signals = [g.signal for g in free if g.signal not in HARMLESS]
+    signals = [g.signal for g in best.free if g.signal not in HARMLESS]
     reason = f"what goes with {signals[0]} follows no known law" if signals else ""
     return Foreseen(100 * square**0.5 / size, len(e), reason)
 
@@ -132,7 +135,7 @@ def hidden(f: Fit) -> float:
     wide = fit(w, f.nuisance, charts, numbers, amounts=f.amounts, iterations=0)
     model = _unmetered(wide.model)
     _, slopes = _changes(model, *_paces(w.samples), w.links.basis)
-    where = dict(zip((e.name for e in model.effects), model.slices(n), strict=True))
+    where = model.places(n)
     count, none = slopes.shape[1] - len(f.amounts), slice(0, 0)
     own = [slopes[:, s] @ c.slope(z) if (s := where.get(c.term.name, none)) != none else np.zeros((len(slopes), len(z)))
            for c, z in zip(charts, numbers, strict=True)]  # fmt: skip
@@ -145,9 +148,11 @@ def _unmetered(model: PowerModel) -> PowerModel:
 
 
 def _paces(samples: Samples) -> tuple[Samples, Samples]:
-    """The motions as they are and `SLOWER` times as slow."""
+    """The motions as they are and `SLOWER` times as slow; both begin at the same time, so that no drift is between."""
     fast = samples.at_nodes()
-    return fast, replace(fast, v=samples.v / SLOWER, a=samples.a / SLOWER**2, t=samples.t * SLOWER)
+    later = (SLOWER - 1) * np.concatenate([np.full(s.stop - s.start, samples.t[s.start]) for s in samples.slices])
+    slow = replace(fast, v=samples.v / SLOWER, a=samples.a / SLOWER**2, t=samples.t * SLOWER)
+    return replace(fast, t=samples.t + later), slow
 
 
 def _changes(

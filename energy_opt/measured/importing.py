@@ -86,7 +86,7 @@ def import_files(
             shutil.copyfile(table.path, folder / table.path.name)
         for again in (False, True):  # which runs are static is known after the first reading
             write_toml(folder / NAME, document)
-            runs, faults, remarks = collect(read_log(folder), robot)
+            runs, _, faults, remarks = collect(read_log(folder), robot)
             if faults:
                 raise BadInput("\n".join(_with_original_path(fault, folder, tables) for fault in faults))
             if not again:

@@ -40,15 +40,12 @@ def read_set(
     """
     log = read_log(folder, allow_outside)
     robot = robot or robot_of(log)
-    runs, faults, remarks = collect(log, robot)
+    runs, clock, faults, remarks = collect(log, robot)
     if not faults and meter and not any(len(run.power) for run in runs):
         faults = [f"{log.path}: no run has a reading of power; is the meter's column named in [columns]?"]
     if faults:
         more = f" (and {len(faults) - 1} more faults; `energy-opt check` lists them)" if len(faults) > 1 else ""
         raise BadInput(faults[0] + more)
-    clock = len(log.runs) == 1 or all(entry.start is not None for entry in log.runs)
-    if _overlap(log, runs):
-        runs, clock = _one_after_another(runs), False
     return MeasuredSet(log.path.parent, robot, tuple(runs), clock, stated_payload(log), tuple(remarks))
 
 
@@ -88,8 +85,8 @@ def robot_of(log: LogFile, limits: Path | None = None, lock: Mapping[str, float]
     return load_robot(name, limits=limits, lock=lock)
 
 
-def collect(log: LogFile, robot: Robot) -> tuple[list[Run], list[str], list[str]]:
-    """All readable runs, all faults, and remarks on the reading."""
+def collect(log: LogFile, robot: Robot) -> tuple[list[Run], bool, list[str], list[str]]:
+    """All readable runs, whether their starts are known, all faults, and remarks on the reading."""
     faults = [
         f"{log.path}: columns.{key}: no joint {key.rpartition('.')[0]!r}; the robot's are {', '.join(robot.joints)}"
         for key in log.rules
@@ -111,25 +108,28 @@ def collect(log: LogFile, robot: Robot) -> tuple[list[Run], list[str], list[str]
         )
     faults += [fault for one in found for fault in one.faults]
     runs = [run for one in found for run in one.runs]
-    if found:
-        found[-1].remarks += _overlap(log, runs)
-    return runs, list(dict.fromkeys(faults)), _merged_remarks([remark for one in found for remark in one.remarks])
+    clock = len(log.runs) == 1 or all(entry.start is not None for entry in log.runs)
+    remarks = [remark for one in found for remark in one.remarks]
+    if overlap := _overlap(log, runs):
+        runs, clock = _one_after_another(runs), False
+        remarks.append(overlap)
+    return runs, clock, list(dict.fromkeys(faults)), _merged_remarks(remarks)
 
 
 CLOSE = 1.0  # [s] by which runs may overlap, as starts are rounded
 
 
-def _overlap(log: LogFile, runs: Sequence[Run]) -> list[str]:
-    """A remark on runs whose stated starts make them overlap in time."""
+def _overlap(log: LogFile, runs: Sequence[Run]) -> str:
+    """A remark on runs whose stated starts make them overlap in time; "" if none do."""
     ordered = sorted(runs, key=lambda run: run.start + run.time[0])
     for one, other in zip(ordered, ordered[1:], strict=False):
         begin, end = other.start + float(other.time[0]), one.start + float(one.time[-1])
         if begin < end - CLOSE:
-            return [
+            return (
                 f"{log.path}: start of {other.file}: begins at {begin:.4g} s, before {one.file} ends at {end:.4g} s; "
                 "an arm makes one run at a time, so no start is used. Correct them, or leave them out"
-            ]
-    return []
+            )
+    return ""
 
 
 def _one_after_another(runs: Sequence[Run]) -> list[Run]:
@@ -187,7 +187,7 @@ def inspect_set(
         robot = robot_of(log, None, lock)
     except BadInput as error:
         return str(error).splitlines(), []
-    runs, faults, remarks = collect(log, robot)
+    runs, _, faults, remarks = collect(log, robot)
     for run in runs:
         faults += _plausible(run, robot, str(log.path.parent / run.file.partition("#")[0]))
     faults += _constant(runs, log)

@@ -72,7 +72,7 @@ def _slack(f: Fit, model: PowerModel, n: int, numbers: bool = True) -> Slack:
     sizes, axes = np.linalg.eigh(f.covariance[np.ix_(records, records)])
     root = axes * np.sqrt(np.maximum(sizes, 0.0))
     values, at = np.zeros((len(model.values(n)), len(records))), 0
-    where = dict(zip((e.name for e in model.effects), model.slices(n), strict=True))
+    where = model.places(n)
     for c, z in zip(f.charts, f.numbers, strict=True):
         if numbers:
             values[where[c.term.name]] = c.slope(z) @ root[at : at + len(z)]

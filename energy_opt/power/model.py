@@ -185,6 +185,10 @@ class PowerModel:
             at += size
         return out
 
+    def places(self, joints: int) -> dict[str, slice]:
+        """As `slices`, by the effects' names."""
+        return dict(zip((e.name for e in self.effects), self.slices(joints), strict=True))
+
     def symbols(self, joints: int) -> ca.SX:
         """A symbolic column for `values`."""
         return ca.SX.sym("p", sum(e.size(joints, e.extents) for e in self.effects))

@@ -40,6 +40,7 @@ from energy_opt.virtual_arm.mujoco_arm import MujocoArm
 from energy_opt.virtual_arm.plant import Plant
 from energy_opt.virtual_arm.simulate import Instruments, Reference, play, simulate
 
+SESSION = 9, 6  # motions and poses of a session
 REST = 0.1  # [s] of standing at either end while a plan is played
 SPEED = 1.5  # every move takes this multiple of its minimum time
 ACCELERATION, JERK = 12.0, 1500.0  # [rad/s^2], [rad/s^3] where an arm's own limits are higher or unknown
@@ -132,11 +133,17 @@ def used(virtual: MujocoArm, plant: Plant, plan: Trajectory) -> float:
 
 
 def calibrate(
-    robot: str, plant: Plant, declared: PowerModel, plans: Sequence[Trajectory], seed: int, folder: Path
+    robot: str,
+    plant: Plant,
+    declared: PowerModel,
+    plans: Sequence[Trajectory],
+    seed: int,
+    folder: Path,
+    runs: tuple[int, int] = SESSION,
 ) -> tuple[PowerModel, str, tuple[str, ...]]:
     """Record a session on the arm, the plans among it, and diagnose it: calibrated model, verdict, effects found."""
     body = arm(robot)
-    references = excitation(body, np.random.default_rng([seed, 1]))
+    references = excitation(body, np.random.default_rng([seed, 1]), *runs)
     references += [Reference(f"plan{k}", p.time, p.position, p.velocity) for k, p in enumerate(plans, start=1)]
     simulate(references, plant, body, folder, seed=seed, instruments=NOISE)
     diagnosis = diagnose(read_set(folder, body), declared)
@@ -151,8 +158,12 @@ def turn(
     seed: int = 0,
     moves: int = 1,
     settings: Settings | None = None,
+    runs: tuple[int, int] = SESSION,
 ) -> list[Loop]:
-    """One turn of the loop for some random moves of an arm that has `effect`, undeclared."""
+    """One turn of the loop for some random moves of an arm that has `effect`, undeclared.
+
+    `runs`: motions and poses that the session records beside the plans.
+    """
     body, declared = planned_arm(robot), base_model(robot)
     plant = Plant(declared.replaced(effect))
     virtual = MujocoArm(body, plant)
@@ -164,7 +175,7 @@ def turn(
         asked.append((named.name, dataclasses.replace(move, duration=SPEED * before.minimum_time(move))))
     plans = [before.solve(move).trajectory for _, move in asked]
     with tempfile.TemporaryDirectory() as folder:
-        model, verdict, found = calibrate(robot, plant, declared, plans, seed, Path(folder))
+        model, verdict, found = calibrate(robot, plant, declared, plans, seed, Path(folder), runs)
     after = Planner(body, model, settings)
     out = []
     for (name, move), first in zip(asked, plans, strict=True):

@@ -112,6 +112,7 @@ class World:
     given: tuple[str, ...] = ()  # effects of the declared model that are free in every hypothesis and not reported
     stopped: Callable[[], bool] = lambda: False  # called before each fit; True requests a stop
     recent: Recent = field(default_factory=Recent, repr=False)
+    priors: dict[Nuisance, np.ndarray] = field(default_factory=dict, repr=False)  # those of `before`
 
     def go_on(self) -> None:
         """Raise `Stopped` if a stop was requested."""
@@ -136,13 +137,15 @@ class World:
         return cls(samples, declared, scale, links, whitener(samples, noise, shared), offsets, shared, given, stopped)
 
     def before(self, nuisance: Nuisance) -> np.ndarray:
-        """Prior precision (c, c) of link amounts and run levels."""
+        """Prior precision (c, c) of link amounts and run levels; computed once for each nuisance."""
         from scipy.linalg import block_diag
 
-        s = self.samples
-        times = np.array([s.at[p].mean() for p in s.parts])
-        links = nuisance.spread**-2 * np.eye(self.links.basis.shape[1])
-        return np.asarray(block_diag(links, np.linalg.inv(nuisance.levels(times))))
+        if nuisance not in self.priors:
+            s = self.samples
+            times = np.array([s.at[p].mean() for p in s.parts])
+            links = nuisance.spread**-2 * np.eye(self.links.basis.shape[1])
+            self.priors[nuisance] = block_diag(links, np.linalg.inv(nuisance.levels(times)))
+        return self.priors[nuisance]
 
     def under(self, noise: Noise) -> World:
         """The same data under another noise."""

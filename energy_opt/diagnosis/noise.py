@@ -68,13 +68,15 @@ class Whitener:
         self.noise = noise
         keep = np.concatenate([np.concatenate([[0.0], np.exp(-np.diff(t) / noise.memory)]) for t in times])
         variance = (noise.white / np.maximum(weights, 1e-6)) ** 2
-        gain, total, prior = [], [], 0.0
+        gain, total, prior, wave = [], [], 0.0, noise.wave**2
         # Python floats are faster here than arrays: a run may have 1e4 readings
-        for k, v in zip(keep.tolist(), variance.tolist(), strict=True):
-            prior = k * k * prior + (1 - k * k) * noise.wave**2
-            total.append(prior + v)
-            gain.append(prior / total[-1])
-            prior *= 1 - gain[-1]
+        for k, v in zip((keep * keep).tolist(), variance.tolist(), strict=True):
+            prior = k * prior + (1 - k) * wave
+            whole = prior + v
+            share = prior / whole
+            total.append(whole)
+            gain.append(share)
+            prior *= 1 - share
         self._scale = 1 / np.sqrt(total)
         self._feed = keep[1:] * gain[:-1]
         self._band = np.ones((2, len(keep)))  # diagonal and subdiagonal of the recursion's matrix
@@ -98,13 +100,13 @@ class Whitener:
 
     def _filtered(self, flat: np.ndarray) -> np.ndarray:
         """Innovations of the Kalman filter of w and x, scaled to variance 1, column by column."""
-        from scipy.linalg import solve_banded
+        from scipy.linalg.lapack import dtbtrs
 
         if self.noise.wave == 0:
             return np.asarray(flat * self._scale[:, None])
         state = np.zeros_like(flat, dtype=float, order="F")
         state[1:] = self._feed[:, None] * flat[:-1]
-        state = solve_banded((1, 0), self._band, state, overwrite_b=True, check_finite=False)
+        state, _ = dtbtrs(self._band, state, uplo="L", diag="U", overwrite_b=True)
         return np.asarray((flat - state) * self._scale[:, None])
 
 

@@ -204,11 +204,14 @@ def _weights(s: float) -> tuple[float, float, float]:
 def _recursion(e: float, c1: float, c2: float, x: np.ndarray) -> np.ndarray:
     """y[0] = 0, y[k+1] = e y[k] + c1 x[k] + c2 x[k+1], along the first axis of x (N, ...).
 
-    `lfilter` starts with y[0] = c2 x[0]. Its contribution decays as e^k and is subtracted.
+    Solved as a triangular band matrix; SciPy's `lfilter` would load all of `scipy.signal`, which takes half a second.
     """
-    from scipy.signal import lfilter
+    from scipy.linalg.lapack import dtbtrs
 
-    y = lfilter([c2, c1], [1.0, -e], x, axis=0)
-    start = c2 * x[:1]  # what lfilter put into y[0]
-    decay = e ** np.arange(len(x)).reshape(-1, *([1] * (x.ndim - 1)))
-    return y - decay * start
+    flat = x.reshape(len(x), -1)
+    driven = np.zeros(flat.shape, order="F")
+    driven[1:] = c1 * flat[:-1] + c2 * flat[1:]
+    band = np.ones((2, len(x)))  # diagonal and subdiagonal
+    band[1] = -e
+    y, _ = dtbtrs(band, driven, uplo="L", diag="U", overwrite_b=True)
+    return np.asarray(y.reshape(x.shape))

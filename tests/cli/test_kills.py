@@ -38,7 +38,7 @@ def given(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("given")
     (folder / "suite.toml").write_text(SUITE)
     (folder / "job.toml").write_text(JOB)
-    made = make_set(folder / "set", "z1", [CoulombFriction(tau_c=0.3)], seed=2)
+    made = make_set(folder / "set", "z1", [CoulombFriction(tau_c=0.3)], seed=2, motions=3, poses=2)
     made.declared.save(made.folder / "declared.toml")
     return folder
 

@@ -141,8 +141,7 @@ class World:
         from scipy.linalg import block_diag
 
         if nuisance not in self.priors:
-            s = self.samples
-            times = np.array([s.at[p].mean() for p in s.parts])
+            times = np.array([self.samples.at[p].mean() for p in self.samples.parts])
             links = nuisance.spread**-2 * np.eye(self.links.basis.shape[1])
             self.priors[nuisance] = block_diag(links, np.linalg.inv(nuisance.levels(times)))
         return self.priors[nuisance]
@@ -322,9 +321,8 @@ def linearised(
         model = model.replaced(c.effect(z))
     d = theta[zs + ws : zs + ws + ds]
     p = predict(model, s, links.torques @ d, links.torques)
-    jacobian = slopes(world, model, charts, parts, drawn, p)
     residual = s.power - p.reading - drawn @ theta[zs : zs + ws] - world.offsets @ theta[zs + ws + ds :]
-    return model, p, residual, world.whiten(np.column_stack([residual, jacobian]))
+    return model, p, residual, world.whiten(np.column_stack([residual, slopes(world, model, charts, parts, drawn, p)]))
 
 
 def slopes(
@@ -347,7 +345,6 @@ def _before(
     ds, os = world.links.basis.shape[1], len(world.samples.parts)
     weights = np.concatenate([np.full(f.columns.shape[1], f.size**-2) for f in free] or [np.zeros(0)])
     mean = np.concatenate([*(c.mean for c in charts), np.zeros(loose + ds + os)])
-    inf = np.full(loose + ds + os, np.inf)
-    low = np.concatenate([*(c.lower for c in charts), -inf])
-    high = np.concatenate([*(c.upper for c in charts), inf])
+    low = np.concatenate([*(c.lower for c in charts), np.full(loose + ds + os, -np.inf)])
+    high = np.concatenate([*(c.upper for c in charts), np.full(loose + ds + os, np.inf)])
     return mean, block_diag(*(c.precision for c in charts), np.diag(weights), world.before(nuisance)), low, high

@@ -17,6 +17,8 @@ from energy_opt.motion.reshape.evaluation import Point
 from energy_opt.motion.reshape.model import Model
 from energy_opt.numerics.quadratic import LEAST_DAMPING, minimise
 
+# last barrier parameter of quadratic programs, at most, and as a share of the tolerance
+BARRIER, CLOSER = 1e-6, 0.01
 PRICE = 30.0  # price of a constraint's excess in a quadratic program, whose cost is of order one
 BOLD, FAIR = 0.7, 0.3  # ratios of actual to expected decrease: above BOLD the trust region grows, below FAIR it shrinks
 LEAST_TRUST = 2e-4  # [rad] smallest trust region
@@ -55,7 +57,7 @@ def begin(point: Point) -> Descent:
 
 def descend(
     model: Model, now: Descent, iterations: int, trust: float, *, tolerance: float = 1e-4, give: float = 1e-6,
-    slack: float = 0.0, loose: float = 1e-6, most: float = 0.8, stopped: Callable[[], bool] = lambda: False,
+    slack: float = 0.0, most: float = 0.8, stopped: Callable[[], bool] = lambda: False,
 ) -> Descent:  # fmt: skip
     """Continue a search from its state.
 
@@ -64,10 +66,9 @@ def descend(
         tolerance: relative; the search ends if the expected decrease is less.
         give: share of a bound by which limits may be exceeded without a penalty; slack: the same of numeric
             constraints.
-        loose: the last barrier parameter of quadratic programs.
     """
     point = now.point
-    price = 3.0
+    price, barrier = 3.0, min(BARRIER, CLOSER * tolerance)
     broken = model.broken(point, give, slack)
     now.converged, costs = False, [np.inf]
     for _ in range(iterations):
@@ -81,7 +82,7 @@ def descend(
         while True:
             bounds = box(model, point, trust)
             try:
-                found = minimise(hessian, gradient, bounds, constraints, PRICE, model.mass, damping, loose)
+                found = minimise(hessian, gradient, bounds, constraints, PRICE, model.mass, damping, barrier)
             except np.linalg.LinAlgError:  # no damping makes the program convex, because numbers overflowed
                 return now
             now.steps += found.steps

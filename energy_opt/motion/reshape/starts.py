@@ -32,7 +32,7 @@ SAME = 0.5  # [rad] coarse curves of equal cost that differ by less everywhere a
 BENDS = ((1.0, 0.8, 16), (0.4, 1.1, 4))
 HOPELESS = 20.0  # times a bound: a bend that exceeds a limit by more, as on a tiny move, is halved
 SMALLEST = 1e-9  # [rad] smallest bend
-TOLERANCE, LOOSE = 2e-3, 1e-5  # tolerances of a coarse solve and of its quadratic programs: enough to tell optima apart
+TOLERANCE = 2e-3  # of a coarse solve: enough to tell optima apart
 ITERATIONS, TRUST = 60, 0.6  # iterations of a coarse solve, and its first step [rad, m]
 
 
@@ -65,7 +65,7 @@ def search(
     while used < starts and not enough:
         guess = _bent(level, straight, task, seed, used - 1) if used else straight
         rival = min(costs, default=np.inf)
-        outcome = task.descended(model, guess, ITERATIONS, trust=TRUST, tolerance=TOLERANCE, loose=LOOSE, rival=rival)
+        outcome = task.descended(model, guess, ITERATIONS, trust=TRUST, tolerance=TOLERANCE, rival=rival)
         used, iterations = used + 1, iterations + outcome.iterations
         text = "start %d of at most %d: cost %.6g, %d iterations"
         log.info(text, used, starts, task.cost(outcome), outcome.iterations, extra={"share": 0.1 + 0.4 * used / starts})
@@ -85,7 +85,7 @@ def followed(level: Level, task: Task, known: Optima) -> Optima:
     found: list[Outcome] = []
     for optimum in known.found:
         guess = task.within(optimum.curve)
-        outcome = task.descended(model, guess, ITERATIONS, trust=TRUST, tolerance=TOLERANCE, loose=LOOSE)
+        outcome = task.descended(model, guess, ITERATIONS, trust=TRUST, tolerance=TOLERANCE)
         spent += outcome.iterations
         if not any(_same(other, outcome, task) for other in found):
             found.append(outcome)

@@ -160,7 +160,7 @@ class Task:
         return polished(self.model(level).scaled(scale), found.curve)
 
     def descended(
-        self, model: Model, guess: Curve, iterations: int, *, trust: float, tolerance: float, loose: float = 1e-6,
+        self, model: Model, guess: Curve, iterations: int, *, trust: float, tolerance: float,
         give: float = FREE, stopped: Callable[[], bool] = lambda: False, rival: float = np.inf,
     ) -> Outcome:  # fmt: skip
         """Result of sequential quadratic programming on the task's model from a guess.
@@ -182,7 +182,7 @@ class Task:
             return stopped() or (now.iterations >= SOON and cost - MORE * max(saved, 0.0) > HOPELESS * scale * rival)
 
         descend(
-            model, now, iterations, trust, tolerance=tolerance, give=give, slack=min(give, SLACK), loose=loose,
+            model, now, iterations, trust, tolerance=tolerance, give=give, slack=min(give, SLACK),
             stopped=ended if 0 < rival < np.inf else stopped,
         )  # fmt: skip
         return model.outcome(now.point, now.iterations, now.converged)

@@ -29,7 +29,7 @@ STALLED = 1e-4  # share of the cost: converged if no step is taken and the expec
 HEAVY = 30.0  # damping above which nodes' Hessians are made convex one by one, as at the kinks of dry friction
 LAST, LITTLE = 10, 1e-3  # converged if the last LAST steps saved less than the share LITTLE of the cost
 KINKED = 8  # most failed steps from one point at kinks
-TRIES = 5  # most failed steps from one point otherwise
+TRIES = 5  # most failed steps from one point otherwise, unless it is within all limits and more than LITTLE is expected
 
 
 @dataclass
@@ -118,13 +118,11 @@ def descend(
             again = model.other_constraints(trial, step, equalities=False) if model.deepest(trial) < SHALLOW else None
             if again is not None and again.count:
                 constraints = near.joined(again.moved(found.d))
+            tries = KINKED if now.convex else TRIES
+            worth = not broken and predicted > LITTLE * max(point.cost, 0.02)  # shorter steps along tight limits
             full = failed == 1 and again is not None and again.count and trial_broken > broken
             trust = min(step, trust) * (1.0 if full else 0.5)
-            if (
-                failed > (KINKED if now.convex else TRIES)
-                or trust < LEAST_TRUST
-                or predicted < tolerance * max(point.cost, 0.02)
-            ):
+            if (failed > tries and not worth) or trust < LEAST_TRUST or predicted < tolerance * max(point.cost, 0.02):
                 break
         now.trust = trust
         if abs(predicted) < tolerance * (SADDLE if found.damping else 1.0) * max(point.cost, 0.02):

@@ -189,3 +189,14 @@ def test_further_ways_never_end_dearer(panda: Robot, model: PowerModel) -> None:
     assert found.status == "solved" and found.certificate.clearance.proven
     assert found.energy.total <= first.energy.total * (1 + 1e-9)
     assert found.solver.iterations > first.solver.iterations  # more was tried
+
+
+def test_via_points_leave_no_further_lines_to_start_from(panda: Robot, model: PowerModel) -> None:
+    """Cheap paths do not pass via points, so `initial_paths` adds no start where no planner adds one."""
+    middle = (START + GOAL) / 2
+    low = post(panda, 0.5).objects[0]
+    low.pose[2, 3] -= 0.3  # [m] beside the arm: the optimum without bodies touches it
+    cell = Cell(panda, CellRequest(planner="none"), Scene((low,)))
+    planner = Planner(panda, model, Settings(starts=4, initial_paths=1), cell=cell)
+    found = planner.solve(Move(START, GOAL, via=(middle,), duration=3.0))
+    assert found.status == "solved" and found.certificate.clearance.proven

@@ -199,7 +199,7 @@ class Clearing:
             if start.least <= known:
                 trials.append(search.trial(start.curve, start.trust))
                 known = min(known, search.merit(trials[-1]))
-        if sum(search.merit(trial) < FREED for trial in trials) < 2:
+        if starts and sum(search.merit(trial) < FREED for trial in trials) < 2:
             trials.append(search.trial(starts[0].curve, BOLD))
         done: list[Descent] = []
         for trial in sorted(trials, key=search.merit):

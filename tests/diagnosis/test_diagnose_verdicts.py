@@ -252,10 +252,7 @@ def test_a_law_that_is_not_in_the_library_is_neither_named_nor_taken_for_noise(a
 
 @pytest.mark.slow
 def test_beside_an_unknown_law_only_what_all_sets_share_is_claimed(tmp_path):
-    """Two motors that turn two joints together rub: as viscous, asymmetric or warming friction, and as iron loss.
-
-    The stated intervals of what is claimed hold beside that law, too.
-    """
+    """Two motors that turn two joints together rub: as viscous, asymmetric or warming friction, and as iron loss."""
     world = World("xarm7", 11310022, (0.0, 0.05), "ar1", "armature", unlisted="coupled_friction")
     truth = write_world(world, tmp_path / "set")
     found = diagnose(read_set(truth.folder, truth.robot), truth.declared)
@@ -263,7 +260,7 @@ def test_beside_an_unknown_law_only_what_all_sets_share_is_claimed(tmp_path):
     assert found.model.get("viscous_friction") is None and not found.document["usable"]
     (name, true) = next(iter(truth.values.items()))
     low, high = np.transpose(found.effects[0].ci95[name])
-    assert np.mean((low <= true) & (true <= high)) > 0.8
+    assert np.mean((low <= true) & (true <= high)) > 0.8  # the stated intervals hold beside that law, too
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,16 @@
 """What several tests start from: robots and the source paper's model, built once."""
 
 import os
+import signal
 
 os.environ["OMP_NUM_THREADS"] = "1"  # tests run side by side: one thread each, said before numpy is loaded
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import pytest
+
+# a shell lets what it starts in the background ignore Ctrl-C, and programs inherit that; tests of Ctrl-C need it
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 from energy_opt.power import PowerModel, source_method_2
 from energy_opt.robot import Robot, load_robot

@@ -17,6 +17,8 @@ typedef struct { /* the matrix A of constraints; see `quadratic.Constraints` */
     const I *first, *joint, *wide_first, *place, *place_first;
     const double *coefficient, *wide_value, *gradient, *basis, *edge;
     double *scratch; /* (places, n, n) */
+    const double *by_site; /* (sites, LOCAL, n): coefficients of the first sites n rows, see `sites_of`; unset outside */
+    I sites;
 } Matrix;
 typedef struct { /* where bounds are: of N + k unknowns, of constraints with a floor, and with a ceiling */
     I size, lows, highs;
@@ -166,6 +168,58 @@ void banded_add_places(double *ab, I size, const double *blocks, I count, const 
     for (I k = 0; k < count; k++) add_place(ab, size / n, blocks + k * n * n, basis + k * LOCAL, first[k], n);
 }
 
+/* A function whose last argument is n, built for usual n, so that loops over joints have known lengths. */
+#define FOR_JOINTS(n, f, ...) ((n) == 6 ? f(__VA_ARGS__, 6) : (n) == 7 ? f(__VA_ARGS__, 7) : f(__VA_ARGS__, n))
+
+/* How many groups of n rows, from the first one on, act on the joints 0 ... n - 1 in one window. */
+static I sites_of(const Matrix *a) {
+    for (I r = 0; r < a->one; r++)
+        if (a->joint[r] != r % a->n || a->first[r] != a->first[r - r % a->n]) return r / a->n;
+    return a->one / a->n;
+}
+
+/* The rows at sites of A d. */
+static inline void at_sites(const double *d, I points, const Matrix *a, double *restrict out, I n) {
+    memset(out, 0, a->sites * n * sizeof(double));
+    for (I k = 0; k < a->sites; k++)
+        for (I i = 0; i < LOCAL; i++) {
+            I c = a->first[k * n] + i;
+            if (c >= 0 && c < points)
+                for (I j = 0; j < n; j++) out[k * n + j] += a->by_site[(k * LOCAL + i) * n + j] * d[c * n + j];
+        }
+}
+
+/* Add A' y of the rows at sites to `out`. */
+static inline void back_from_sites(const double *y, I points, const Matrix *a, double *restrict out, I n) {
+    for (I k = 0; k < a->sites; k++)
+        for (I i = 0; i < LOCAL; i++) {
+            I c = a->first[k * n] + i;
+            if (c >= 0 && c < points)
+                for (I j = 0; j < n; j++) out[c * n + j] += a->by_site[(k * LOCAL + i) * n + j] * y[k * n + j];
+        }
+}
+
+/* Add A' diag(weight) A of the rows at sites to a band. The sums `to` (points, LOCAL, n) are by column, distance and
+   joint, so that loops run over joints. */
+static inline void square_of_sites(const double *weight, const Matrix *a, double *ab, I points, double *restrict to,
+                                   I n) {
+    memset(to, 0, points * LOCAL * n * sizeof(double));
+    for (I k = 0; k < a->sites; k++) {
+        const double *restrict v = a->by_site + k * LOCAL * n;
+        for (I i = 0; i < LOCAL; i++) {
+            I row = a->first[k * n] + i;
+            if (row < 0 || row >= points) continue;
+            double by_row[n];
+            for (I j = 0; j < n; j++) by_row[j] = weight[k * n + j] * v[i * n + j];
+            for (I d = row < i ? i - row : 0; d <= i; d++)
+                for (I j = 0; j < n; j++) to[((row - i + d) * LOCAL + i - d) * n + j] += by_row[j] * v[d * n + j];
+        }
+    }
+    for (I c = 0; c < points; c++)
+        for (I o = 0; o < LOCAL && c + o < points; o++)
+            for (I j = 0; j < n; j++) ab[(c * n + j) * LOCAL * n + o * n] += to[(c * LOCAL + o) * n + j];
+}
+
 /* The rows at places of A d, by way of the steps at places. */
 static inline void at_places(const double *d, I points, const Matrix *a, double *restrict out, I n) {
     double *restrict at = a->scratch;
@@ -215,7 +269,8 @@ static inline void square_of_places(const double *weight, const Matrix *a, doubl
 /* A d (R,), d (size + border,). */
 void banded_times(const double *d, I size, const Matrix *a, double *out) {
     I n = a->n, points = size / n, wide = LOCAL * n, two = a->one + a->wide;
-    for (I r = 0; r < a->one; r++) {
+    FOR_JOINTS(n, at_sites, d, points, a, out);
+    for (I r = a->sites * n; r < a->one; r++) {
         double s = 0;
         for (I i = 0; i < LOCAL; i++) {
             I c = a->first[r] + i;
@@ -229,9 +284,7 @@ void banded_times(const double *d, I size, const Matrix *a, double *out) {
         for (I i = begin < 0 ? -begin : 0; i < end; i++) s += a->wide_value[r * wide + i] * d[begin + i];
         out[a->one + r] = s;
     }
-    if (n == 6) at_places(d, points, a, out + two, 6);
-    else if (n == 7) at_places(d, points, a, out + two, 7);
-    else at_places(d, points, a, out + two, n);
+    FOR_JOINTS(n, at_places, d, points, a, out + two);
     for (I r = 0; r < two + a->placed; r++)
         for (I k = 0; k < a->border; k++) out[r] += a->edge[r * a->border + k] * d[size + k];
 }
@@ -239,7 +292,8 @@ void banded_times(const double *d, I size, const Matrix *a, double *out) {
 /* Add A' y to `out` (size + border,). */
 static void back(const double *y, I size, const Matrix *a, double *out) {
     I n = a->n, points = size / n, wide = LOCAL * n, two = a->one + a->wide;
-    for (I r = 0; r < a->one; r++)
+    FOR_JOINTS(n, back_from_sites, y, points, a, out);
+    for (I r = a->sites * n; r < a->one; r++)
         for (I i = 0; i < LOCAL; i++) {
             I c = a->first[r] + i;
             if (c >= 0 && c < points) out[c * n + a->joint[r]] += a->coefficient[r * LOCAL + i] * y[r];
@@ -248,18 +302,18 @@ static void back(const double *y, I size, const Matrix *a, double *out) {
         I begin = a->wide_first[r] * n, end = wide < size - begin ? wide : size - begin;
         for (I i = begin < 0 ? -begin : 0; i < end; i++) out[begin + i] += a->wide_value[r * wide + i] * y[a->one + r];
     }
-    if (n == 6) back_from_places(y + two, points, a, out, 6);
-    else if (n == 7) back_from_places(y + two, points, a, out, 7);
-    else back_from_places(y + two, points, a, out, n);
+    FOR_JOINTS(n, back_from_places, y + two, points, a, out);
     for (I r = 0; r < two + a->placed; r++)
         for (I k = 0; k < a->border; k++) out[size + k] += a->edge[r * a->border + k] * y[r];
 }
 
-/* Add A' diag(weight) A to a matrix of band, border (size, k) and corner (k, k); `whole` (size + k,), `y` (R,). */
+/* Add A' diag(weight) A to a matrix of band, border (size, k) and corner (k, k); for its own use `whole` (size + k,),
+   `y` (R,) and `by_site` (size LOCAL,). */
 static void add_square(const double *weight, const Matrix *a, double *ab, I size, double *edge, double *corner,
-                       double *whole, double *y) {
+                       double *whole, double *y, double *by_site) {
     I n = a->n, points = size / n, wide = LOCAL * n, two = a->one + a->wide, rows = two + a->placed, count = a->border;
-    for (I r = 0; r < a->one; r++)
+    FOR_JOINTS(n, square_of_sites, weight, a, ab, points, by_site);
+    for (I r = a->sites * n; r < a->one; r++)
         for (I i = 0; i < LOCAL; i++) {
             I row = a->first[r] + i;
             double x = weight[r] * a->coefficient[r * LOCAL + i];
@@ -279,9 +333,7 @@ static void add_square(const double *weight, const Matrix *a, double *ab, I size
                 for (I i = j; i < end; i++) ab[(begin + j) * wide + i - j] += x * v[i];
         }
     }
-    if (n == 6) square_of_places(weight + two, a, ab, points, 6);
-    else if (n == 7) square_of_places(weight + two, a, ab, points, 7);
-    else square_of_places(weight + two, a, ab, points, n);
+    FOR_JOINTS(n, square_of_places, weight + two, a, ab, points);
     for (I k = 0; k < count; k++) {
         for (I r = 0; r < rows; r++) y[r] = weight[r] * a->edge[r * count + k];
         memset(whole, 0, (size + count) * sizeof(double));
@@ -358,14 +410,15 @@ static void bordered(const double *ab, const double *edge, const double *corner,
    added. Out: d (size,), multipliers `by_row` (R,), and `told`: sum of e, damping, steps. Returns 0, 1 where no damping
    makes the program convex, 2 where there is no memory. */
 int banded_interior(double *band, double *edge, double *corner, const double *mass, const double *mass_corner, I width,
-             const double *g, const double *low_box, const double *high_box, const Matrix *a, const Bounds *at,
+             const double *g, const double *low_box, const double *high_box, const Matrix *given, const Bounds *at,
              const double *floor_, const double *ceiling, double price, double tolerance, double *d, double *by_row,
              double *told) {
+    Matrix own = *given, *a = &own;
     I size = at->size, count = a->border, inner = size - count, rows = a->one + a->wide + a->placed;
     I begin = 2 * size, total = begin + at->lows + at->highs, pairs = 2 * total - begin;
     double damping = told[1];
     double *work = calloc(14 * total + 5 * size + 2 * rows + inner * width + 2 * inner * count + count * count + count +
-                              factor_size(inner, width), sizeof(double));
+                              factor_size(inner, width) + (a->one + inner) * LOCAL, sizeof(double));
     if (!work) return 2;
     double *next = work;
 #define TAKE(name, length) double *name = next; next += (length)
@@ -376,6 +429,12 @@ int banded_interior(double *band, double *edge, double *corner, const double *ma
     TAKE(y, rows);
     TAKE(ab, inner * width); TAKE(edge_now, inner * count); TAKE(through, inner * count);
     TAKE(corner_now, count * count); TAKE(last, count); TAKE(factor, factor_size(inner, width));
+    TAKE(coefficients, a->one * LOCAL); TAKE(squares, inner * LOCAL);
+    I n = a->n;
+    a->sites = sites_of(a);
+    a->by_site = coefficients;
+    for (I r = 0; r < a->sites * n; r++)
+        for (I i = 0; i < LOCAL; i++) coefficients[(r / n * LOCAL + i) * n + r % n] = a->coefficient[r * LOCAL + i];
     memcpy(moved, low_box, size * sizeof(double));
     memcpy(moved + size, floor_, rows * sizeof(double));
     spread(moved, at, b);
@@ -414,7 +473,7 @@ int banded_interior(double *band, double *edge, double *corner, const double *ma
             for (I i = 0; i < inner; i++) ab[i * width] += weight[i] + weight[size + i];
             for (I i = inner; i < size; i++) corner_now[(i - inner) * (count + 1)] += weight[i] + weight[size + i];
             by_constraint(weight, at, 1, rows, by_row);
-            add_square(by_row, a, ab, inner, edge_now, corner_now, whole, y);
+            add_square(by_row, a, ab, inner, edge_now, corner_now, whole, y, squares);
             bool good = factorise(ab, inner, width, factor);
             for (I k = 0; good && k < count; k++) { /* (k, inner): the border through the inverse of the band */
                 for (I i = 0; i < inner; i++) through[k * inner + i] = edge_now[i * count + k];

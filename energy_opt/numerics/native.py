@@ -31,9 +31,11 @@ NUMBERS = ("coefficient", "wide", "gradient", "basis", "border")
 class Matrix(ctypes.Structure):
     """The constraints of `quadratic` in the layout of the C functions."""
 
-    _fields_ = [(name, ctypes.c_int64) for name in ("n", "one", "wides", "placed", "places", "borders")] + [
-        (name, ctypes.c_void_p) for name in (*INTEGERS, *NUMBERS, "scratch")
-    ]
+    _fields_ = (
+        [(name, ctypes.c_int64) for name in ("n", "one", "wides", "placed", "places", "borders")]
+        + [(name, ctypes.c_void_p) for name in (*INTEGERS, *NUMBERS, "scratch", "by_site")]
+        + [("sites", ctypes.c_int64)]
+    )
 
 
 class Bounds(ctypes.Structure):

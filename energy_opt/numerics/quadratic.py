@@ -15,7 +15,8 @@ implementation of a primal-dual interior point method, SIAM Journal on Optimizat
 from __future__ import annotations
 
 import ctypes
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from functools import cache, cached_property
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -112,20 +113,15 @@ class Constraints:
     @classmethod
     def of(cls, joints: int, borders: int, **given: np.ndarray) -> Constraints:
         """The given arrays; all others are empty."""
-        none, index = np.zeros(0), np.zeros(0, dtype=np.int64)
-        usual = {
-            "first": index, "joint": index, "coefficient": np.zeros((0, LOCAL)), "wide_first": index,
-            "wide": np.zeros((0, LOCAL * joints)), "place": index, "gradient": np.zeros((0, joints)),
-            "place_first": index, "basis": np.zeros((0, LOCAL)), "border": np.zeros((0, borders)),
-            "floor": none, "ceiling": none, "keys": index,
-        }  # fmt: skip
-        return cls(**{name: np.ascontiguousarray(given.get(name, x), dtype=x.dtype) for name, x in usual.items()})
+        usual = _empty(joints, borders)
+        return cls(**usual | {name: np.ascontiguousarray(x, dtype=usual[name].dtype) for name, x in given.items()})
 
     @property
     def count(self) -> int:
         """Number of constraints."""
         return len(self.floor)
 
+    @cached_property
     def matrix(self) -> native.Matrix:
         """A in the layout of the compiled functions; it refers to the memory of these arrays."""
         counts = len(self.first), len(self.wide), len(self.place), len(self.basis), self.border.shape[1]
@@ -164,26 +160,45 @@ class Constraints:
         if c is None:
             return np.asarray(self.sparse(size) @ d)
         out, d = np.empty(self.count), np.ascontiguousarray(d, dtype=np.float64)
-        c.banded_times(pointer(d), ctypes.c_int64(size), ctypes.byref(self.matrix()), pointer(out))
+        c.banded_times(pointer(d), ctypes.c_int64(size), ctypes.byref(self.matrix), pointer(out))
         return out
 
     def joined(self, other: Constraints) -> Constraints:
         """These constraints and the others."""
         if not other.count:
             return self
-        one, two = self.__dict__, other.__dict__
-        out = {name: np.concatenate([one[name], two[name]]) for name in one if name not in BY_KIND}
-        out["place"] = np.concatenate([self.place, other.place + len(self.basis)])
+        both = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in ARRAYS}
+        both["place"] = np.concatenate([self.place, other.place + len(self.basis)])
         parts = [np.split(np.arange(c.count), [len(c.first), len(c.first) + len(c.wide)]) for c in (self, other)]
         order = np.concatenate([x for a, b in zip(*parts, strict=True) for x in (a, b + self.count)])
-        return Constraints(**out, **{name: np.concatenate([one[name], two[name]])[order] for name in BY_KIND})
+        return Constraints(**both | {name: both[name][order] for name in BY_KIND})
+
+    def within(self, floor: np.ndarray, ceiling: np.ndarray) -> Constraints:
+        """The same linear functions within other bounds (R,)."""
+        out = replace(self, floor=floor, ceiling=ceiling)
+        if "matrix" in self.__dict__:  # it does not hold the bounds
+            out.__dict__["matrix"] = self.matrix
+        return out
 
     def moved(self, d: np.ndarray) -> Constraints:
         """The same constraints in coordinates whose origin is moved by -d."""
         moved = self.times(d)
-        return Constraints(**{**self.__dict__, "floor": self.floor + moved, "ceiling": self.ceiling + moved})
+        return self.within(self.floor + moved, self.ceiling + moved)
 
 
+@cache
+def _empty(joints: int, borders: int) -> dict[str, np.ndarray]:
+    """The arrays of no constraints."""
+    none, index = np.zeros(0), np.zeros(0, dtype=np.int64)
+    return {
+        "first": index, "joint": index, "coefficient": np.zeros((0, LOCAL)), "wide_first": index,
+        "wide": np.zeros((0, LOCAL * joints)), "place": index, "gradient": np.zeros((0, joints)),
+        "place_first": index, "basis": np.zeros((0, LOCAL)), "border": np.zeros((0, borders)),
+        "floor": none, "ceiling": none, "keys": index,
+    }  # fmt: skip
+
+
+ARRAYS = tuple(field.name for field in fields(Constraints))
 BY_KIND = ("border", "floor", "ceiling", "keys")  # arrays with one entry for each constraint of any kind
 
 
@@ -216,7 +231,7 @@ def minimise(
     d, multipliers, said = np.empty(size), np.empty(held.count), np.array([0.0, damping, 0.0])
     failed = c.banded_interior(
         *map(pointer, changed), *map(pointer, given[:2]), ctypes.c_int64(h.band.shape[1]), *map(pointer, given[2:5]),
-        ctypes.byref(held.matrix()), ctypes.byref(where), *map(pointer, given[5:]), ctypes.c_double(price),
+        ctypes.byref(held.matrix), ctypes.byref(where), *map(pointer, given[5:]), ctypes.c_double(price),
         ctypes.c_double(tolerance), pointer(d), pointer(multipliers), pointer(said),
     )  # fmt: skip
     if failed:

@@ -274,14 +274,13 @@ def returned_power(model: PowerModel, step: np.ndarray, bus: np.ndarray) -> np.n
 
 def body_of(model: PowerModel, body: RigidBody) -> RigidBody:
     """The rigid body with the model's links; with the URDF's links if the model does not change them."""
-    nominal = [(link.mass, ca.DM(link.lever), ca.DM(link.inertia)) for link in body.plain.own_links()]
-    for effect in model.effects:
-        if isinstance(effect, RigidEffect):
-            links = effect.links(nominal, effect.named(ca.DM(effect.full(body.n)), body.n))
-            if links is not None:
-                return body.with_links(
-                    *(np.stack([np.array(x).squeeze() for x in part]) for part in zip(*links, strict=True))
-                )
+    changing = [effect for effect in model.effects if isinstance(effect, RigidEffect)]
+    nominal = [(x.mass, ca.DM(x.lever), ca.DM(x.inertia)) for x in (body.plain.own_links() if changing else ())]
+    for effect in changing:
+        links = effect.links(nominal, effect.named(ca.DM(effect.full(body.n)), body.n))
+        if links is not None:
+            changed = [np.stack([np.array(x).squeeze() for x in part]) for part in zip(*links, strict=True)]
+            return body.with_links(*changed)
     return body
 
 

@@ -15,6 +15,7 @@ Source: P. Davis, Interpolation and Approximation, chapters 3 and 4.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from math import factorial
 
 import numpy as np
@@ -93,22 +94,29 @@ class TorqueBound:
             sizes: the largest of the derivatives 1 ... 5 of q on each piece, (K, n) each; slide: of |q| itself.
             h: (K, 1) [s], the pieces' lengths. degree: of p.
         """
-        best: tuple[np.ndarray, np.ndarray] | None = None
-        for radius in RADII:
-            r = radius * h
+        near = np.array(RADII)[:, None, None]
+        r = near * h  # (radii, K, 1); `largest` takes all radii at once
+        with np.errstate(all="ignore"):  # overflow gives no bound
+            powers = [size * h**k for k, size in enumerate(sizes, 1)]
             turn, v, a = (
-                sum((sizes[k - 1] * r ** (k - least) / factorial(k - least) for k in range(max(least, 1), 6)), 0.0 * h)
+                (np.tensordot(_shares(least), powers, axes=1) / h**least).reshape(-1, slide.shape[1])
                 for least in (0, 1, 2)
             )
-            with np.errstate(all="ignore"):  # overflow gives no bound
-                most = np.nan_to_num(self.largest(turn, v, a, slide + turn), nan=np.inf, posinf=np.inf)
-            with np.errstate(over="ignore"):  # overflow gives no bound
-                value = most * ((1 / (degree * radius)) ** (degree + 1) * factorial(degree) / 4 + ROUNDING)
-                rate = (degree + 1) * most / r * (1 / radius) ** degree + ROUNDING * most / h
-            if best is None:
-                best = value, rate
-            else:
-                better = rate * h < best[1] * h
-                best = np.where(better, value, best[0]), np.where(better, rate, best[1])
-        assert best is not None
-        return best
+            most = self.largest(turn, v, a, np.tile(slide, (len(RADII), 1)) + turn).reshape(len(RADII), *slide.shape)
+            most = np.nan_to_num(most, nan=np.inf, posinf=np.inf)
+            value = most * ((1 / (degree * near)) ** (degree + 1) * factorial(degree) / 4 + ROUNDING)
+            rate = (degree + 1) * most / r * (1 / near) ** degree + ROUNDING * most / h
+        best = np.argmin(rate * h, axis=0)[None]
+        return np.take_along_axis(value, best, axis=0)[0], np.take_along_axis(rate, best, axis=0)[0]
+
+
+@cache
+def _shares(least: int) -> np.ndarray:
+    """Factors (radii, 5) of the k-th derivative times h^k in that of order `least` within each radius, times h^least.
+
+    The Taylor series of the derivative: the sum over k of |q^(k)| r^(k - least) / (k - least)!.
+    """
+    return np.array(
+        [[radius ** (k - least) / factorial(k - least) if k >= max(least, 1) else 0.0 for k in range(1, 6)]
+         for radius in RADII]
+    )  # fmt: skip

@@ -107,6 +107,8 @@ class Scorer:
         self, q: np.ndarray, v: np.ndarray, a: np.ndarray, rigid: np.ndarray, t: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """The past of instants in order: time since motion ended (N,) [s], and power that a store returns (N,)."""
+        if not self.remembers:
+            return np.full(len(q), -1.0), np.zeros(len(q))
         idle, back = idle_time(t, v), np.zeros(len(q))
         if store_of(self.model) is None or len(q) < 2:
             return idle, back

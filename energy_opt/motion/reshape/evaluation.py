@@ -71,8 +71,10 @@ class Evaluation:
         self._values = np.concatenate([parameters, values_of(limits, width)])
         u, w = s.grid
         self._quad, self._breaks = np.flatnonzero(w), np.flatnonzero(w == 0)
+        self._at_curve = [(k, x) for k, x in enumerate(self.limits) if type(x).places is not Limit.places]
         self._weight, self._u, self._window = w[self._quad], u[:, None], s.window(u)
-        self._cost = Batch(nodes.cost, len(self._quad))
+        self._quad_windows = self._windows_of(self._quad)
+        self._cost = Batch(nodes.cost, len(self._quad)).fixing(1, self._u[self._quad], self._values)
         self._curvature = Batch(nodes.curvature, len(self._quad))
         self._nodes = nodes
         self.box = box_of(limits, s.joints)
@@ -106,6 +108,10 @@ class Evaluation:
             goal = s.basis.fit(u[:, 0], u**3 * (10 - 15 * u + 6 * u**2), *pinned)[:, 0]
             self._carried = [1 - goal if end == 0 else goal for end, _ in self.moving]
 
+    def _windows_of(self, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Basis values (K, 3, 6) and windows (K,) of nodes."""
+        return self.shape.local[nodes, :3], self._window[nodes]
+
     def _set_linear(self) -> None:
         """Set the constraints on derivatives as linear functions of all control points, and their bounds."""
         n = self.shape.joints
@@ -137,7 +143,8 @@ class Evaluation:
         self._hot_one = np.concatenate([np.zeros(0, dtype=bool), *one])
         always = [np.full(limit.scale.size, limit.everywhere) for limit in held]
         self._hot_always = np.concatenate([np.zeros(0, dtype=bool), *always])
-        self._limited = Batch(self._nodes.limited, len(self._u)) if len(self._hot_scale) else None
+        limited = Batch(self._nodes.limited, len(self._u)) if len(self._hot_scale) else None
+        self._limited = limited and limited.fixing(1, self._u, self._values)
 
     def at(self, points: np.ndarray, duration: float, via_u: np.ndarray, far: float = np.inf) -> Point:
         """Evaluate a curve; control points will move by at most `far` [rad, m] next."""
@@ -145,7 +152,7 @@ class Evaluation:
         z = np.empty((len(self._u), 3 * n + 1))
         z[:, :-1] = (s.stacked @ points).reshape(len(z), -1)
         z[:, -1] = duration
-        rate, slope = self._cost(z[self._quad], self._u[self._quad], self._values)
+        rate, slope = self._cost(z[self._quad])
         cost = self.scale * (float(self._weight @ rate[:, 0]) - self.offset * duration)
         linear = self._shares(points, duration)
         for end, surface in self.moving:
@@ -153,19 +160,22 @@ class Evaluation:
             cost += self.scale * self._sign(end) * float(np.diff(surface.work(np.stack([before, points[end]])))[0])
         hot, hot_slope = np.zeros((len(z), 0)), np.zeros((len(z), 3 * n + 1, 0))
         if self._limited is not None:
-            value, jac = self._limited(z, self._u, self._values)
+            value, jac = self._limited(z)
             hot = value / self._hot_scale
             hot_slope = jac.reshape(len(z), -1, len(self._hot_scale)).copy()
-        at_via = s.basis.matrix(via_u) @ points if s.vias else np.zeros((0, n))
-        via, bounds = passed(self.open, self.ends.via, at_via)
-        along = np.vstack([np.zeros((0, n)), *(surface.along(points[end]) for end, surface in self.moving)])
+        via, along = np.zeros((0, n)), np.zeros((0, n))
+        bounds: list[Passed] = []
+        if s.vias:
+            via, bounds = passed(self.open, self.ends.via, s.basis.matrix(via_u) @ points)
+        if self.moving:
+            along = np.vstack([surface.along(points[end]) for end, surface in self.moving])
         slope = self.scale * self._weight[:, None] * slope
         out = Point(points, duration, via_u, z, cost, slope, linear, hot, hot_slope, via, bounds, along)
-        held: list[Limit] = list(self.limits)
+        held: list[tuple[int, Limit]] = list(self._at_curve)
         if self.clearance is not None:
             reach = min(self.clearance.reach, NEAREST + ARM * far)
-            held.append(replace(self.clearance, reach=reach))
-        for number, limit in enumerate(held):
+            held.append((len(self.limits), replace(self.clearance, reach=reach)))
+        for number, limit in held:
             constraints = limit.places(lambda u: self._matrix(u) @ points)
             if constraints is not None:
                 q = self._matrix(constraints.u) @ points
@@ -225,7 +235,7 @@ class Evaluation:
         """The sum of all excesses: of shares of bounds beyond `give`, of numeric constraints beyond `slack`."""
         out = float(np.maximum(np.abs(point.linear) - 1 - give, 0).sum())
         out += float(np.maximum(np.where(self._hot_one, point.hot, np.abs(point.hot)) - 1 - give, 0).sum())
-        out += float(np.abs(point.via).sum())
+        out += float(np.abs(point.via).sum()) if point.via.size else 0.0
         for _, constraints, _, value in point.placed:
             out += float(np.maximum(np.maximum(constraints.lower - value, value - constraints.upper) - slack, 0).sum())
         return out

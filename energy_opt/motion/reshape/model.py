@@ -6,7 +6,6 @@ nearer bound, which keeps them inside the limit.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -44,18 +43,18 @@ class Model(Evaluation):
         s, n = self.shape, self.shape.joints
         hot = multipliers.get("hot")
         lam = np.zeros(point.hot.shape) if hot is None else hot / self._hot_scale
-        sets = [(self._quad, self._curvature, self.scale * self._weight[:, None])]
+        sets = [(self._quad, self._curvature, self.scale * self._weight[:, None], self._quad_windows)]
         if hot is not None and lam[self._breaks[:-1]].any():
-            sets.append((self._breaks, self._break_curvature, np.zeros((len(self._breaks), 1))))
+            none = np.zeros((len(self._breaks), 1))
+            sets.append((self._breaks, self._break_curvature, none, self._windows_of(self._breaks[:-1])))
         band = np.zeros((s.size, s.width))
         out = Banded(band, np.zeros((s.size, self.border)), np.zeros((self.border, self.border)))
-        for which, curvature, weight in sets:
+        for which, curvature, weight, (local, window) in sets:
             (blocks,) = curvature(point.z[which], self._u[which], self._values, weight, lam[which])
             c = blocks.reshape(len(which), 3 * n + 1, 3 * n + 1)
             if convex:
                 c = _convex(c)
-            used = which if which is self._quad else which[:-1]
-            add_nodes(band, c[: len(used)], s.local[used, :3], self._window[used], n)
+            add_nodes(band, c[: len(window)], local, window, n)
             behind = self._behind(point, which)
             if not behind.size:
                 continue
@@ -128,7 +127,7 @@ class Model(Evaluation):
         """The `held` constraints on derivatives (L,), or all, linearised at the nearer bound, or on `side` (L,)."""
         constant = held is None and self.fixed and not self.moving
         if constant and self._constant is not None and self._constant[0] == point.duration:
-            return replace(self._constant[1], floor=-1 - point.linear, ceiling=1 - point.linear)
+            return self._constant[1].within(-1 - point.linear, 1 - point.linear)
         which = np.arange(len(point.linear)) if held is None else np.flatnonzero(held)
         time = 1 / point.duration ** self.order[which]
         border = np.zeros((len(which), self.border))
@@ -162,18 +161,8 @@ class Model(Evaluation):
             hot: (nodes, columns) the constraints at nodes; None for those near their bounds.
             equalities: include via points; False if two linearisations are held at once, which would leave no step.
         """
+        out = self._hot_constraints(point, self.hot(point, HOT) if hot is None else hot)
         s, n = self.shape, self.shape.joints
-        k, j = np.nonzero(self.hot(point, HOT) if hot is None else hot)
-        slope = point.hot_slope[k, :, j] / self._hot_scale[j][:, None]
-        parts = slope[:, :-1].reshape(-1, 3, n)
-        edge = np.zeros((len(k), self.border))
-        behind = np.einsum("rz,rzc->rc", slope, self._behind(point, k))
-        edge[:, : behind.shape[1]] = behind
-        out = Constraints.of(
-            n, self.border, wide_first=self._window[k], border=edge, keys=(k * len(self._hot_scale) + j) * 4 + AT_NODES,
-            wide=np.einsum("rdi,rda->rai", parts, s.local[k, :3]).reshape(len(k), s.width),
-            floor=np.where(self._hot_one[j], -np.inf, -1 - point.hot[k, j]), ceiling=1 - point.hot[k, j],
-        )  # fmt: skip
         if s.vias and equalities:
             out = out.joined(self._via_constraints(point))
         for number, placed, q, value in point.placed:
@@ -196,6 +185,23 @@ class Model(Evaluation):
             )  # fmt: skip
             out = out.joined(at_places)
         return out.joined(self._end_bounds(point)) if self.moving else out
+
+    def _hot_constraints(self, point: Point, which: np.ndarray) -> Constraints:
+        """Constraints on `which` (nodes, columns) limits at nodes."""
+        s, n = self.shape, self.shape.joints
+        if not which.any():
+            return Constraints.of(n, self.border)
+        k, j = np.nonzero(which)
+        slope = point.hot_slope[k, :, j] / self._hot_scale[j][:, None]
+        parts = slope[:, :-1].reshape(-1, 3, n)
+        edge = np.zeros((len(k), self.border))
+        behind = np.einsum("rz,rzc->rc", slope, self._behind(point, k))
+        edge[:, : behind.shape[1]] = behind
+        return Constraints.of(
+            n, self.border, wide_first=self._window[k], border=edge, keys=(k * len(self._hot_scale) + j) * 4 + AT_NODES,
+            wide=np.einsum("rdi,rda->rai", parts, s.local[k, :3]).reshape(len(k), s.width),
+            floor=np.where(self._hot_one[j], -np.inf, -1 - point.hot[k, j]), ceiling=1 - point.hot[k, j],
+        )  # fmt: skip
 
     def _via_constraints(self, point: Point) -> Constraints:
         """Constraints that the curve passes the via points."""
@@ -245,20 +251,22 @@ class Model(Evaluation):
 
     def multipliers(self, point: Point, keys: np.ndarray, values: np.ndarray) -> dict[str, np.ndarray]:
         """Multipliers by constraint key, in the form that `hessian` takes."""
-        order = np.argsort(keys, kind="stable")
-        keys, values = keys[order], values[order]
-        name, kind = np.divmod(keys, 4)
+        name, kind = keys >> 2, keys & 3
         out: dict[str, np.ndarray] = {}
         if not self.fixed or self.moving:
             out["linear"] = np.zeros(len(point.linear))
             np.add.at(out["linear"], name[kind == LINEAR], values[kind == LINEAR])
-        if (kind == AT_NODES).any():
+        at_nodes = kind == AT_NODES
+        if at_nodes.any():
             flat = np.zeros(point.hot.size)
-            np.add.at(flat, name[kind == AT_NODES], values[kind == AT_NODES])
+            np.add.at(flat, name[at_nodes], values[at_nodes])
             out["hot"] = flat.reshape(point.hot.shape)
-        if (kind == VIA).any():
+        if len(point.via) and (kind == VIA).any():
             out["via"] = np.zeros(len(point.via) * (self.shape.joints + AXES))
             out["via"][name[kind == VIA]] = values[kind == VIA]
+        if point.placed:
+            order = np.argsort(keys, kind="stable")
+            keys, values = keys[order], values[order]
         for number, constraints, _, _ in point.placed:
             wanted = (constraints.keys.astype(np.int64) * 64 + number) * 4 + AT_PLACES
             if len(keys) and len(wanted):

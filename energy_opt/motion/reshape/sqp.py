@@ -142,6 +142,8 @@ def box(model: Model, point: Point, trust: float) -> tuple[np.ndarray, np.ndarra
     inner = point.points[s.pinned : len(point.points) - s.pinned]
     low = np.maximum(model.box[0] - inner, -trust).ravel()
     high = np.minimum(model.box[1] - inner, trust).ravel()
+    if not model.border:
+        return np.minimum(low, 0.0), np.maximum(high, 0.0)
     edge_low, edge_high = [], []
     if not model.fixed:
         most = min(trust, 0.5) * point.duration

@@ -9,11 +9,13 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable
 from functools import lru_cache, partial
+from typing import Literal
 
 import casadi as ca
 import numpy as np
 
 from energy_opt.numerics.lanes import LANES, Compiled, sizes
+from energy_opt.numerics.vectors import program_of
 
 # Points per block: the time and memory to build the function over a block are proportional to it (0.3 ms at 256 for
 # a law of power, several ms for a Hessian); more calls cost almost nothing.
@@ -30,20 +32,27 @@ class Batch:
     """A function of dense columns applied to K points: arguments (K, inputs), results (K, entries)."""
 
     def __init__(self, function: ca.Function | Compiled, count: int) -> None:
+        program = program_of(function) if not isinstance(function, Compiled) and count >= BLOCK else None
         if isinstance(function, Compiled):
             block, inputs, outputs = LANES, function.inputs, function.outputs
+        elif program is not None:
+            block, (inputs, outputs) = 1, sizes(function)
         else:
             block = max(1, min(count, BLOCK))
             inputs, outputs = sizes(function)
         padded = -(-count // block) * block
-        self._in = [np.zeros((padded, size)) for size in inputs]
-        self._out = [np.zeros((padded, size)) for size in outputs]
+        order: Literal["C", "F"] = "C" if program is None else "F"
+        self._in = [np.zeros((padded, size), order=order) for size in inputs]
+        self._out = [np.zeros((padded, size), order=order) for size in outputs]
         self._given = [given[:count] for given in self._in]
         self._answer = [out[:count] for out in self._out]
         self._calls: list[Callable[[], object]] = []
         if isinstance(function, Compiled):
             pointers = [(ctypes.c_void_p * len(held))(*(x.ctypes.data for x in held)) for held in (self._in, self._out)]
             self._calls.append(partial(function.many, *pointers, ctypes.c_long(padded // block)))
+            return
+        if program is not None:
+            self._calls.append(partial(program, self._in, self._out))
             return
         over = _over(function, block)
         for first in range(0, padded, block):

@@ -25,6 +25,32 @@ def test_every_block_and_every_owner():
     assert (kept[0] == 3).all()
 
 
+def test_many_points_have_the_values_of_casadi_itself():
+    """Blocks of many points are evaluated instruction by instruction with NumPy: every kind that effects may use."""
+    x, y = ca.SX.sym("x", 3), ca.SX.sym("y")
+    a, b, c = x[0], x[1], x[2]
+    terms = [
+        a + b, a - 2, 3 * c, a / (b + 5), -a, a**2, 1 / (a + 7), ca.sqrt(b + 9), (a + 6) ** b, (a + 6) ** 1.7, 2 * a,
+        ca.exp(a), ca.log(b + 8), ca.expm1(a), ca.log1p(a + 6), ca.sin(a), ca.cos(a), ca.tan(a), ca.asin(a / 9),
+        ca.acos(a / 9), ca.atan(a), ca.atan2(a, b), ca.sinh(a), ca.cosh(a), ca.tanh(a), ca.asinh(a), ca.acosh(a + 9),
+        ca.atanh(a / 9), ca.hypot(a, b), ca.fabs(a), ca.sign(a), ca.sign(c * 0), ca.copysign(a, b), ca.floor(a),
+        ca.ceil(a), ca.fmod(a, b), ca.fmin(a, b), ca.fmax(a, b), a < b, a <= b, ca.floor(a) == ca.floor(b), a != b,
+        ca.logic_not(a < 0), ca.logic_and(a < 0, b < 0), ca.logic_or(a < 0, b < 0), ca.if_else(a < b, ca.sin(c), y),
+        ca.erf(a), ca.SX(4.5), y,
+    ]  # fmt: skip
+    points = np.random.default_rng(3).normal(size=(5000, 3))
+    points[:5] = 0.0
+    for term in terms:  # the error function alone has no counterpart
+        function = ca.Function("f", [x, y], [ca.densify(term), x * y])
+        value, product = Batch(function, len(points))(points, np.full((1, 1), -1.5))
+        truth = function.map(len(points))(points.T, np.full((1, len(points)), -1.5))
+        assert np.allclose(value, np.array(truth[0]).T, rtol=1e-13, atol=1e-15, equal_nan=True), term
+        assert np.array_equal(product, -1.5 * points)
+    one = ca.Function("f", [x, y], [ca.vertcat(*map(ca.densify, terms))])
+    value, truth = Batch(one, len(points))(points, -1.5)[0], one.map(len(points))(points.T, np.full((1, 5000), -1.5))
+    assert np.allclose(value, np.array(truth).T, rtol=1e-13, atol=1e-15, equal_nan=True)
+
+
 def test_planners_side_by_side(panda, model):
     """Two threads, the same robot and model: buffers shared between them crashed the process."""
     start = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])

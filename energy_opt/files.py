@@ -170,9 +170,9 @@ def read_toml(path: Path, *kinds: str) -> dict[str, Any]:
 
 
 def read_json(path: Path) -> Any:
-    """A JSON document; BadInput with the position where it is malformed, or nested too deeply."""
+    """A JSON document; BadInput with the position where it is malformed, a key given twice, or too deep nesting."""
     try:
-        document = json.loads(read_text(path, LARGEST_DOCUMENT))
+        document = json.loads(read_text(path, LARGEST_DOCUMENT), object_pairs_hook=_once)
     except (ValueError, RecursionError) as error:
         raise BadInput(f"{path}: not valid JSON: {_reason(error)}") from None
     level = [document] if isinstance(document, (dict, list)) else []
@@ -182,6 +182,16 @@ def read_json(path: Path) -> Any:
         if not level:
             return document
     raise BadInput(f"{path}: nested more than {DEEPEST} levels deep")
+
+
+def _once(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+    """A JSON object; ValueError for a key that is given twice, of which one value would be lost."""
+    found: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in found:
+            raise ValueError(f"key {key!r} is given twice")
+        found[key] = value
+    return found
 
 
 def _reason(error: Exception) -> str:

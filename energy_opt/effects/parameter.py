@@ -107,7 +107,8 @@ class Parameter:
         if _words(value):
             raise BadInput(f"effect {effect}: {self.name} = {value!r}: expected numbers without quotes [{self.unit}]")
         if number.ndim > most or not number.size or not np.isfinite(number).all():
-            raise BadInput(f"effect {effect}: {self.name} = {value!r} is not a finite number or list [{self.unit}]")
+            given = np.asarray(value, dtype=float).tolist()
+            raise BadInput(f"effect {effect}: {self.name} = {given!r} is not a finite number or list [{self.unit}]")
         if not self.per_joint and not self.free and number.size != self.count(1):
             raise BadInput(f"effect {effect}: {self.name} has {number.size} values; expected {self.count(1)}")
         for back, dimension in enumerate(reversed(self.dimensions), start=1):

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +24,10 @@ CUTOFF = 10.0  # [Hz] cut-off frequency for recorded positions
 NOISY = 3.0  # accelerations over those of the smoothed positions above which a recording is noisy
 COARSE = 0.02  # [s] between samples above which positions are not smoothed
 ANSWERS = {"result.json": "trajectory.csv", "job.json": "cycle.csv"}
+# patterns of all files with the motion of such a result, or with one of its steps
+BELONGING = {"result.json": ("trajectory.*", "trajectory_*"),
+             "job.json": ("step_*.csv", "cycle.csv", "cycle_*.csv", "trajectory.*", "trajectory_*")}  # fmt: skip
+STEP = re.compile(r"step_(\d+)\.csv")  # a step's own file in the folder of a job
 
 
 @dataclass(frozen=True)
@@ -73,19 +79,21 @@ def joints_in(path: Path) -> Sequence[str]:
 def load(path: Path, joints: Sequence[str], prefix: str = "") -> Recorded:
     """The motion in a file, for the robot's `joints`; in the file their names begin with `prefix`.
 
-    The folder, the JSON result or the table of a solved move or job also state the loads over time, and where brakes
-    hold.
+    The folder, the JSON result or a motion's file of a solved move or job also state the loads over time, and where
+    brakes hold.
 
     Raises:
         BadInput: no motion can be read; names the place.
     """
     path = Path(path)
     table, answer = _table(path), _result_json(path)
-    records = formats.read(table).of(joints, "" if answer is not None else prefix)
+    records = formats.read(table).of(joints, "" if table.name in ANSWERS.values() and answer is not None else prefix)
     trajectory, notes = _motion(records)
     trajectory = replace(trajectory, time=trajectory.time - trajectory.time[0]).on_nanoseconds()
     whole = (Stretch(0.0, trajectory.duration),)
-    stretches = whole if answer is None else _stretches(read_json(answer), trajectory) or whole
+    step = STEP.fullmatch(table.name)
+    number = int(step[1]) if step else None
+    stretches = whole if answer is None else _stretches(read_json(answer), trajectory, number) or whole
     return Recorded(str(path), trajectory, stretches, standstills(trajectory), (*records.notes, *notes))
 
 
@@ -103,21 +111,26 @@ def _table(path: Path) -> Path:
 def _result_json(path: Path) -> Path | None:
     """The JSON result that a file belongs to."""
     folder = path if path.is_dir() else path.parent
-    for answer, table in ANSWERS.items():
-        if (folder / answer).is_file() and (path.is_dir() or path.name in (answer, table)):
+    for answer in ANSWERS:
+        belongs = path.name == answer or any(fnmatch(path.name, pattern) for pattern in BELONGING[answer])
+        if (folder / answer).is_file() and (path.is_dir() or belongs):
             return folder / answer
     return None
 
 
-def _stretches(document: Any, trajectory: Trajectory) -> tuple[Stretch, ...]:
-    """Loads over time as a result states them; empty if it states none."""
+def _stretches(document: Any, trajectory: Trajectory, number: int | None) -> tuple[Stretch, ...]:
+    """Loads over time as a result states them; empty if it states none.
+
+    Args:
+        number: of the step of a job whose motion this is, from 1 on; None for the whole motion.
+    """
     request = document.get("request") if isinstance(document, dict) else None
     if not isinstance(request, dict):
         return ()
     end = trajectory.duration
     if "steps" in document:
-        steps = document["steps"]
-        starts = [float(step["start"]) for step in steps]
+        steps = document["steps"] if number is None else document["steps"][number - 1 : number]
+        starts = [float(step["start"] if number is None else 0.0) for step in steps]
         ends = [*starts[1:], end]
         loads = [_payload(s["payload"], s.get("centre") or (0.0, 0.0, 0.0)) for s in steps]
         records = zip(starts, ends, loads, steps, strict=True)

@@ -7,7 +7,7 @@ import numpy as np
 from energy_opt.motion.trajectory import Trajectory
 
 DETOUR = 1.5  # factor of the distance from start to goal above which a joint's travel is reported
-SMALLEST = 1e-3  # [rad, m] a smaller excess is no detour
+SMALLEST = 0.02  # [rad, m] about one degree: a smaller excess is no detour
 
 
 def detours(trajectory: Trajectory) -> list[dict[str, object]]:

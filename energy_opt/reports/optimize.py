@@ -234,7 +234,7 @@ def assumed(report: Report, document: Mapping[str, Any]) -> None:
         report.table(["what", "value", "source", "note"], [list(row) for row in grouped(records)])
     share = document.get("break_even_friction")
     if records and share is not None:
-        report.text(f"The move saves as long as dry friction is below {100 * share:.2g} % of the effort limits.")
+        report.text(f"The plan saves as long as dry friction is below {100 * share:.2g} % of the effort limits.")
     if far := document.get("travel"):
         report.section("Joints that travel more than 1.5 times the distance to their goal").table(
             ["joint", "travels [rad, m]", "distance to the goal [rad, m]"],

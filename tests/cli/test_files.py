@@ -130,6 +130,14 @@ def test_files_that_would_not_end_are_refused(tmp_path: Path, name: str, text: s
     assert "\n" not in str(caught.value)
 
 
+def test_a_json_key_given_twice_is_refused(tmp_path: Path) -> None:
+    """The last value had been taken, and the other one lost without a word."""
+    file = tmp_path / "request.json"
+    file.write_text('{"verb": "optimize", "duration": 2, "duration": 5}')
+    with pytest.raises(BadInput, match="key 'duration' is given twice"):
+        read_json(file)
+
+
 def test_a_json_document_may_be_a_number(tmp_path: Path) -> None:
     (tmp_path / "x.json").write_text("1.5")
     assert read_json(tmp_path / "x.json") == 1.5

@@ -42,6 +42,27 @@ def test_a_result_states_its_payload(tmp_path: Path) -> None:
         assert stretch.load is None
 
 
+def test_other_files_of_a_result_and_steps_of_a_job_have_its_payload(tmp_path: Path) -> None:
+    """They had been judged without one: the energies of two files with the same motion differed."""
+    for name in ("trajectory.yaml", "trajectory.csv"):
+        formats.write(motion(Z1), tmp_path / name)
+    write_json(tmp_path / "result.json", {"request": {"payload": {"mass": [1.5], "com": [0.0, 0.0, 0.1]}}})
+    (stretch,) = load(tmp_path / "trajectory.yaml", Z1.joints).stretches
+    assert stretch.load == (1.5, 0.0, 0.0, 0.1)
+    job = tmp_path / "job"
+    job.mkdir()
+    steps = [
+        {"start": 0.0, "payload": 0.0, "centre": None, "brakes": False},
+        {"start": 1.0, "payload": 2.0, "centre": [0.0, 0.1, 0.0], "brakes": True},
+    ]
+    write_json(job / "job.json", {"steps": steps, "request": {}})
+    for name, state in (("step_01.csv", (0.0, 0.0, 0.0, 0.0, False)), ("step_02.csv", (2.0, 0.0, 0.1, 0.0, True))):
+        formats.write(motion(Z1), job / name)
+        (stretch,) = load(job / name, Z1.joints).stretches
+        assert (*(stretch.load or ()), stretch.brakes) == state
+        assert (stretch.start, stretch.end) == (0.0, motion(Z1).duration)
+
+
 def test_a_folder_without_a_motion_is_refused(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match=r"a folder without result\.json or job\.json"):
         load(tmp_path, Z1.joints)

@@ -66,6 +66,8 @@ def test_detours_are_named_with_both_figures(frictionless: Answer) -> None:
     there_and_back = Trajectory(("j",), time, np.sin(np.pi * time)[:, None], still, still)
     assert [(row["joint"], row["straight"] < 1e-9) for row in detours(there_and_back)] == [("j", True)]
     assert detours(Trajectory(("j",), time, time[:, None], still + 1, still)) == []
+    millimetres = Trajectory(("j",), time, 0.005 * np.sin(np.pi * time)[:, None], still, still)
+    assert detours(millimetres) == []
 
 
 def test_every_model_and_every_corner_of_assumed_friction_is_held() -> None:

@@ -281,6 +281,26 @@ def test_a_duration_that_is_named_is_asked_for(panda, model, monkeypatch, works,
         assert "more time is needed" in str(short.value)
 
 
+def test_a_duration_is_confirmed_within_seconds_by_the_first_path(panda, model, monkeypatch):
+    """Each search had taken as long as that of an answer: minutes; and the first path's own timing was not tried."""
+    planner, move = Planner(panda, model), Move(START, GOAL, duration=0.01)
+    fastest, seconds = planner.minimum_time(move), []
+
+    class Solver:
+        def at(self, duration, longest, warm, progress=None):
+            if duration < move.duration * 1.001:
+                raise Infeasible("too short: the shortest found is 0.1 s", shortest_duration=0.1)
+            seconds.append(progress and progress.deadline)
+            return SimpleNamespace(result=SimpleNamespace(status="solved" if duration >= fastest else "infeasible"))
+
+    monkeypatch.setattr(planner, "single", lambda move: Solver())
+    monkeypatch.setattr(planner, "_check_ends", lambda move: None)
+    with pytest.raises(Infeasible) as short:
+        planner.solve(move)
+    assert short.value.shortest_duration == pytest.approx(fastest, rel=1e-4)
+    assert seconds and all(deadline is not None and deadline <= 10 for deadline in seconds)
+
+
 def test_a_search_that_stops_names_the_limit_that_it_uses_most() -> None:
     """Not the solver's word alone."""
     found = Outcome(None, 1.0, 0.0, False, "sqp", 3)  # type: ignore[arg-type]

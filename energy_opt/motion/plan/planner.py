@@ -28,7 +28,7 @@ from energy_opt.motion.plan.candidates import below_resolution
 from energy_opt.motion.plan.choice import with_trajectory
 from energy_opt.motion.plan.context import Context, Judge, Workshop, path_of
 from energy_opt.motion.plan.first_path import check_free, first_path
-from energy_opt.motion.plan.single import Single
+from energy_opt.motion.plan.single import Single, first_timing
 from energy_opt.motion.plan.sketch import Settled, settled, sketched
 from energy_opt.motion.reshape.open import FIXED, Open
 from energy_opt.motion.result import FirstPath, Result
@@ -43,7 +43,7 @@ log = logging.getLogger(__name__)
 REMEMBERED = 64  # first paths to remember: a job has at most so many moves, and a batch asks for each once
 OTHER = 1000  # offset of the seed of each further initial path
 LONGER = 1.0, 1.05, 1.2  # multiples of the shortest duration found: the first that works is reported
-CONFIRMING = 10.0  # [s] CPU time after which only the largest multiple is tried; after three times this, none
+CONFIRMING = 10.0  # [s] CPU time for all searches; later only the largest duration is tried, without a search
 BEYOND = 1.0, 1.01, 1.05  # multiples of a reported duration that must work too
 AT_REST = 1e-6  # [rad/s^2] smaller accelerations count as zero
 
@@ -252,25 +252,26 @@ class Planner:
         named = error.shortest_duration
         if named is None or progress.ended():
             return error.with_shortest_duration(None) if progress.late() else error
-        begin = process_time()
-        for longer in LONGER:
-            if process_time() - begin > CONFIRMING and longer < LONGER[-1]:
+        single, begin, tries = self.single(move), process_time(), [longer * named for longer in LONGER]
+        timing = first_timing(move, lambda: self.timing(self.first_path(move)[0]))
+        if timing is not None and timing.duration > tries[-1]:
+            tries.append(timing.duration)  # without a search too, the first path is an answer there
+        for longer in tries:
+            if process_time() - begin > CONFIRMING and longer < tries[-1]:
                 continue
-            digits = 5 - int(np.floor(np.log10(longer * named)))
-            tried = float(np.ceil(longer * named * 10**digits) / 10**digits)
+            digits = 5 - int(np.floor(np.log10(longer)))
+            tried = float(np.ceil(longer * 10**digits) / 10**digits)
             if tried * BEYOND[-1] > LONGEST:
                 break
-            if all(
-                process_time() - begin < 3 * CONFIRMING
-                and self._is_solvable(replace(move, duration=share * tried, max_duration=None))
-                for share in BEYOND
-            ):
+            if all(self._is_solvable(single, share * tried, begin) for share in BEYOND):
                 return error.with_shortest_duration(tried)
         return error.with_shortest_duration(None)
 
-    def _is_solvable(self, move: Move) -> bool:
+    def _is_solvable(self, single: Single, duration: float, begin: float) -> bool:
+        """Is a valid motion of that duration found before the time for confirming, counted from `begin`, is over?"""
+        progress = Progress(max(CONFIRMING - (process_time() - begin), 0.0), self._stopped)
         try:
-            return self.single(move).at(move.duration, None, ()).result.status == "solved"
+            return single.at(duration, None, (), progress).result.status == "solved"
         except Infeasible:
             return False
 

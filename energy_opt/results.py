@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from html import escape
 from os import PathLike
 from pathlib import Path
@@ -49,3 +51,19 @@ class Found:
     def _repr_html_(self) -> str:
         lines = self.text(Path(".")).splitlines() or str(self).splitlines()
         return f"<pre>{escape(chr(10).join(line for line in lines if line != 'files in .'))}</pre>"
+
+
+@dataclass(frozen=True)
+class Listing(Found):
+    """Records that a verb only shows: the content of its document, and the same as words for a terminal."""
+
+    found: Mapping[str, Any]
+    words: str
+
+    def document(self) -> Mapping[str, Any]:
+        """The records."""
+        return self.found
+
+    def text(self, out: Path) -> str:
+        """The words."""
+        return self.words

@@ -38,7 +38,9 @@ def write_report(path: Path, records: Sequence[Row], summary: dict[str, Any]) ->
     report = Report(f"Batch {summary['suite']}")
     counts = ", ".join(f"{count} {status}" for status, count in sorted(summary["status"].items()))
     report.headline(f"{len(records)} of {summary['moves']} moves done: {counts or 'none'}.")
-    _numbers(report, records)
+    saved = [row["saving_loss_percent"] for row in records if row["saving_loss_percent"] is not None]
+    shares = {"of the loss saved, mean": np.mean(saved), "at worst": min(saved), "at best": max(saved)} if saved else {}
+    report.numbers({name: f"{share:.3g} %" for name, share in shares.items()})
     if "per_year" in summary:
         report.text(
             f"The batch {per_year_words(summary['per_year'], summary['per_year']['cycles_per_year'])}, each move once."
@@ -83,16 +85,6 @@ def write_report(path: Path, records: Sequence[Row], summary: dict[str, Any]) ->
 
 def _heads(names: Iterable[str]) -> list[str]:
     return [HEADS.get(name, name) for name in names]
-
-
-def _numbers(report: Report, records: Sequence[Row]) -> None:
-    """Mean and worst saving over all moves."""
-    saved = [row["saving_loss_percent"] for row in records if row["saving_loss_percent"] is not None]
-    if saved:
-        report.numbers(
-            {"of the loss saved, mean": f"{np.mean(saved):.3g} %", "at worst": f"{min(saved):.3g} %",
-             "at best": f"{max(saved):.3g} %"}
-        )  # fmt: skip
 
 
 def _failures(report: Report, failures: Sequence[dict[str, Any]]) -> None:

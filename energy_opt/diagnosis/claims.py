@@ -307,7 +307,7 @@ def widened(f: Fit) -> Fit:
     return widened
 
 
-def written(f: Fit, links: bool | None = None, level: bool = True) -> PowerModel:
+def written(f: Fit, links: bool | None = None) -> PowerModel:
     """Model of a fit for model.toml: link deviations if likely, and the runs' common level in `standby`.
 
     If an effect adds to the level, the fit compensates for it in the levels of the runs. A model has no such levels, so
@@ -315,12 +315,7 @@ def written(f: Fit, links: bool | None = None, level: bool = True) -> PowerModel
     """
     model = f.full_model(f.nuisance.spread > min(SPREADS) if links is None else links)
     standby = model.get("standby")
-    if standby is None or "standby" in f.names or not level:
+    if standby is None or "standby" in f.names:
         return model
     power = float(standby.values["power"][0]) + float(np.mean(f.levels))
     return model.replaced(type(standby)(power=max(power, 0.0)))
-
-
-def links_show(f: Fit) -> bool:
-    """True if a link deviation differs from zero by more than three standard deviations."""
-    return bool(np.any(np.abs(f.amounts) > 3 * np.sqrt(np.diag(f.link_covariance))))

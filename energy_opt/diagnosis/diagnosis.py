@@ -109,8 +109,10 @@ def diagnose(
     model = replace(found.model, uncertainty=_covariance(found))
     before = {"train": errors(declared, samples, train), "holdout": errors(declared, samples, holdout)}
     after = {"train": errors(model, samples, train), "holdout": errors(model, samples, holdout)}
-    rejected = not found.claims and not found.links and _worse(after, before)
-    if rejected:  # a fit without a claim is not written if it predicts held-out motions worse than the declared model
+    # a fit without a claim is not written if it predicts held-out motions worse than the declared model
+    unclaimed, one, other = not found.claims and not found.links, after["holdout"], before["holdout"]
+    rejected = unclaimed and one is not None and other is not None and one["power_rmse"] > other["power_rmse"]
+    if rejected:
         found, model, after = replace(found, model=declared, after=found.before), declared, before
     effects, left = findings_of(found), _attributions(found, joints)
     # if the residual is more than noise, it may affect errors of energy, levels and the estimated noise
@@ -128,7 +130,10 @@ def diagnose(
         "interrupted": stopped(),
         "headline": "",
         "effects": [x.document() for x in effects],
-        "alternatives": [_news(f) for f in found.rivals] if len(found.rivals) > 1 else [],
+        # without effects that were free from the start; a fit without others explains the data by its links
+        "alternatives": [[x for x in f.names if x not in given] or [LinkInertia.name] for f in found.rivals]
+        if len(found.rivals) > 1
+        else [],
         "nuisance": nuisance_of(found),
         "explained_share": explained_share(before, after, floor),
         "usable": ahead.usable(after["holdout"] or after["train"], tolerance),
@@ -178,18 +183,6 @@ def _metered(measured: MeasuredSet) -> MeasuredSet:
         return measured
     remark = f"{less} run(s) without a reading of the meter left out"
     return replace(measured, runs=runs, remarks=(*measured.remarks, remark))
-
-
-def _news(f: Any) -> list[str]:
-    """Effects of a fit that were not free from the start; its link deviations if there are none."""
-    return [name for name in f.names if name not in f.world.given] or [LinkInertia.name]
-
-
-def _worse(one: dict[str, Any], other: dict[str, Any]) -> bool:
-    """True if the first errors are larger on the motions held out; False if none are held out."""
-    if one["holdout"] is None or other["holdout"] is None:
-        return False
-    return bool(one["holdout"]["power_rmse"] > other["holdout"]["power_rmse"])
 
 
 def explained_share(before: dict[str, Any], after: dict[str, Any], floor: float) -> float:

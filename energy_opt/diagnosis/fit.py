@@ -130,6 +130,7 @@ class World:
         given: tuple[str, ...] = (),
         stopped: Callable[[], bool] = lambda: False,
     ) -> World:
+        """The samples with what all fits share: levels of runs, model errors of repeated motions, and the noise."""
         offsets = np.zeros((len(samples.power), len(samples.parts)))
         for r, part in enumerate(samples.parts):
             offsets[part, r] = 1.0

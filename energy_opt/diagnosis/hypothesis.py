@@ -199,7 +199,7 @@ def chart(term: Term, declared: PowerModel, scale: Scale, n: int) -> Chart:
     speed = np.array([scale.velocity[j] if j >= 0 else 1.0 for _, j, _ in own])
     high = np.where(friction, np.minimum(high, most), high)
     high = np.where(viscous, np.minimum(high, most / (CRUISE * speed)), high)
-    mean, precision, unknown = _before(kind, term, own, full, x0, scale, held is not None)
+    mean, precision, unknown = _before(kind, own, full, x0, scale, held is not None)
     covariance = precision[np.ix_(kept, kept)]
     mean = mean[kept]
     if term.name in scale.measured:
@@ -219,14 +219,9 @@ def _informed(mean: np.ndarray, covariance: np.ndarray, seen_by: Measured) -> tu
 
 
 def _before(
-    kind: type[Effect],
-    term: Term,
-    owners: list[tuple[Parameter, int, int]],
-    full: np.ndarray,
-    x0: np.ndarray,
-    scale: Scale,
+    kind: type[Effect], owners: list[tuple[Parameter, int, int]], full: np.ndarray, x0: np.ndarray, scale: Scale,
     declared: bool,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """Prior mean (P,) and covariance (P, P) of the chart's values, and which sizes are still unknown (P,)."""
     count = len(owners)
     size, unknown = np.ones(count), np.zeros(count, dtype=bool)

@@ -14,9 +14,7 @@ import numpy as np
 
 from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.predict import predict
-from energy_opt.effects import (
-    LinkInertia,
-)
+from energy_opt.effects import LinkInertia
 from energy_opt.power import PowerModel
 from energy_opt.robot import RigidBody
 
@@ -49,13 +47,13 @@ class Links:
             m = max(link.mass + phi[0], LIGHTEST * link.mass, 1e-6)
             far = FARTHEST * float(np.linalg.norm(link.lever)) + NEAR * 5
             c = link.lever + np.clip((link.mass * link.lever + phi[1:4]) / m - link.lever, -far, far)
-            about = _symmetric(phi[4:]) + link.inertia + link.mass * _apart(link.lever)
+            about = phi[[4, 5, 7, 5, 6, 8, 7, 8, 9]].reshape(3, 3) + link.inertia + link.mass * _apart(link.lever)
             i = about - m * _apart(c)
-            values, axes = np.linalg.eigh(i)
+            values, axes = np.linalg.eigh(i)  # phi[4:] is xx, xy, yy, xz, yz, zz
             i = axes @ np.diag(np.maximum(values, 1e-3 * max(np.trace(link.inertia), 1e-9))) @ axes.T
             mass.append(m - link.mass)
             com.append(c - link.lever)
-            inertia.append((i - link.inertia)[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]])
+            inertia.append(_six(i - link.inertia))
         return LinkInertia(mass=np.array(mass), com=np.array(com), inertia=np.array(inertia))
 
 
@@ -103,9 +101,3 @@ def _apart(c: np.ndarray) -> np.ndarray:
 def _six(i: np.ndarray) -> np.ndarray:
     """The entries xx, xy, yy, xz, yz, zz of a symmetric matrix (3, 3), in Pinocchio's order."""
     return np.asarray(i[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]])
-
-
-def _symmetric(six: np.ndarray) -> np.ndarray:
-    """The matrix (3, 3) of these entries."""
-    xx, xy, yy, xz, yz, zz = six
-    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])

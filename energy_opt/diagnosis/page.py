@@ -38,8 +38,7 @@ def page(result: Result) -> Report:
     report.headline(d["headline"])
     report.text(WORDS.get(d["verdict"], "Stopped before a verdict was reached; this page shows the results so far."))
     report.text(d["next_step"])
-    for remark in d["remarks"]:
-        report.warning(remark)
+    report.warning(*d["remarks"])
     if result.samples is None:
         _effects(report, result)
         assert result.side is not None

@@ -51,7 +51,7 @@ def goes_with(f: Fit, free: Sequence[Free], joints: Sequence[str]) -> list[Attri
     for g in functions(f):
         for joint, columns in _by_joint(g, samples.n):
             own = g.signal in chosen and (joint is None or columns.shape[1] == g.columns.shape[1])
-            watts = _held(f, rest, columns, g.size) if own else _foreseen(f, rest, columns, g.size)
+            watts = _removed(f, rest, columns, g.size, own)
             strength = float(np.clip(watts**2 * len(rest) / open_part, 0.0, 1.0))
             if strength > WEAKEST:
                 records.append(Attribution(g.signal, joints[joint] if joint is not None else None, strength, watts))
@@ -71,14 +71,6 @@ def wandering(f: Fit) -> bool:
     return apart > LEVELS * (f.world.scale.level + STEADY) and apart > 6 * float(np.median(f.level_deviations))
 
 
-def _held(f: Fit, rest: np.ndarray, columns: np.ndarray, size: float) -> float:
-    """Rms [W] that a free function removes where it is fitted; the search has already accepted it."""
-    columns = columns * f.world.samples.weight[:, None]
-    before = (f.world.whiten.noise.white / size) ** 2 * np.eye(columns.shape[1])
-    weights = np.linalg.solve(columns.T @ columns + before, columns.T @ rest)
-    return float(np.sqrt(max(np.sum(rest**2) - np.sum((rest - columns @ weights) ** 2), 0.0) / len(rest)))
-
-
 def _by_joint(g: Free, n: int) -> list[tuple[int | None, np.ndarray]]:
     """Columns of a function split by joint, or (None, all columns) if the signal does not belong to single joints."""
     if g.signal.startswith("time") or g.columns.shape[1] % n or g.signal == "temperature":
@@ -87,16 +79,19 @@ def _by_joint(g: Free, n: int) -> list[tuple[int | None, np.ndarray]]:
     return [(j, g.columns[:, j * count : (j + 1) * count]) for j in range(n)]
 
 
-def _foreseen(f: Fit, rest: np.ndarray, columns: np.ndarray, size: float) -> float:
-    """Rms [W] that a free function removes in quarters of every run that it was not fitted to."""
+def _removed(f: Fit, rest: np.ndarray, columns: np.ndarray, size: float, accepted: bool) -> float:
+    """Rms [W] that a free function removes in quarters of every run that it was not fitted to.
+
+    Of a function that the search has `accepted`: the rms that it removes where it is fitted.
+    """
     samples = f.world.samples
     columns = columns * samples.weight[:, None]
     half = np.concatenate([(np.arange(p.stop - p.start) * 4 // max(p.stop - p.start, 1)) % 2 for p in samples.parts])
-    noise, gained = f.world.whiten.noise.white, 0.0
-    for part in (0, 1):
-        fitted, judged = half == part, half != part
+    before = (f.world.whiten.noise.white / size) ** 2 * np.eye(columns.shape[1])
+    everywhere, gained = np.ones(len(half), dtype=bool), 0.0
+    for fitted, judged in [(everywhere, everywhere)] if accepted else [(half == 0, half != 0), (half != 0, half == 0)]:
         own = columns[fitted]
-        weights = np.linalg.solve(own.T @ own + (noise / size) ** 2 * np.eye(own.shape[1]), own.T @ rest[fitted])
+        weights = np.linalg.solve(own.T @ own + before, own.T @ rest[fitted])
         gained += float(np.sum(rest[judged] ** 2) - np.sum((rest[judged] - columns[judged] @ weights) ** 2))
     return float(np.sqrt(max(gained, 0.0) / len(rest)))
 

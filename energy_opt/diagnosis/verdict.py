@@ -23,7 +23,6 @@ from energy_opt.diagnosis.claims import (
     is_a_line,
     is_a_step,
     is_beyond_bounds,
-    links_show,
     only,
     other_drives,
     plain_fit,
@@ -195,8 +194,9 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
         borne[id(accepted)] = accepted, claims
         rivals = tuple(f for f in rivals if borne[id(f)][1] and borne[id(f)][0].names == f.names) or (accepted,)
         accepted, claims = borne[id(rivals[0])]
-        if misspecified and len(rivals) > 1:
-            accepted, claims = _in_all(found, judge, rivals)
+        if misspecified and len(rivals) > 1:  # an effect that only some of the sets have may imitate the unknown law
+            shared = set.intersection(*(set(f.names) for f in rivals))
+            accepted, claims = _borne_out(found, judge, *claimed(found, only(found, rivals[0], shared)), shaped=False)
             rivals = (accepted,)
     rivals = tuple(scattered(widened(f)) if unknown else widened(f) for f in rivals)
     best, accepted = rivals[0] if best is accepted else best, rivals[0]
@@ -260,8 +260,8 @@ def _searched(world: World, nothing: Fit, tried: list[Search]) -> tuple[Search, 
 
 
 def _links_are_off(found: Search, judge: Judge, start: Fit, declared: Quality) -> bool:
-    """True if links alone lower the held-out error from above the noise to its level."""
-    if declared.ratio < NOISE or not links_show(start):
+    """True if links alone lower the held-out error to the noise, and one of them is surely (3 deviations) off."""
+    if declared.ratio < NOISE or not (np.abs(start.amounts) > 3 * np.sqrt(np.diag(start.link_covariance))).any():
         return False
     after = judge.of_model(written(start, links=True), start, True)
     better = bool(np.sum((declared.squares - after.squares) * after.counts) > 0)
@@ -282,15 +282,6 @@ def _as_good(found: Search, judge: Judge, accepted: Fit) -> tuple[Fit, ...]:
         if f is accepted or (judge.of(f).rmse <= most and found.score(f) > least)
     ]  # fmt: skip
     return tuple(sorted(rivals, key=found.odds, reverse=True))
-
-
-def _in_all(found: Search, judge: Judge, rivals: tuple[Fit, ...]) -> tuple[Fit, tuple[Claim, ...]]:
-    """The claims that all equally good sets contain and that hold alone; used if an unknown law is present.
-
-    If the sets differ in an effect, this effect may only imitate the unknown law.
-    """
-    shared = set.intersection(*(set(f.names) for f in rivals))
-    return _borne_out(found, judge, *claimed(found, only(found, rivals[0], shared)), shaped=False)
 
 
 def left_open(found: Search, judge: Judge, rivals: tuple[Fit, ...]) -> tuple[Fit, ...]:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,28 +16,13 @@ from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, payload_from
 from energy_opt.power import PowerModel
 from energy_opt.requests.verbs import BenchRequest
-from energy_opt.results import Found
+from energy_opt.results import Listing
 from energy_opt.robot import Robot
 
 MOST_JOBS = 1024  # most processes on one machine
 
 
-@dataclass(frozen=True)
-class Comparison(Found):
-    """Changes between two runs of a suite: the document of `energy_opt.batches.compare`."""
-
-    found: Mapping[str, Any]
-
-    def document(self) -> Mapping[str, Any]:
-        """The comparison."""
-        return self.found
-
-    def text(self, out: Path) -> str:
-        """A table for a terminal."""
-        return comparison_text(dict(self.found))
-
-
-def run(request: BenchRequest, desk: Desk) -> Batch | Comparison:
+def run(request: BenchRequest, desk: Desk) -> Batch | Listing:
     """A suite of moves, in parallel, resumable, with a report in the folder `out`; or two results side by side.
 
     Raises:
@@ -49,7 +33,8 @@ def run(request: BenchRequest, desk: Desk) -> Batch | Comparison:
             raise BadInput("--compare takes two results and no suite")
         if len(request.compare) != 2:
             raise BadInput("--compare takes two results, OLD and NEW")
-        return Comparison(compare(*map(Path, request.compare)))
+        found = compare(*map(Path, request.compare))
+        return Listing(found, comparison_text(found))
     if request.suite is None:
         raise BadInput("no suite: give SUITE.toml, or --compare OLD NEW")
     free = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

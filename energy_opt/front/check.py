@@ -202,8 +202,7 @@ def _trajectory(file: Path, request: CheckRequest, notes: list[str]) -> list[str
     from energy_opt.formats import read
 
     samples = read(file)
-    for note in samples.notes:
-        notes.append(note)
+    notes += samples.notes
     if request.robot is None:
         joints = {name.removeprefix(request.joint_prefix) for name in samples.joints}
         matching = [name for name in known_robots() if set(load_robot(name).joints) <= joints]
@@ -237,8 +236,7 @@ def _touches(file: Path, request: CheckRequest, robot: Robot, trajectory: Trajec
     from energy_opt.cell.load import load_cell
 
     cell = load_cell(robot, cell_of(request))
-    for warning in [] if cell is None else cell.warnings:
-        notes.append(f"{file}: {warning}")
+    notes += [f"{file}: {warning}" for warning in ([] if cell is None else cell.warnings)]
     if cell is None or not cell.checks:
         return []
     t = trajectory

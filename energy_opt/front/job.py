@@ -11,14 +11,13 @@ from energy_opt.formats.output import Files, Shares
 from energy_opt.front.controllers import check_written
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of
-from energy_opt.front.jobs import JOB, JobAnswer, content_of, job_from, job_settings, resolved_job
+from energy_opt.front.jobs import JOB, JobAnswer, answers_of, content_of, job_from, job_settings, resolved_job
 from energy_opt.front.rivals import rivals_of, said, with_careful
 from energy_opt.front.workcell import WORKCELL, run_workcell_job
 from energy_opt.jobs.models import compared, grounded, held, mean_of, stated
 from energy_opt.jobs.output import found_of, with_room, write, write_programs
 from energy_opt.jobs.posed import run_posed
 from energy_opt.jobs.run import JobResult, run_job
-from energy_opt.jobs.work import Answers
 from energy_opt.power import PowerModel
 from energy_opt.power.assumptions import assumptions_line as assumed
 from energy_opt.power.per_year import per_year_words
@@ -44,14 +43,10 @@ def run(request: JobRequest, desk: Desk) -> JobAnswer:
         job = job_from(request, (mass, x, y, z), job.robot)
     formats = check_written(request, job.robot.n)
     settings = job_settings(request)
-    cell, limits = cell_of(request), vars(job.robot.limits)
+    cell = cell_of(request)
     asked = resolved_job(request, job.robot, rivals, kind)
     document = desk.take(JOB, asked)
-    about = [*(rival.model.to_document() for rival in rivals), job.robot.name, limits, vars(settings), cell.document()]
-    known: dict[str, Any] = {}
-    answers = None if desk.out is None else Answers(desk.out, job.robot.joints, about, request.resume)
-    if answers is not None:
-        known = {"known": answers.known, "answered": answers.keep}
+    answers, known = answers_of(request, job, rivals, settings, desk)
     with desk.working() as (stopped, show):
         usual: dict[str, Any] = {"cell": cell, "stopped": stopped, "progress": show}
         try:

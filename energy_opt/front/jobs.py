@@ -78,6 +78,17 @@ def job_settings(request: JobRequest | PlaceRequest) -> Settings:
     return Settings(**{name: value for name, value in given.items() if value is not None})
 
 
+def answers_of(
+    request: JobRequest | TradeoffRequest, job: Job, rivals: list[Rival], settings: Settings, desk: Desk
+) -> tuple[Answers | None, dict[str, Any]]:
+    """Answers to the moves that an earlier run into the folder left, for --resume; and arguments that use them."""
+    if desk.out is None:
+        return None, {}
+    about = [*(rival.model.to_document() for rival in rivals), job.robot.name, vars(job.robot.limits), vars(settings)]
+    answers = Answers(desk.out, job.robot.joints, [*about, cell_of(request).document()], request.resume)
+    return answers, {"known": answers.known, "answered": answers.keep}
+
+
 JOB = "job.json"
 
 
@@ -155,9 +166,7 @@ def run_job(request: TradeoffRequest, times: list[float] | None, desk: Desk) -> 
     (rivals, kind), settings, cell = rivals_of(request, job.robot, desk), settings_of(request), cell_of(request)
     asked = resolved_job(request, job.robot, rivals, kind, durations=times)
     stamped = desk.take(ANSWER, asked)
-    about = [*(rival.model.to_document() for rival in rivals), job.robot.name, vars(job.robot.limits), vars(settings)]
-    answers = Answers(desk.out, job.robot.joints, [*about, cell.document()], request.resume) if desk.out else None
-    known: dict[str, Any] = {} if answers is None else {"known": answers.known, "answered": answers.keep}
+    answers, known = answers_of(request, job, rivals, settings, desk)
     with desk.working() as (stopped, show):
         points, shortest = over_time(
             job, mean_of(rivals), settings, cell=cell, times=times, stopped=stopped, progress=show,

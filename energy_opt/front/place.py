@@ -49,13 +49,13 @@ class PlaceAnswer(Answered):
 
     def text(self, out: Path) -> str:
         """A line for a terminal, of a placement that was saved into `out`."""
-        from energy_opt.placement.output import headline
+        from energy_opt.placement.placement import headline
 
         return f"{headline(self.saved or self.document())}\nfiles in {out}"
 
     def kept(self, out: Path) -> PlaceAnswer:
         """Write place.json, map.png, report.html and the job solved at the answer into the folder `out`."""
-        from energy_opt.placement.output import write
+        from energy_opt.placement.placement import write
 
         with written_whole(out, ANSWER) as aside:
             saved = write(self.placement, self.asked, aside)

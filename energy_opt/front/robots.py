@@ -13,7 +13,7 @@ from energy_opt.effects.registry import described_effect
 from energy_opt.front.desk import Desk, verb
 from energy_opt.power.assumptions import default_assumptions, grouped
 from energy_opt.requests.verbs import EffectsRequest, RobotsRequest
-from energy_opt.results import Found
+from energy_opt.results import Found, Listing
 from energy_opt.robot import Robot, known_robots, load_robot
 
 KINDS = ("lower", "upper", "velocity", "acceleration", "jerk", "effort")
@@ -84,25 +84,11 @@ def _text(r: Robot) -> str:
     return "\n".join(lines)
 
 
-@dataclass(frozen=True)
-class Effects(Found):
-    """Descriptions of effects."""
-
-    found: tuple[dict[str, Any], ...]
-
-    def document(self) -> dict[str, Any]:
-        """Name, law, parameters with units and bounds, options and traits of each."""
-        return {"effects": list(self.found)}
-
-    def text(self, out: Path) -> str:
-        """A paragraph for each, for a terminal."""
-        return "\n\n".join(map(_paragraph, self.found))
-
-
-def run_effects(request: EffectsRequest, desk: Desk) -> Effects:
-    """The effects known, with parameters, units and laws."""
+def run_effects(request: EffectsRequest, desk: Desk) -> Listing:
+    """The effects known, with parameters, units and bounds, laws, options and traits."""
     kinds = [effect_class(name) for name in request.names] or list(known_effects().values())
-    return Effects(tuple(described_effect(kind) for kind in kinds))
+    found = [described_effect(kind) for kind in kinds]
+    return Listing({"effects": found}, "\n\n".join(map(_paragraph, found)))
 
 
 effects = verb(EffectsRequest, run_effects)

@@ -25,7 +25,6 @@ class Verb:
 
     Attributes:
         summary: its purpose, in one line. request: the class of its request.
-        place: the module with the function that does it, and after a colon its name where that is not `run`.
         out: the default folder of its results; empty if it has none, or if its request states it.
         report: True if that folder gets a report.html.
         answer: the file there that holds its answer; empty where that is no file.
@@ -34,7 +33,6 @@ class Verb:
 
     summary: str
     request: type[Request]
-    place: str
     out: str = ""
     report: bool = False
     answer: str = ""
@@ -43,63 +41,57 @@ class Verb:
     @property
     def run(self) -> Callable[..., Any]:
         """The function of the verb; its arguments are a request and a desk."""
-        module, _, name = self.place.partition(":")
-        function: Callable[..., Any] = getattr(importlib.import_module(f"energy_opt.front.{module}"), name or "run")
+        module, name = PLACES.get(self.request.verb, (self.request.verb, "run"))
+        function: Callable[..., Any] = getattr(importlib.import_module(f"energy_opt.front.{module}"), name)
         return function
 
 
 VERBS = {
-    "optimize": Verb(
-        "plan one move with minimum energy",
-        moves.OptimizeRequest, "optimize", "energy_opt_out", True, "result.json",
-    ),
-    "tradeoff": Verb(
-        "energy against duration, of one move or of a job",
-        moves.TradeoffRequest, "tradeoff", "energy_opt_tradeoff", True, "tradeoff.json",
-    ),
-    "bench": Verb(
-        "plan many moves in parallel, with a report; an interrupted run can be resumed",
-        verbs.BenchRequest, "bench", report=True, printed=True,
-    ),
-    "job": Verb(
-        "plan a cycle of moves and waits, of one robot or several, with minimum energy",
-        moves.JobRequest, "job", "energy_opt_job", True, "job.json",
-    ),
-    "place": Verb(
-        "find the base pose at which a job takes the least energy",
-        moves.PlaceRequest, "place", "energy_opt_place", True, "place.json",
-    ),
-    "evaluate": Verb(
-        "energy, limits and clearance of given motions; write them in other formats",
-        verbs.EvaluateRequest, "evaluate", "energy_opt_evaluation",
-    ),
-    "identify": Verb(
-        "overhead and winding losses from static poses: the source paper's two methods",
-        verbs.IdentifyRequest, "identify", "identify", True, "identify.json",
-    ),
-    "diagnose": Verb(
-        "find from measured data which effect a power model lacks",
-        verbs.DiagnoseRequest, "diagnose", "diagnosis", True, "diagnosis.json",
-    ),
-    "import": Verb(
-        "make a measured set from a lab's logs; columns and units are guessed",
-        verbs.ImportRequest, "importing",
-    ),
-    "passport": Verb(
-        "the electrical passport of an arm: values, intervals, sources; compare several",
-        verbs.PassportRequest, "passport", "passport", True,
-    ),
-    "simulate": Verb(
-        "play trajectories on a virtual arm and write a measured set", verbs.SimulateRequest, "simulate"
-    ),
-    "check": Verb("check whether logs, trajectories, models and other files are usable", verbs.CheckRequest, "check"),
-    "robots": Verb("list the known robots, with joints and limits", verbs.RobotsRequest, "robots", printed=True),
-    "effects": Verb(
-        "list the known effects, with parameters, units and laws",
-        verbs.EffectsRequest, "robots:run_effects", printed=True,
-    ),
-    "run": Verb("repeat the request of a result, or one written by hand", verbs.RunRequest, "verbs", report=True),
+    verb.request.verb: verb
+    for verb in (
+        Verb("plan one move with minimum energy", moves.OptimizeRequest, "energy_opt_out", True, "result.json"),
+        Verb(
+            "energy against duration, of one move or of a job",
+            moves.TradeoffRequest, "energy_opt_tradeoff", True, "tradeoff.json",
+        ),
+        Verb(
+            "plan many moves in parallel, with a report; an interrupted run can be resumed",
+            verbs.BenchRequest, report=True, printed=True,
+        ),
+        Verb(
+            "plan a cycle of moves and waits, of one robot or several, with minimum energy",
+            moves.JobRequest, "energy_opt_job", True, "job.json",
+        ),
+        Verb(
+            "find the base pose at which a job takes the least energy",
+            moves.PlaceRequest, "energy_opt_place", True, "place.json",
+        ),
+        Verb(
+            "energy, limits and clearance of given motions; write them in other formats",
+            verbs.EvaluateRequest, "energy_opt_evaluation",
+        ),
+        Verb(
+            "overhead and winding losses from static poses: the source paper's two methods",
+            verbs.IdentifyRequest, "identify", True, "identify.json",
+        ),
+        Verb(
+            "find from measured data which effect a power model lacks",
+            verbs.DiagnoseRequest, "diagnosis", True, "diagnosis.json",
+        ),
+        Verb("make a measured set from a lab's logs; columns and units are guessed", verbs.ImportRequest),
+        Verb(
+            "the electrical passport of an arm: values, intervals, sources; compare several",
+            verbs.PassportRequest, "passport", True,
+        ),
+        Verb("play trajectories on a virtual arm and write a measured set", verbs.SimulateRequest),
+        Verb("check whether logs, trajectories, models and other files are usable", verbs.CheckRequest),
+        Verb("list the known robots, with joints and limits", verbs.RobotsRequest, printed=True),
+        Verb("list the known effects, with parameters, units and laws", verbs.EffectsRequest, printed=True),
+        Verb("repeat the request of a result, or one written by hand", verbs.RunRequest, report=True),
+    )
 }  # fmt: skip
+# modules of `front` whose names are not those of their verbs, and functions that are not called `run`
+PLACES = {"import": ("importing", "run"), "effects": ("robots", "run_effects"), "run": ("verbs", "run")}
 
 
 def asked_in(given: Any) -> Request:

@@ -122,7 +122,8 @@ def trace(
 class Steps(Protocol):
     """Solves a move at several durations, one after the other (see `Neighbours`)."""
 
-    def at(self, duration: float, neighbour: Optimum) -> Optimum | None: ...
+    def at(self, duration: float, neighbour: Optimum) -> Optimum | None:
+        """The optimum of this duration, from that of a neighbouring one; None if it cannot be had."""
 
 
 class _Tracer:

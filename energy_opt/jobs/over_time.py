@@ -176,8 +176,7 @@ def page(found: Mapping[str, Any]) -> Report:
     knee = found["knee"]
     if knee is not None:
         report.headline(f"Knee at a cycle of {knee['duration']:.4g} s: {knee['energy_total']:.5g} J.")
-    if worth := yearly(found):
-        report.numbers(worth)
+    report.numbers(yearly(found))
     shown = [row for row in found["points"] if row["energy_total"] is not None]
     time = np.array([row["duration"] for row in shown])
     marks = {} if knee is None else {"knee": (knee["duration"], knee["energy_total"])}

@@ -234,7 +234,7 @@ def _readings(
     if entry.power_file is not None:
         source = Table(log.file(entry.power_file), log.csv)
         if log.preset:
-            rules = {**rules_of_meter(log, source), **log.rules}
+            rules = {**rules_of_meter(source), **log.rules}
     named = [rules[name] for name in ("energy", "power") if name in rules]
     if not own and not any(rule.has_columns(source) for rule in named) and {"current", "effort"} & set(joints.signals):
         out.remarks.append(f"{entry.file}: no meter; currents or torques only")
@@ -249,7 +249,7 @@ def _readings(
     return readings
 
 
-def rules_of_meter(log: LogFile, table: Table) -> dict[str, Rule]:
+def rules_of_meter(table: Table) -> dict[str, Rule]:
     """Rules for a meter's own file besides that of a recorder with a preset: from its headers."""
     rules = {}
     stamps, power, energy = time_columns(table.header), power_column(table.header), energy_column(table.header)

@@ -26,8 +26,7 @@ from energy_opt.jobs.rough import RoughCycles
 from energy_opt.jobs.run import JobResult
 from energy_opt.motion.move import Settings
 from energy_opt.placement.placement import Looked, Placement, Rough
-from energy_opt.placement.request import PlaceRequest
-from energy_opt.placement.scene import fixture_pose, in_scene
+from energy_opt.placement.request import PlaceRequest, fixture_pose, in_scene
 from energy_opt.power import PowerModel
 
 TRIES = 2  # times as many seeds are tried if rough cycles fail
@@ -84,8 +83,7 @@ class Search:
         Args:
             pool: starts (K, n) by step; with them the choice is quick and ignores bodies.
         """
-        cell = self.at(point)
-        return Posed(self.job, self.model, self.settings, cell, starts=pool)
+        return Posed(self.job, self.model, self.settings, self.at(point), starts=pool)
 
     def points(self) -> np.ndarray:
         """Placements (P, 4) all over the box: the given one, its middle, and a low-discrepancy sequence."""
@@ -101,8 +99,7 @@ class Search:
 
     def estimates(self) -> list[tuple[np.ndarray, float]]:
         """Placements (4,) with their estimates [J], the cheapest first; infinite if a pose is out of reach."""
-        out: list[tuple[np.ndarray, float]] = []
-        points = self.points()
+        out, points = list[tuple[np.ndarray, float]](), self.points()
         for k, point in enumerate(points):
             if self.stopped() and out:
                 break

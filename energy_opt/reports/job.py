@@ -36,13 +36,10 @@ def page(
         power: over the cycle, time (N,) [s] and power (N,) [W].
     """
     report = Report(f"{document['robot']}: a cycle of {document['cycle_time']:.4g} s")
-    report.headline(headline(document))
-    if worth := yearly(document):
-        report.numbers(worth)
+    report.headline(headline(document)).numbers(yearly(document))
     if document["status"] != "solved":
         report.warning("Not every step is solved; the table marks them.")
-    for warning in document.get("warnings", ()):
-        report.warning(warning)
+    report.warning(*document.get("warnings", ()))
     steps = document["steps"]
     names = [f"{k}. {row['name']}" for k, row in enumerate(steps, start=1)]
     phases = [(row["start"], name) for name, row in zip(names, steps, strict=True)]
@@ -79,12 +76,9 @@ def page(
         ],
         digits=7,
     )
-    models = document.get("models") or []
-    if models:
-        report.section("The same cycle under other models").table(
-            ["model", "energy of the cycle [J]", "saved against evenly slowed [J]", "saved [%]"],
-            [[m["name"], m["total"], m["saving_joules"], m["saving_total_percent"]] for m in models],
-        )
+    columns = {"energy of the cycle [J]": "total", "saved against evenly slowed [J]": "saving_joules"}
+    columns["saved [%]"] = "saving_total_percent"
+    report.models("The same cycle under other models", document.get("models"), columns)
     assumed(report, document)
     charts = [chart for chart in motion_charts(cycle, {}, robot) if not chart.empty]
     report.section("Motion").charts(*charts)

@@ -38,8 +38,7 @@ def page(
     report.headline(headline(document)).numbers(_numbers(document))
     if goals := goals_words(document):
         report.text(f"{goals[0].upper()}{goals[1:]}.")
-    for warning in document.get("warnings", ()):
-        report.warning(warning)
+    report.warning(*document.get("warnings", ()))
     if document.get("message"):
         report.warning(f"{document['status']}: {document['message']}")
     beside = {name: motion for name, motion in baselines.items() if name == BESIDE}
@@ -49,7 +48,9 @@ def page(
     _energy(report, document)
     standby = document["energy"]["standby"] / document["duration"]
     report.charts(_cumulative(result, beside, standby), *_by_joint(lost or {}, robot))
-    _models(report, document)
+    columns = {"total [J]": "total", "loss [J]": "loss", "loss saved [%]": "saving_loss_percent"}
+    columns["95 % interval [%]"] = "saving_interval"
+    report.models("The same move under other models", document.get("models"), columns)
     assumed(report, document)
     _certificate(report, document, robot)
     report.section("Search")
@@ -212,18 +213,6 @@ def _energy(report: Report, document: Mapping[str, Any]) -> None:
     records = energy_records([(d, e) for _, d, e, _ in columns], "{} [J]", "of the total: {} [J]")
     records.append(["valid: all checked limits are kept", *(valid for _, _, _, valid in columns)])
     report.table(["", *(name for name, _, _, _ in columns)], records)
-
-
-def _models(report: Report, document: Mapping[str, Any]) -> None:
-    """Energies under further models."""
-    models = document.get("models") or []
-    if not models:
-        return
-    report.section("The same move under other models")
-    report.table(
-        ["model", "total [J]", "loss [J]", "loss saved [%]", "95 % interval [%]"],
-        [[m["name"], m["total"], m["loss"], m["saving_loss_percent"], m.get("saving_interval")] for m in models],
-    )
 
 
 def assumed(report: Report, document: Mapping[str, Any]) -> None:

@@ -113,20 +113,22 @@ class Report:
         """Add a paragraph."""
         return self._add(f"<p>{html.escape(text)}</p>")
 
-    def warning(self, text: str) -> Report:
-        """Add a highlighted paragraph."""
-        return self._add(f'<p class="warning">{html.escape(text)}</p>')
+    def warning(self, *texts: str) -> Report:
+        """Add a highlighted paragraph for each text."""
+        for text in texts:
+            self._add(f'<p class="warning">{html.escape(text)}</p>')
+        return self
 
     def code(self, text: str) -> Report:
         """Add preformatted text."""
         return self._add(f"<pre>{html.escape(text)}</pre>")
 
     def numbers(self, values: Mapping[str, str]) -> Report:
-        """Add the main numbers as large figures, value (with its unit) by name."""
+        """Add the main numbers as large figures, value (with its unit) by name; nothing without numbers."""
         cells = "".join(
             f"<div><b>{html.escape(value)}</b><span>{html.escape(name)}</span></div>" for name, value in values.items()
         )
-        return self._add(f'<div class="numbers">{cells}</div>')
+        return self._add(f'<div class="numbers">{cells}</div>') if cells else self
 
     def table(self, header: Sequence[str], records: Sequence[Sequence[Any]], digits: int = 4) -> Report:
         """Add a table; each cell is written by `shown`; a table or a column without a value is left out."""
@@ -149,6 +151,17 @@ class Report:
             if value is not None
         )
         return self._add(f'<div class="wide"><table class="facts">\n{records}</table></div>') if records else self
+
+    def models(self, title: str, models: Sequence[Mapping[str, Any]] | None, columns: Mapping[str, str]) -> Report:
+        """Add a section with a table of energies under further models, if there are any.
+
+        Args:
+            models: a record for each, with its name. columns: the record's keys by the heads of their columns.
+        """
+        if not models:
+            return self
+        records = [[row["name"], *(row.get(key) for key in columns.values())] for row in models]
+        return self.section(title).table(["model", *columns], records)
 
     def command(self, request: Mapping[str, Any] | None) -> Report:
         """Add the command line that a request holds, if one does."""

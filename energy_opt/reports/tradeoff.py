@@ -32,10 +32,7 @@ def page(
     best = document["minimum"]
     if best is not None:
         report.headline(f"Least energy: {best['energy_total']:.4g} J at {best['duration']:.4g} s.")
-    if worth := yearly(document):
-        report.numbers(worth)
-    for warning in document.get("warnings", ()):
-        report.warning(warning)
+    report.numbers(yearly(document)).warning(*document.get("warnings", ()))
     points = [p for p in document["points"] if p.get("energy_total") is not None]
     x = np.array([p["duration"] for p in points])
     lines = [
@@ -67,12 +64,8 @@ def page(
     played = [Played(f"{d:.4g} s", motion, shown=d == chosen) for d, motion in sorted(motions.items())]
     if played:
         report.section("Motion at any point of the front").player(player(robot, played, bodies, scene))
-    models = document.get("models") or []
-    if models:
-        report.section("The front's minimum under other models").table(
-            ["model", "total [J]", "loss [J]", "saved against evenly slowed [J]"],
-            [[m["name"], m["total"], m["loss"], m["saving_joules"]] for m in models],
-        )
+    columns = {"total [J]": "total", "loss [J]": "loss", "saved against evenly slowed [J]": "saving_joules"}
+    report.models("The front's minimum under other models", document.get("models"), columns)
     assumed(report, document)
     names = ("duration", "energy_total", "energy_standby", "energy_loss", "status")
     report.section("Points").table(

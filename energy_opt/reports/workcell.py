@@ -56,10 +56,7 @@ def page(
         scene: all arms in one scene, as `cell_player` gives it.
     """
     report = Report(f"A cell of {len(document['robots'])} robots: a cycle of {document['cycle_time']:.5g} s")
-    report.headline(headline(document))
-    for warning in document["warnings"]:
-        report.warning(warning)
-    report.player(scene)
+    report.headline(headline(document)).warning(*document["warnings"]).player(scene)
     drawn = [] if power is None else [Line("power", *power)]
     report.section("The cycle of all robots").charts(
         Chart("Steps", "time [s]", "", timed=True, blocks=gantt(document["robots"], document["cycle_time"])),

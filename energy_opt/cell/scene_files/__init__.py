@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from energy_opt.cell.scene import AllowedPairs, Scene
+from energy_opt.cell.scene import Scene
 from energy_opt.cell.scene_files import message, short
 from energy_opt.cell.scene_files.parts import Reading
 from energy_opt.cell.scene_files.short import read_text_scene
@@ -29,13 +29,13 @@ def read_scene(
     Raises:
         BadInput: names the file, the object and what is wrong with it, and how many more faults there are.
     """
-    reading, allowed = _read(Path(path), allow_outside, allow_large)
+    reading = _read(Path(path), allow_outside, allow_large)
     if reading.faults:
         more = len(reading.faults) - 1
         tail = f" (and {more} more faults: energy-opt check {path})" if more else ""
         raise BadInput(reading.faults[0] + tail)
     objects, warnings = tuple(reading.objects.values()), tuple(reading.warnings)
-    return Scene(objects, allowed, str(path), floor, warnings, reading.poses)
+    return Scene(objects, reading.allowed, str(path), floor, warnings, reading.poses)
 
 
 def check_scene(path: Path, *, allow_outside: bool = False, allow_large: bool = False) -> list[str]:
@@ -45,7 +45,7 @@ def check_scene(path: Path, *, allow_outside: bool = False, allow_large: bool = 
         path: the file. allow_outside, allow_large: as those of `read_scene`.
     """
     try:
-        return _read(Path(path), allow_outside, allow_large)[0].faults
+        return _read(Path(path), allow_outside, allow_large).faults
     except BadInput as error:
         return [str(error)]
 
@@ -55,7 +55,7 @@ def is_scene(document: Any) -> bool:
     return isinstance(document, Mapping) and ("objects" in document or any(key in document for key in message.KEYS))
 
 
-def _read(path: Path, allow_outside: bool, allow_large: bool) -> tuple[Reading, AllowedPairs]:
+def _read(path: Path, allow_outside: bool, allow_large: bool) -> Reading:
     """Read a scene file by its ending: text, JSON or YAML; a PlanningScene or the short form.
 
     Raises:
@@ -67,11 +67,9 @@ def _read(path: Path, allow_outside: bool, allow_large: bool) -> tuple[Reading, 
     reading = Reading(path, allow_outside, allow_large)
     if suffix == ".scene":
         read_text_scene(reading, read_text(path))
-        return reading, AllowedPairs()
-    if suffix == ".json":
-        documents = [read_json(path)]
-    else:  # a message that a tool printed ends with a line ---
-        documents = read_yaml_documents(path)
+        return reading
+    # several documents in YAML: a message that a tool printed ends with a line ---
+    documents = [read_json(path)] if suffix == ".json" else read_yaml_documents(path)
     if len(documents) > 1:
         raise BadInput(f"{path}: {len(documents)} documents; expected one scene")
     document = documents[0] if documents else None
@@ -80,5 +78,7 @@ def _read(path: Path, allow_outside: bool, allow_large: bool) -> tuple[Reading, 
     if not isinstance(document, Mapping) or not is_scene(document):
         raise BadInput(f"{path}: expected a PlanningScene (with world) or a short scene (with objects)")
     if "objects" in document:
-        return reading, short.read_short(reading, document)
-    return reading, message.read_message(reading, document)
+        short.read_short(reading, document)
+    else:
+        message.read_message(reading, document)
+    return reading

@@ -21,8 +21,8 @@ DIMENSIONS: dict[Kind, tuple[int, ...]] = {"box": (0, 1, 2), "sphere": (0,), "cy
 ADD, REMOVE, APPEND, MOVE = range(4)  # moveit_msgs/CollisionObject.operation
 
 
-def read_message(reading: Reading, document: Mapping[str, Any]) -> AllowedPairs:
-    """Take the objects of the message; returns the pairs that may touch."""
+def read_message(reading: Reading, document: Mapping[str, Any]) -> None:
+    """Take the objects of the message and the pairs that may touch."""
     with reading.at("world"):
         world = mapping(document.get("world") or {}, "world")
         octomap = mapping(world.get("octomap") or {}, "octomap")
@@ -44,10 +44,8 @@ def read_message(reading: Reading, document: Mapping[str, Any]) -> AllowedPairs:
             value = entry.get(neutral) if isinstance(entry, Mapping) else None
             if value not in (None, 0, 1) or (neutral == "padding" and value == 1):
                 reading.warn(f"{key} of {brief(entry.get('link_name'))} is not used; see --clearance")
-    allowed = AllowedPairs()
     with reading.at("allowed_collision_matrix"):
-        allowed = _allowed(mapping(document.get("allowed_collision_matrix") or {}, "it"))
-    return allowed
+        reading.allowed = _allowed(mapping(document.get("allowed_collision_matrix") or {}, "it"))
 
 
 def _where(entry: Any, number: int) -> str:

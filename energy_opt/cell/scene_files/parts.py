@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from energy_opt.cell.scene import SIZES, Kind, SceneObject, Shape
+from energy_opt.cell.scene import SIZES, AllowedPairs, Kind, SceneObject, Shape
 from energy_opt.errors import BadInput, suggest
 from energy_opt.files import inside
 
@@ -37,6 +37,7 @@ class Reading:
         path: the file; meshes are looked for in its folder.
         objects: by name, in the order of the file.
         poses: of the tool, by name, as the file has them.
+        allowed: the pairs of bodies that may touch.
     """
 
     path: Path
@@ -44,6 +45,7 @@ class Reading:
     allow_large: bool = False
     objects: dict[str, SceneObject] = field(default_factory=dict)
     poses: dict[str, object] = field(default_factory=dict)
+    allowed: AllowedPairs = field(default_factory=AllowedPairs)
     faults: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     shapes: int = 0

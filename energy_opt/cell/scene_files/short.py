@@ -41,12 +41,8 @@ KEYS = (
 )  # fmt: skip
 
 
-def read_short(reading: Reading, document: Mapping[str, Any]) -> AllowedPairs:
-    """Take the objects of a document in the short form; faults are collected in `reading`.
-
-    Returns:
-        The pairs of bodies that may touch.
-    """
+def read_short(reading: Reading, document: Mapping[str, Any]) -> None:
+    """Take the objects of a document in the short form, and the pairs that may touch; faults are collected."""
     for key in document:
         if key not in TOP:
             reading.faults.append(f"{reading.path}: {unknown_key(key, TOP)}")
@@ -58,15 +54,13 @@ def read_short(reading: Reading, document: Mapping[str, Any]) -> AllowedPairs:
     with reading.at("poses"):
         for key, value in mapping(document.get("poses", {}), "it").items():
             reading.poses[name_of(key, "a name")] = value
-    allowed = AllowedPairs()
     with reading.at("allow"):
         pairs = [sequence(pair, "a pair") for pair in sequence(document.get("allow"), "it")]
         for pair in pairs:
             if len(pair) != 2:
                 raise BadInput(f"{brief(pair)} is not a pair of names")
         named = [sorted(name_of(name, "a name") for name in pair) for pair in pairs]
-        allowed = AllowedPairs({(a, b): True for a, b in named})  # noqa: C420 (a pair is a list here)
-    return allowed
+        reading.allowed = AllowedPairs({(a, b): True for a, b in named})  # noqa: C420 (a pair is a list here)
 
 
 def _take(reading: Reading, entry: Mapping[str, Any]) -> None:

@@ -342,10 +342,9 @@ def _before(
     """Prior mean, prior precision and bounds of theta."""
     from scipy.linalg import block_diag
 
-    loose = sum(f.columns.shape[1] for f in free)
-    ds, os = world.links.basis.shape[1], len(world.samples.parts)
     weights = np.concatenate([np.full(f.columns.shape[1], f.size**-2) for f in free] or [np.zeros(0)])
-    mean = np.concatenate([*(c.mean for c in charts), np.zeros(loose + ds + os)])
-    low = np.concatenate([*(c.lower for c in charts), np.full(loose + ds + os, -np.inf)])
-    high = np.concatenate([*(c.upper for c in charts), np.full(loose + ds + os, np.inf)])
+    unbounded = len(weights) + world.links.basis.shape[1] + len(world.samples.parts)
+    mean = np.concatenate([*(c.mean for c in charts), np.zeros(unbounded)])
+    low = np.concatenate([*(c.lower for c in charts), np.full(unbounded, -np.inf)])
+    high = np.concatenate([*(c.upper for c in charts), np.full(unbounded, np.inf)])
     return mean, block_diag(*(c.precision for c in charts), np.diag(weights), world.before(nuisance)), low, high

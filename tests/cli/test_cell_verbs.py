@@ -70,6 +70,7 @@ def test_suggested_poses_touch_nothing(ur5: Robot, table: Path, tmp_path: Path) 
     assert touching[0] == 0 < touching[1]
 
 
+@pytest.mark.slow
 def test_the_motion_to_record_next_touches_nothing(ur5: Robot, table: Path, tmp_path: Path) -> None:
     base = source_method_2("ur5")
     rivals = [Rival(base.replaced(effect)) for effect in (ViscousFriction(b=2.0), CoulombFriction(tau_c=2.0))]

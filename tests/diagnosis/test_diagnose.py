@@ -101,6 +101,7 @@ def test_payload_is_found_with_its_centre(tmp_path):
     np.testing.assert_allclose(row["parameters"]["com"], load.values["com"], atol=0.02)
 
 
+@pytest.mark.slow
 def test_two_effects_at_once(tmp_path):
     effects = [FRICTION, Regeneration(efficiency=0.2, level="joint")]
     made = make_set(tmp_path / "set", "panda", effects, seed=3, instruments=CALM)

@@ -71,6 +71,7 @@ payload = 0.5
 """
 
 
+@pytest.mark.slow
 def test_a_cycle_of_retimed_moves_holds_in_every_file(panda: Robot, tmp_path: Path, capsys) -> None:
     """Their accelerations begin and end at a bound: in cycle.csv and at a rate they do not jump."""
     file = tmp_path / "job.toml"

@@ -34,6 +34,7 @@ def test_a_straight_line_moves_no_knee():
     assert knee(time, 88.0 * time) is None and knee(time[:2], loss[:2]) is None
 
 
+@pytest.mark.slow
 def test_a_job_over_its_cycle_time(tmp_path, capsys):
     (tmp_path / "job.toml").write_text(JOB)
     words = [str(tmp_path / "job.toml"), "--model", "source-method-2", "--compile", "never", "--json", "--quiet"]
@@ -76,6 +77,7 @@ def test_a_stopped_front_of_a_job_is_continued(tmp_path, monkeypatch):
     assert not (tmp_path / "front" / ".answers").exists()
 
 
+@pytest.mark.slow
 def test_a_job_under_several_models_states_what_its_mean_is_held_against(tmp_path):
     (tmp_path / "job.toml").write_text(JOB)
     assert main(["job", str(tmp_path / "job.toml"), "--compile", "never", "--quiet", "--out", str(tmp_path / "o")]) == 0

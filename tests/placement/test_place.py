@@ -119,6 +119,7 @@ def test_a_fixture_is_placed_with_its_shape_and_the_poses_in_its_frame(
         path.write_text(JOB.replace('"world: -0.2, 0.5, 0.2,', '"tray: 0, 0, 0.2,'))
 
 
+@pytest.mark.slow
 def test_a_rough_cycle_follows_the_base_and_a_step_costs_less(tmp_path: Path, ur: ToolKinematics) -> None:
     path = tmp_path / "job.toml"
     path.write_text(JOB.replace("cycle_time = 6.0", "cycle_time = 8.0"))

@@ -128,6 +128,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return at
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verb", PAGES)
 def test_every_verbs_page_in_a_browser(browser: Browser, pages: Path, verb: str) -> None:
     page, (plots, moving) = pages / verb / "report.html", PAGES[verb]
@@ -162,6 +163,7 @@ def test_every_verbs_page_in_a_browser(browser: Browser, pages: Path, verb: str)
     )
 
 
+@pytest.mark.slow
 def test_plots_and_arm_are_tied_and_play(browser: Browser, pages: Path) -> None:
     browser.view(WIDTHS[-1])
     browser.open(pages / "optimize" / "report.html")

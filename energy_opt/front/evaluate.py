@@ -215,9 +215,9 @@ def table(found: Sequence[Evaluation]) -> str:
         energies = [e.energies[model] for e in found]
         for part in ("total", "standby", "stored", "loss"):
             line(f"  {part}", [getattr(energy, part) for energy in energies])
+        lines.append("  the total by effect")
         for effect in dict.fromkeys(name for energy in energies for name in energy.by_effect):
-            if effect not in ("standby", "mechanical"):
-                line(f"    {effect}", [energy.by_effect.get(effect) for energy in energies])
+            line(f"    {effect}", [energy.by_effect.get(effect) for energy in energies])
         for name in ("toppra", "scaled"):
             known = [next((b for b in e.baselines if b.name == name), None) for e in found]
             line(f"  {name}", [None if b is None else b.energies[model] for b in known])

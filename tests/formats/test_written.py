@@ -228,6 +228,10 @@ def test_evaluate_from_python_under_several_models_side_by_side(panda: Robot) ->
     found = eo.evaluate([t, t.slowed(4.0)], "panda", ["source-method-2", "careful"])
     text = str(found)
     assert "under source-method-2" in text and "under careful" in text and text.count("all limits kept") == 2
+    lines = [line.split() for line in text.splitlines()]
+    begin = lines.index(["the", "total", "by", "effect"])
+    parts = [float(line[1]) for line in lines[begin + 1 : [line[0] for line in lines].index("toppra")]]
+    assert len(parts) >= 3 and abs(sum(parts) - float(lines[begin - 4][1])) < 1e-3 * (len(parts) + 1)
     model = pin.buildModelFromUrdf(str(panda.urdf))
     names = list(model.names)[1:]
     lock = [model.getJointId(n) for n in names if n not in panda.joints]

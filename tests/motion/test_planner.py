@@ -262,6 +262,8 @@ def test_a_duration_that_is_named_is_asked_for(panda, model, monkeypatch, works,
     asked: list[float] = []
 
     class Solver:
+        timing = None
+
         def at(self, duration, longest, warm, progress=None):
             asked.append(duration)
             if duration < works:
@@ -287,6 +289,8 @@ def test_a_duration_is_confirmed_within_seconds_by_the_first_path(panda, model, 
     fastest, seconds = planner.minimum_time(move), []
 
     class Solver:
+        timing = planner.timing(move)
+
         def at(self, duration, longest, warm, progress=None):
             if duration < move.duration * 1.001:
                 raise Infeasible("too short: the shortest found is 0.1 s", shortest_duration=0.1)

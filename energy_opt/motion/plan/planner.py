@@ -28,7 +28,7 @@ from energy_opt.motion.plan.candidates import below_resolution
 from energy_opt.motion.plan.choice import with_trajectory
 from energy_opt.motion.plan.context import Context, Judge, Workshop, path_of
 from energy_opt.motion.plan.first_path import check_free, first_path
-from energy_opt.motion.plan.single import Single, first_timing
+from energy_opt.motion.plan.single import Single
 from energy_opt.motion.plan.sketch import Settled, settled, sketched
 from energy_opt.motion.reshape.open import FIXED, Open
 from energy_opt.motion.result import FirstPath, Result
@@ -253,9 +253,8 @@ class Planner:
         if named is None or progress.ended():
             return error.with_shortest_duration(None) if progress.late() else error
         single, begin, tries = self.single(move), process_time(), [longer * named for longer in LONGER]
-        timing = first_timing(move, lambda: self.timing(self.first_path(move)[0]))
-        if timing is not None and timing.duration > tries[-1]:
-            tries.append(timing.duration)  # without a search too, the first path is an answer there
+        if single.timing is not None and single.timing.duration > tries[-1]:
+            tries.append(single.timing.duration)  # without a search too, the first path is an answer there
         for longer in tries:
             if process_time() - begin > CONFIRMING and longer < tries[-1]:
                 continue

@@ -71,6 +71,7 @@ class Evaluation:
         self._values = np.concatenate([parameters, values_of(limits, width)])
         u, w = s.grid
         self._quad, self._breaks = np.flatnonzero(w), np.flatnonzero(w == 0)
+        # limits with numeric constraints, and their numbers
         self._at_curve = [(k, x) for k, x in enumerate(self.limits) if type(x).places is not Limit.places]
         self._weight, self._u, self._window = w[self._quad], u[:, None], s.window(u)
         self._quad_windows = self._windows_of(self._quad)

@@ -1,8 +1,8 @@
 """CasADi functions of one point evaluated over many points at once, straight from and into NumPy memory.
 
-A function that is not compiled is built once over a block of points and is shared; it has no memory of its own. For
-many points, NumPy evaluates it (see `vectors`). Each batch owns its arrays. So two batches of one function do not disturb each
-other, also in two threads.
+A function that is not compiled is built once over a block of points and is shared; it has no memory of its own. NumPy
+evaluates it for many points (see `vectors`). Each batch owns its arrays. So two batches of one function do not disturb
+each other, also in two threads.
 """
 
 from __future__ import annotations

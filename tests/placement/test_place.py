@@ -157,7 +157,7 @@ def test_alternatives_reach_the_poses_by_different_positions_and_cost_more_in_tu
             assert missed <= pose.tolerance[0] + 1e-6
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_other_branches_at_a_placement_cost_less_than_the_likely_ones(tmp_path: Path) -> None:
     path = tmp_path / "job.toml"
     path.write_text(PANDA)
@@ -227,7 +227,7 @@ def test_a_placement_at_which_the_likely_positions_fail_is_solved_with_the_neare
     assert all(np.array_equal(tried[1][k], nearest[k]) for k in nearest)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_choice_of_positions_compares_energies_under_the_same_models(tmp_path: Path) -> None:
     """Without --model a job is planned for the mean of two models, and stated under the first."""
     out = tmp_path / "out"

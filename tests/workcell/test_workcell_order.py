@@ -130,7 +130,7 @@ def test_an_arm_takes_its_steps_in_the_shortest_order_and_waits_where_it_pays(tm
     assert waits["wait after to wait at up"][0] > 1 and waits["wait after to wait at up"][1] == "parked"
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_an_arm_stays_where_going_elsewhere_saves_nothing_once_moves_are_optimized(tmp_path: Path) -> None:
     at = [-1.2, 1.2]
     steps = [{"name": f"to {k}", "to": [angle, 0.3, 0.0, -1.9, 0.0, 2.2, 0.8]} for k, angle in enumerate(at)]

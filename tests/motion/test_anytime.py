@@ -46,6 +46,13 @@ def test_a_search_that_ends_in_time_has_no_deadline_message() -> None:
     assert progress.ended() and progress.cut
 
 
+def test_a_search_for_any_answer_ends_with_the_first() -> None:
+    progress = Progress(None, enough=True)
+    assert not progress.ended()
+    progress.found(3.0)
+    assert progress.ended() and progress.cut
+
+
 def test_several_models_share_one_deadline(panda, planner) -> None:
     rivals = [Rival("a", planner.model), Rival("b", planner.model)]
     result = RobustPlanner(panda, rivals, settings=replace(planner.settings, deadline=1e-6)).solve(MOVE)

@@ -13,14 +13,19 @@ class Progress:
         deadline: seconds after which the search ends with the best proven answer so far; None for no deadline.
         stopped: called between solves; returns True if the user ends the search.
         begin: when the search began (`time.perf_counter`), s; None for now.
+        enough: whether any proven answer ends the search.
     """
 
     def __init__(
-        self, deadline: float | None, stopped: Callable[[], bool] = lambda: False, begin: float | None = None
+        self,
+        deadline: float | None,
+        stopped: Callable[[], bool] = lambda: False,
+        begin: float | None = None,
+        enough: bool = False,
     ) -> None:
-        self.deadline, self.interrupted = deadline, stopped
+        self.deadline, self.interrupted, self.enough = deadline, stopped, enough
         self._begin = time.perf_counter() if begin is None else begin
-        self.cut = False  # True if the deadline passed during the search
+        self.cut = False  # True if the deadline passed during the search, or any answer was enough
         self.losses: list[tuple[float, float]] = []  # (seconds since the begin, least loss so far [J])
 
     @property
@@ -38,8 +43,8 @@ class Progress:
         return self.deadline is not None and self.seconds >= self.deadline
 
     def ended(self) -> bool:
-        """Has the deadline passed, or did the user end the search?"""
-        self.cut = self.cut or self.late()
+        """Has the deadline passed, is any answer enough, or did the user end the search?"""
+        self.cut = self.cut or self.late() or (self.enough and bool(self.losses))
         return self.cut or self.interrupted()
 
     def found(self, loss: float) -> None:

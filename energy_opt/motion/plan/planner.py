@@ -268,7 +268,7 @@ class Planner:
 
     def _is_solvable(self, single: Single, duration: float, begin: float) -> bool:
         """Is a valid motion of that duration found before the time for confirming, counted from `begin`, is over?"""
-        progress = Progress(max(CONFIRMING - (process_time() - begin), 0.0), self._stopped)
+        progress = Progress(max(CONFIRMING - (process_time() - begin), 0.0), self._stopped, enough=True)
         try:
             return single.at(duration, None, (), progress).result.status == "solved"
         except Infeasible:

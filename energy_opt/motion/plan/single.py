@@ -83,6 +83,8 @@ def candidates_of(
     if is_at_rest(move) or (context.stopped() and timing is not None):
         return Work(timing, None, None, None, warm, retimed)
     curve = _curve(context, move, timing, retimed, warm, kept)
+    if curve.trajectory is not None and (judged := context.judge(curve.trajectory)).certificate.valid:
+        context.progress.found(judged.energy.loss)
     may = may_free(context, move, timing, curve.trajectory is None) and not context.stopped()
     if may and _costs_more_than_timing(context, curve, retimed):
         other = _curve(freed(context), move, timing, retimed, warm, kept)

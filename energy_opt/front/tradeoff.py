@@ -89,7 +89,7 @@ def run(request: TradeoffRequest, desk: Desk) -> Tradeoff:
         answer = desk.keep(Tradeoff(found, asked, report, text, robot, front, move))
     desk.report((), assumed([Assumption(**row) for row in found["assumptions"]]), found["warnings"])
     if "message" in found:
-        desk.say(found["message"])
+        desk.complain(found["message"])
     return answer
 
 

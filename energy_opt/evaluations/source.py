@@ -91,6 +91,8 @@ def load(path: Path, joints: Sequence[str], prefix: str = "") -> Recorded:
     step = STEP.fullmatch(table.name)
     number = int(step[1]) if step else None
     stretches = whole if answer is None else _stretches(read_json(answer), trajectory, number) or whole
+    if records.velocity is not None and not records.velocity.any() and np.ptp(records.position, axis=0).any():
+        notes = (*notes, f"{records.where}: velocity is 0 in every row: the arm is taken to stop at each")
     notes = (*records.notes, *notes, *([] if answer is not None else _foreign(path)))
     return Recorded(str(path), trajectory, stretches, standstills(trajectory), notes)
 

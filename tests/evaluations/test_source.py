@@ -102,6 +102,13 @@ def test_recorded_rates_with_noise_lag_and_offset_are_taken(tmp_path: Path) -> N
     Samples("", Z1.joints, q + 1e-3 * t[:, None], t, v).trajectory()
 
 
+def test_a_motion_that_stops_in_every_row_is_remarked(tmp_path: Path) -> None:
+    found = motion(Z1)
+    formats.write(replace(found, velocity=0 * found.velocity, acceleration=0 * found.velocity), tmp_path / "m.csv")
+    said = "velocity is 0 in every row: the arm is taken to stop at each"
+    assert load(tmp_path / "m.csv", Z1.joints).notes == (f"{tmp_path / 'm.csv'}: {said}",)
+
+
 def test_a_folder_without_a_motion_is_refused(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match=r"a folder without result\.json or job\.json"):
         load(tmp_path, Z1.joints)

@@ -52,8 +52,17 @@ class Samples:
     def __post_init__(self) -> None:
         for kind in KINDS:
             block = getattr(self, kind)
+            if block is not None and block.shape != self.position.shape:
+                raise BadInput(
+                    f"{self.where}: {kind} has shape {block.shape}; expected that of the positions, "
+                    f"{self.position.shape}"
+                )
+            if block is not None and not np.isfinite(block).all():
+                raise BadInput(f"{self.where}: {kind} has values that are not finite")
             if block is not None and block.size and np.abs(block).max() > LARGEST:
                 raise BadInput(f"{self.where}: {kind} {np.abs(block).max():g}; expected at most {LARGEST:g}")
+        if self.time is not None and (len(self.time) != len(self.position) or not np.isfinite(self.time).all()):
+            raise BadInput(f"{self.where}: expected one finite time for each of the {len(self.position)} rows")
         if self.time is not None and len(self.time) > 1:
             shortest = float(np.diff(self.time).min())
             if np.abs(self.time).max() > 10 * LARGEST or shortest < SHORTEST:

@@ -94,6 +94,19 @@ def test_rates_of_each_joint_are_compared_in_files_and_from_python(tmp_path: Pat
         evaluate(replace(found, velocity=velocity), robot=Z1, self_collision=False)
 
 
+def test_a_trajectory_from_python_has_finite_rows_of_one_shape() -> None:
+    """These had ended in errors of libraries."""
+    found = motion(Z1)
+    with pytest.raises(BadInput, match="the trajectory: velocity has values that are not finite"):
+        evaluate(replace(found, velocity=np.nan * found.velocity), robot=Z1)
+    with pytest.raises(
+        BadInput, match=r"the trajectory: velocity has shape \(\d+, 6\); expected that of the positions"
+    ):
+        evaluate(replace(found, velocity=found.velocity[1:]), robot=Z1)
+    with pytest.raises(BadInput, match="the trajectory: expected one finite time for each of the"):
+        evaluate(replace(found, time=found.time[1:]), robot=Z1)
+
+
 def test_recorded_rates_with_noise_lag_and_offset_are_taken(tmp_path: Path) -> None:
     t = np.arange(0.0, 4.0, 0.01)
     noise = np.random.default_rng(1).normal(size=(2, 400, 6))

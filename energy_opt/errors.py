@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from difflib import get_close_matches
+from math import ceil, floor, inf, log10
 from traceback import extract_tb
 from typing import Any
 
@@ -43,6 +44,18 @@ def suggest(word: str, known: Iterable[str]) -> str:
     """`; did you mean 'panda'?` if a known name is similar to the word, else an empty text."""
     found = get_close_matches(word.lower(), list(known), 1, 0.6)
     return f"; did you mean {found[0]!r}?" if found else ""
+
+
+def at_least(seconds: float) -> str:
+    """A least duration [s] for a message, rounded up: what is read and typed again must not be too short.
+
+    >>> at_least(0.88974213), at_least(1.5), at_least(10.40031)
+    ('0.889743', '1.5', '10.4004')
+    """
+    if not 0 < seconds < inf:
+        return f"{seconds:g}"
+    digit = 10.0 ** (floor(log10(seconds)) - 5)
+    return f"{ceil(seconds / digit - 1e-6) * digit:.6g}"
 
 
 def one_line_of(fault: BaseException, file: str) -> str:
@@ -116,7 +129,7 @@ class Infeasible(EnergyOptError):
         if shortest is None:
             message += "; planned at that duration, or a little longer, no valid motion was found: more time is needed"
         else:
-            message = message.replace(before, f"{shortest:.6g} s")
+            message = message.replace(before, f"{at_least(shortest)} s")
         known = {name: getattr(self, name) for name in ("joint", "limit", "time", "position", "excess")}
         return type(self)(message, **known, shortest_duration=shortest)
 

@@ -14,6 +14,7 @@ import tempfile
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from fnmatch import fnmatch
 from pathlib import Path
 
 from energy_opt.errors import BadInput
@@ -82,6 +83,14 @@ def listed_files(answer: Path) -> dict[str, str] | None:
     records = [record for record in records if isinstance(record, dict)]
     own = {str(row.get("name")): str(row.get("sha256")) for row in records}
     return {name: digest for name, digest in own.items() if Path(name).name == name}
+
+
+def wrote(answer: Path, file: Path) -> bool:
+    """True if a file beside an answer is the result's own: listed with its digest, or named so if there is no list."""
+    listed = listed_files(answer)
+    if listed is None:
+        return any(fnmatch(file.name, pattern) for pattern in BESIDE[answer.name])
+    return file.name in listed and listed[file.name] == digest_of(file)
 
 
 def digest_of(path: Path) -> str | None:

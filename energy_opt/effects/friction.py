@@ -26,7 +26,7 @@ class CoulombFriction(TorqueEffect):
     """tau_c * sign(v): dry friction. On a fixed path its sign is fixed, so retiming stays convex."""
 
     name = "coulomb_friction"
-    parameters = (Parameter("tau_c", "N m", 0.0, 0.0, 1e5, "joint", fit=(0.0, 1e3)),)
+    parameters = (Parameter("tau_c", "N m", 0.0, 0.0, 1e6, "joint", fit=(0.0, 1e3)),)
     dissipates = True
 
     @classmethod

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ import numpy as np
 from energy_opt import formats
 from energy_opt.errors import BadInput
 from energy_opt.files import read_json
+from energy_opt.folders import wrote
 from energy_opt.formats.program import Load
 from energy_opt.formats.waypoints import Samples
 from energy_opt.measured.differentiate import smooth
@@ -24,9 +24,6 @@ CUTOFF = 10.0  # [Hz] cut-off frequency for recorded positions
 NOISY = 3.0  # accelerations over those of the smoothed positions above which a recording is noisy
 COARSE = 0.02  # [s] between samples above which positions are not smoothed
 ANSWERS = {"result.json": "trajectory.csv", "job.json": "cycle.csv"}
-# patterns of all files with the motion of such a result, or with one of its steps
-BELONGING = {"result.json": ("trajectory.*", "trajectory_*"),
-             "job.json": ("step_*.csv", "cycle.csv", "cycle_*.csv", "trajectory.*", "trajectory_*")}  # fmt: skip
 STEP = re.compile(r"step_(\d+)\.csv")  # a step's own file in the folder of a job
 
 
@@ -94,7 +91,16 @@ def load(path: Path, joints: Sequence[str], prefix: str = "") -> Recorded:
     step = STEP.fullmatch(table.name)
     number = int(step[1]) if step else None
     stretches = whole if answer is None else _stretches(read_json(answer), trajectory, number) or whole
-    return Recorded(str(path), trajectory, stretches, standstills(trajectory), (*records.notes, *notes))
+    if records.velocity is not None and not records.velocity.any() and np.ptp(records.position, axis=0).any():
+        notes = (*notes, f"{records.where}: velocity is 0 in every row: the arm is taken to stop at each")
+    notes = (*records.notes, *notes, *([] if answer is not None else _foreign(path)))
+    return Recorded(str(path), trajectory, stretches, standstills(trajectory), notes)
+
+
+def _foreign(path: Path) -> list[str]:
+    """A remark where a file lies beside a result that did not write it."""
+    beside = [answer for answer in ANSWERS if (path.parent / answer).is_file()]
+    return [f"{path}: not written by the {answer} beside it, whose payload is not taken" for answer in beside]
 
 
 def _table(path: Path) -> Path:
@@ -109,11 +115,10 @@ def _table(path: Path) -> Path:
 
 
 def _result_json(path: Path) -> Path | None:
-    """The JSON result that a file belongs to."""
+    """The JSON result that a file belongs to: it is this file, or has written it."""
     folder = path if path.is_dir() else path.parent
     for answer in ANSWERS:
-        belongs = path.name == answer or any(fnmatch(path.name, pattern) for pattern in BELONGING[answer])
-        if (folder / answer).is_file() and (path.is_dir() or belongs):
+        if (folder / answer).is_file() and (path.is_dir() or path.name == answer or wrote(folder / answer, path)):
             return folder / answer
     return None
 

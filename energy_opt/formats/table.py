@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -12,21 +13,27 @@ from energy_opt.files import read_table, write_table
 from energy_opt.formats.waypoints import KINDS, Samples
 from energy_opt.motion.trajectory import Trajectory
 
-LIKE_TIME = ("t", "t [s]", "stamp", "seconds", "secs")  # names like time, besides all that begin with "time"
+# headers of times with their unit: time_ms, t [s], timestamp(us)
+STAMPS = re.compile(r"(?:time|time_?stamp|stamp|elapsed|t)(?:_|\s*[\[(]\s*)(s|ms|us|ns)\s*[\])]?", re.IGNORECASE)
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+LIKE_TIME = ("t", "ms", "stamp", "seconds", "secs")  # names like time, besides all that begin with "time"
 
 
 def read(path: Path) -> Samples:
     """Columns `<joint>.position` (or plainly `<joint>`), `.velocity`, `.acceleration`, `.effort` and `time` of a file.
+
+    Times are seconds, or in the unit that the header states: `time_ms`, `t [us]`.
 
     Raises:
         BadInput: names file, row and column at fault: a value is no number, time does not rise, or a joint lacks a
             column that others have.
     """
     table = read_table(path)
+    stamps = "time" if "time" in table else next((name for name in table if STAMPS.fullmatch(name)), None)
     joints = [name.removesuffix(".position") for name in table if name.endswith(".position")]
     plain = not joints
     if plain:
-        joints = [name for name in table if name not in ("time", "power") and "." not in name]
+        joints = [name for name in table if name not in (stamps, "power") and "." not in name]
     if not joints:
         raise BadInput(f"{path}: row 1: no column <joint>.position; columns are {', '.join(table)}")
     blocks: dict[str, Any] = {}
@@ -39,16 +46,20 @@ def read(path: Path) -> Samples:
             missing = next(name for name in columns if name not in table)
             raise BadInput(f"{path}: row 1: column {missing} is missing, though {present[0]} is there")
         blocks[kind] = np.column_stack([table[name] for name in columns])
-    time = table.get("time")
-    if time is not None:
+    if stamps is not None:
+        stated = STAMPS.fullmatch(stamps)
+        time = table[stamps] * (1.0 if stated is None else SECONDS[stated[1].lower()])
         late = np.flatnonzero(np.diff(time) <= 0)
         if late.size:
             k = int(late[0])
-            raise BadInput(f"{path}: row {k + 3}, column time: {time[k + 1]:g} does not come after {time[k]:g}")
-    like = [name for name in table if name.lower() in LIKE_TIME or name.lower().startswith("time")]
-    like = [] if time is not None else like[:1]
-    notes = tuple(f"{path}: waypoints: no column is called time, {name!r} is not read" for name in like)
-    return Samples(str(path), tuple(joints), time=time, notes=notes, **blocks)
+            before, after = table[stamps][k : k + 2]
+            raise BadInput(f"{path}: row {k + 3}, column {stamps}: {after:g} does not come after {before:g}")
+        return Samples(str(path), tuple(joints), time=time, **blocks)
+    like = [name for name in table if name.lower() in LIKE_TIME or name.lower().startswith("time")][:1]
+    untimed = "expected a column time [s], or with its unit, such as time_ms"
+    untimed += f"; found {like[0]!r}, which is not read" if like else ""
+    notes = (f"{path}: waypoints without times; {untimed}",) if like else ()
+    return Samples(str(path), tuple(joints), untimed=untimed, notes=notes, **blocks)
 
 
 def write(trajectory: Trajectory, path: Path) -> None:

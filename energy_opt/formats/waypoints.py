@@ -17,10 +17,9 @@ LARGEST = 1e9  # largest plausible value [rad or m, and per second, ...]
 SHORTEST = 1e-10  # [s] least step between two samples: messages count nanoseconds
 LONGEST = 1e5  # [s] longest motion, more than a day: times of a longer one are in another unit
 FEWEST = 8  # least samples for comparing rates
-SLIP, UNLIKE = (
-    5.0,
-    0.1,
-)  # factor from which a unit is wrong; largest share of the squares that it may leave unexplained
+# factor from which rates are not those of the positions; largest share of the squares that it may leave unexplained
+SLIP, UNLIKE = 1.25, 0.1
+LEAST_CHANGE = 0.01  # [rad, m, and per second] of a joint whose rates are compared: smaller changes may be errors
 KINDS = ("position", "velocity", "acceleration", "effort")
 
 
@@ -33,6 +32,7 @@ class Samples:
         joints: (n,) names, as the file has them.
         time: (N,) s; None where the samples are waypoints, to be passed at any time.
         velocity, acceleration, effort: (N, n), None where the file has none.
+        untimed: how the file could state times, for the message where they are missing.
         planned: a plan for a controller, which begins and ends at rest unless it states otherwise; a recording may be
             in motion at both ends.
         notes: remarks for the reader, a line each.
@@ -45,14 +45,24 @@ class Samples:
     velocity: np.ndarray | None = None
     acceleration: np.ndarray | None = None
     effort: np.ndarray | None = None
+    untimed: str = "a trajectory has rising times"
     planned: bool = False
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for kind in KINDS:
             block = getattr(self, kind)
+            if block is not None and block.shape != self.position.shape:
+                raise BadInput(
+                    f"{self.where}: {kind} has shape {block.shape}; expected that of the positions, "
+                    f"{self.position.shape}"
+                )
+            if block is not None and not np.isfinite(block).all():
+                raise BadInput(f"{self.where}: {kind} has values that are not finite")
             if block is not None and block.size and np.abs(block).max() > LARGEST:
                 raise BadInput(f"{self.where}: {kind} {np.abs(block).max():g}; expected at most {LARGEST:g}")
+        if self.time is not None and (len(self.time) != len(self.position) or not np.isfinite(self.time).all()):
+            raise BadInput(f"{self.where}: expected one finite time for each of the {len(self.position)} rows")
         if self.time is not None and len(self.time) > 1:
             shortest = float(np.diff(self.time).min())
             if np.abs(self.time).max() > 10 * LARGEST or shortest < SHORTEST:
@@ -95,42 +105,48 @@ class Samples:
         from scipy.interpolate import CubicSpline
 
         if self.time is None:
-            raise BadInput(f"{self.where}: waypoints without times; a trajectory has rising times")
+            raise BadInput(f"{self.where}: waypoints without times; {self.untimed}")
         if len(self.time) < 2:
             raise BadInput(f"{self.where}: one row; a trajectory has at least two")
         velocity, acceleration = self.velocity, self.acceleration
-        self._check_units("velocity", velocity, self.position)
-        self._check_units("acceleration", acceleration, self.position if velocity is None else velocity)
+        self._check_rates("velocity", velocity, self.position)
         if velocity is None:
             ends = "clamped" if self.planned else "not-a-knot"
             velocity = CubicSpline(self.time, self.position, bc_type=ends)(self.time, 1)
             if self.planned:
                 velocity[[0, -1]] = 0.0
+        self._check_rates("acceleration", acceleration, velocity)
         if acceleration is None:
             acceleration = CubicSpline(self.time, velocity)(self.time, 1)
         return Trajectory(self.joints, self.time, self.position, velocity, acceleration, self.effort)
 
-    def _check_units(self, kind: str, given: np.ndarray | None, of: np.ndarray) -> None:
-        """Refuse rates (N, n) that differ from those of `of` (N, n) by one factor: their unit is wrong.
+    def _check_rates(self, kind: str, given: np.ndarray | None, of: np.ndarray) -> None:
+        """Refuse rates (N, n) that differ from those of `of` (N, n) by one factor: their unit or timing is wrong.
+
+        What the rates add up to is compared with `of`: sums, unlike differences, contain little noise.
 
         Raises:
-            BadInput: says by which factor they differ.
+            BadInput: names the joint, and says by which factor they differ.
         """
+        from scipy.integrate import cumulative_trapezoid
+
         if given is None or self.time is None or len(self.time) < FEWEST:
             return
-        derived = np.gradient(of, self.time, axis=0)
-        if kind == "acceleration" and of is self.position:
-            derived = np.gradient(derived, self.time, axis=0)
-        size = float(np.sum(derived**2))
-        factor = float(np.sum(given * derived)) / size if size > 0 else 1.0
-        left = float(np.sum((given - factor * derived) ** 2))
-        if left < UNLIKE * factor**2 * size and not 1 / SLIP < factor < SLIP:
-            unit = "deg" if abs(np.degrees(1) / factor - 1) < 0.1 else "another unit or direction"
-            raise BadInput(
-                f"{self.where}: {kind} is {factor:.4g} times the rate at which "
-                f"{'positions change' if of is self.position else 'velocities change'}: in {unit}? Expected rad and s "
-                f"(m for joints that slide): multiply by {1 / factor:.4g}"
-            )
+        total = cumulative_trapezoid(given, self.time, axis=0, initial=0.0)
+        total, change = total - total.mean(axis=0), of - of.mean(axis=0)
+        for joint, summed, wanted in zip(self.joints, total.T, change.T, strict=True):
+            if np.ptp(wanted) < LEAST_CHANGE:
+                continue
+            size = float(wanted @ wanted)
+            factor = float(summed @ wanted) / size
+            left = float(np.sum((summed - factor * wanted) ** 2))
+            if left < UNLIKE * factor**2 * size and not 1 / SLIP < factor < SLIP:
+                unit = "deg" if abs(np.degrees(1) / factor - 1) < 0.1 else "another unit, direction or timing"
+                raise BadInput(
+                    f"{self.where}: {kind} of {joint} is {factor:.4g} times the rate at which its "
+                    f"{'position changes' if of is self.position else 'velocity changes'}: in {unit}? Expected rad and "
+                    f"s (m for joints that slide): multiply by {1 / factor:.4g}"
+                )
 
     def path(self) -> JointPath:
         """The samples as a path: that of the trajectory, which it keeps, or the spline through waypoints.

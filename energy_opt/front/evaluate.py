@@ -19,6 +19,7 @@ from energy_opt.files import plain, write_json
 from energy_opt.folders import written_whole
 from energy_opt.formats.cycle import write_cycle
 from energy_opt.formats.output import Written
+from energy_opt.formats.waypoints import Samples
 from energy_opt.front.controllers import check_written
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, named_robot, payload_document, refuse_degrees, robot_of
@@ -167,12 +168,9 @@ def _motion(given: AnyMotion, robot: Robot, prefix: str) -> Recorded:
         found = load(Path(given), robot.joints, prefix)
         refuse_degrees(robot, found.trajectory.position, found.name)
         return found
-    missing = set(robot.joints) - set(given.joints)
-    if missing:
-        raise BadInput(f"the trajectory has joints {', '.join(given.joints)}; missing: {', '.join(sorted(missing))}")
-    index = [given.joints.index(joint) for joint in robot.joints]
-    samples = (np.asarray(x)[:, index] for x in (given.position, given.velocity, given.acceleration))
-    trajectory = Trajectory(robot.joints, given.time - given.time[0], *samples).on_nanoseconds()
+    q, v, a = (np.asarray(x) for x in (given.position, given.velocity, given.acceleration))
+    samples = Samples("the trajectory", given.joints, q, given.time - given.time[0], v, a)
+    trajectory = samples.of(robot.joints).trajectory().on_nanoseconds()
     return Recorded("trajectory", trajectory, (Stretch(0.0, trajectory.duration),), standstills(trajectory))
 
 

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from energy_opt.errors import BadInput
+from energy_opt.errors import BadInput, at_least
 from energy_opt.files import plain, read_toml
 from energy_opt.folders import written_whole
 from energy_opt.formats.output import Written
@@ -185,5 +185,5 @@ def run_job(request: TradeoffRequest, times: list[float] | None, desk: Desk) -> 
             answers.forget()
     desk.report((), assumptions_line(records))
     if found["status"] == "infeasible":
-        desk.say(f"none of these cycle times is possible; the shortest possible one is {shortest:.6g} s")
+        desk.complain(f"none of these cycle times is possible; the shortest possible one is {at_least(shortest)} s")
     return front

@@ -65,6 +65,8 @@ def run(request: SimulateRequest, desk: Desk) -> Simulation:
         BadInput: a value that no arm or instrument has, or `out` holds other data.
         Infeasible: a trajectory touches the arm's own body or its cell.
     """
+    if not request.trajectories:
+        raise BadInput("no TRAJECTORY; give one or more to play")
     if not 1 <= request.repeat <= MOST_REPEATS:
         raise BadInput(f"--repeat {request.repeat}: expected 1 to {MOST_REPEATS}")
     if request.seed < 0:

@@ -89,7 +89,7 @@ def run(request: TradeoffRequest, desk: Desk) -> Tradeoff:
         answer = desk.keep(Tradeoff(found, asked, report, text, robot, front, move))
     desk.report((), assumed([Assumption(**row) for row in found["assumptions"]]), found["warnings"])
     if "message" in found:
-        desk.say(found["message"])
+        desk.complain(found["message"])
     return answer
 
 
@@ -113,7 +113,13 @@ def durations_of(request: TradeoffRequest) -> list[float] | None:
         if getattr(request, name) is not None:
             raise BadInput(f"--durations gives the durations; leave --{name.replace('_', '-')} out")
     if not isinstance(given, str):
-        return [float(duration) for duration in given]
+        try:
+            listed: list[float] = np.ravel(np.asarray(given, dtype=float)).tolist()
+        except (TypeError, ValueError):
+            listed = []
+        if not listed or not all(0 < d < np.inf for d in listed):
+            raise BadInput(f"--durations {given}: expected FIRST:LAST:COUNT, or a list of durations above 0 s")
+        return listed
     parts = given.split(":")
     try:
         first, last, count = float(parts[0]), float(parts[1]), int(parts[2])

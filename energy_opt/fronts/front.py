@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from energy_opt.errors import Infeasible
+from energy_opt.errors import Infeasible, at_least
 from energy_opt.fronts.cycle import Cycle, Waiting
 from energy_opt.motion.judge.energy import Energy
 from energy_opt.motion.plan.neighbour import Neighbours, Optimum
@@ -157,7 +157,7 @@ class _Tracer:
         shortest = front.fastest.duration
         if self.cycle is not None and self.cycle.length < shortest * (1 - SAME):
             raise Infeasible(
-                f"the cycle of {self.cycle.length:g} s is shorter than the fastest move, {shortest:.6g} s",
+                f"the cycle of {self.cycle.length:g} s is shorter than the fastest move, {at_least(shortest)} s",
                 limit="duration",
                 shortest_duration=shortest,
             )
@@ -198,7 +198,7 @@ class _Tracer:
         if longest is not None:
             if longest < fastest * (1 - SAME):
                 raise Infeasible(
-                    f"{longest:g} s is shorter than the fastest move, {fastest:.6g} s",
+                    f"{longest:g} s is shorter than the fastest move, {at_least(fastest)} s",
                     limit="duration",
                     shortest_duration=fastest,
                 )
@@ -269,7 +269,7 @@ class _Tracer:
         old, fastest = self.front.points[k], self.front.fastest
         assert fastest is not None
         if old.duration < fastest.duration * (1 - SAME):
-            reason = f"shorter than the fastest move, {fastest.duration:.6g} s"
+            reason = f"shorter than the fastest move, {at_least(fastest.duration)} s"
             self.front.points[k] = Point(old.duration, "infeasible", reason=reason)
             return neighbour
         if old.optimum is None and fastest.optimum is not None and _equal(old.duration, fastest.duration):

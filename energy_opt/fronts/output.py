@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from energy_opt.errors import at_least
 from energy_opt.files import write_json, write_text
 from energy_opt.folders import written_whole
 from energy_opt.formats import table as rows
@@ -53,7 +54,9 @@ def document(front: Front, *, robot: str, joints: tuple[str, ...], mode: str, cy
     }
     if front.status == "infeasible":
         shortest = np.nan if front.fastest is None else front.fastest.duration
-        out["message"] = f"none of the requested durations is possible; the shortest possible one is {shortest:.6g} s"
+        out["message"] = (
+            f"none of the requested durations is possible; the shortest possible one is {at_least(shortest)} s"
+        )
     if cycle is not None:
         best = front.cycle_minimum
         over = None if best is None else _over_cycle(best)

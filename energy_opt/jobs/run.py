@@ -12,7 +12,7 @@ import numpy as np
 
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
-from energy_opt.errors import BadInput, Infeasible
+from energy_opt.errors import BadInput, Infeasible, at_least
 from energy_opt.jobs.allocate import Front, Shares, allocate, modelled
 from energy_opt.jobs.cycle import (
     Answer,
@@ -223,7 +223,8 @@ def _shortest(job: Job, legs: Sequence[Leg], timings: Sequence[Timing]) -> np.nd
     for leg, least in zip(legs, shortest.tolist(), strict=True):
         if least > leg.most * (1 + 1e-12):
             raise Infeasible(
-                f"{leg.name}: max_duration = {leg.most:g} s is too short; its first path takes {least:.6g} s at least",
+                f"{leg.name}: max_duration = {leg.most:g} s is too short; its first path takes {at_least(least)} s at "
+                "least",
                 limit="duration",
                 shortest_duration=least,
             )
@@ -234,11 +235,11 @@ def _shortest(job: Job, legs: Sequence[Leg], timings: Sequence[Timing]) -> np.nd
     if legs:
         longest = legs[int(np.argmax(shortest))]
         text += (
-            f"its moves take {shortest.sum():.4g} s at least and it waits {job.waiting:.4g} s, {needed:.6g} s in all; "
-            f"the longest is {longest.name} with {shortest.max():.4g} s"
+            f"its moves take {shortest.sum():.4g} s at least and it waits {job.waiting:.4g} s, {at_least(needed)} s in "
+            f"all; the longest is {longest.name} with {shortest.max():.4g} s"
         )
     else:
-        text += f"it waits {needed:.6g} s"
+        text += f"it waits {at_least(needed)} s"
     raise Infeasible(text, limit="duration", shortest_duration=needed)
 
 

@@ -300,20 +300,22 @@ class Chooser:
         return float(fastest(self.tool.robot, _last_leg(move), goal)) + 1e-3 * float(way.sum())
 
     def _no_goal_error(self, move: Move, goals: Sequence[Target], found: Sequence[Candidate]) -> Infeasible:
-        """The error if no goal remains: all are in contact, or all take too long."""
+        """The error if no goal remains: all are in contact, or those that are not take too long."""
         name = next((goal.name for goal in goals if isinstance(goal, Pose)), "--goal")
-        touching = [c for c in found if c.status == "colliding"]
-        if touching and self.cell is not None:
-            contact: Contact | None = self.cell.touching(touching[0].goal)
+        free = [c for c in found if c.status != "colliding"]
+        if not free and self.cell is not None:
+            contact: Contact | None = self.cell.touching(found[0].goal)
             text = f"{name}: every joint position that reaches it touches something; {contact}"
             return Infeasible(text, limit="clearance")
-        least = min(float(fastest(self.tool.robot, _last_leg(move), c.goal)) for c in found)
-        return Infeasible(
-            f"{name}: no goal is reached in {move.duration or move.max_duration or 0.0:.4g} s; "
-            f"the nearest takes {least:.4g} s at least",
-            limit="duration",
-            shortest_duration=least,
-        )
+        nearest = min(free, key=lambda c: self._distance(move, c.goal))
+        longest = move.duration or move.max_duration
+        text = f"{name}: no goal is reached" + (f" in {longest:.6g} s" if longest else "")
+        try:  # also limits that the least time of a straight move leaves out
+            self._solver(nearest.moved(move), confirm=True)
+        except Infeasible as error:
+            error.args = (f"{text}; the nearest one: {error.args[0]}",)
+            return error
+        return Infeasible(text, limit="duration")
 
 
 def _last_leg(move: Move) -> np.ndarray:

@@ -105,7 +105,7 @@ def check_masses(description: Description, still: Collection[str], links: Sequen
         )
     said = []
     if mass < LIGHTEST:
-        said.append(f"{description.path.stem}: all that moves weighs {1e3 * mass:.3g} g; are the masses in kg?")
+        said.append(f"all that moves weighs {1e3 * mass:.3g} g; are the masses in kg?")
     whole = {link.name: _inertia_excess(link.inertia) for link in links}
     odd = []
     for name, on in carried.items():

@@ -12,7 +12,7 @@ from time import monotonic
 
 import numpy as np
 
-from energy_opt.errors import Infeasible
+from energy_opt.errors import Infeasible, at_least
 from energy_opt.schedule.problem import Exclusion, Lag, Move, Problem, Ring, Wait, in_blocks, possible
 from energy_opt.schedule.program import Program
 
@@ -221,7 +221,7 @@ def _no_schedule_error(impossible: bool, problem: Problem, seconds: float, expla
         least = sum(shortest)
         if least > problem.cycle_time:
             return Infeasible(
-                f"{ring.name}: its steps take {least:.6g} s at least, the cycle has {problem.cycle_time:.6g} s",
+                f"{ring.name}: its steps take {at_least(least)} s at least, the cycle has {problem.cycle_time:.6g} s",
                 limit="duration",
                 shortest_duration=least,
             )

@@ -13,7 +13,7 @@ import numpy as np
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.effects import Regeneration
-from energy_opt.errors import BadInput, Infeasible
+from energy_opt.errors import BadInput, Infeasible, at_least
 from energy_opt.formats.program import standing
 from energy_opt.jobs.cycle import Answer, Scorers, standing_power
 from energy_opt.jobs.file import Job, Step
@@ -105,7 +105,7 @@ class Arm:
             longest = min(leg.most, self.job.cycle_time)
             if shortest > longest * (1 + 1e-12):
                 raise Infeasible(
-                    f"{self.name}: {leg.name} takes {shortest:.6g} s at least; it may take {longest:.6g} s",
+                    f"{self.name}: {leg.name} takes {at_least(shortest)} s at least; it may take {longest:.6g} s",
                     limit="duration",
                     shortest_duration=shortest,
                 )

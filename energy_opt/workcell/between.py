@@ -67,9 +67,9 @@ class TwoArms:
                 pose = cell.request.base_pose @ body.pose if fixed else body.pose
                 bodies.append(Body(body.name, -1 if fixed else body.joint + shift, pose, body.solid))
                 arm_of.append(side)
-        of = np.array(arm_of)
+        of = np.array(arm_of, dtype=int)  # an arm may have no bodies
         a, b = np.meshgrid(np.flatnonzero(of == 0), np.flatnonzero(of == 1), indexing="ij")
-        still = np.array([body.joint < 0 for body in bodies])
+        still = np.array([body.joint < 0 for body in bodies], dtype=bool)
         pairs = np.column_stack([a.ravel(), b.ravel()])
         pairs = pairs[~(still[pairs[:, 0]] & still[pairs[:, 1]])]
         self.bodies = Bodies(Kinematics(links), bodies, pairs)

@@ -62,12 +62,15 @@ class Planning(Stage):
 
     @cached_property
     def _pairs_of_arms(self) -> dict[tuple[int, int], TwoArms]:
-        """Every two arms with a body, by their robots' numbers."""
+        """Every two arms that both have a body, by their robots' numbers."""
         out = {}
         for (a, one), (b, two) in combinations(enumerate(self.arms), 2):
             if one is None or two is None or one.cell is None or two.cell is None:
                 continue
-            out[a, b] = TwoArms(one.cell, two.cell)
+            arms = TwoArms(one.cell, two.cell)
+            if not len(arms.bodies.pairs):
+                continue
+            out[a, b] = arms
             if one.request.clearance is None:
                 both = product(*(zip(arm.job.steps, arm.table.step, strict=True) for arm in (one, two)))
                 ends = [
@@ -75,7 +78,7 @@ class Planning(Stage):
                     for (first, here), (second, there) in both
                     if first.stop and second.stop and (here.zone is None or here.zone != there.zone)
                 ]
-                out[a, b] = out[a, b].at_rest_in(np.array(ends)) if ends else out[a, b]
+                out[a, b] = arms.at_rest_in(np.array(ends)) if ends else arms
         return out
 
     def _price(self) -> None:
@@ -197,7 +200,10 @@ class Planning(Stage):
                     self._pairs_of_arms[r, k].clearance if r < k else self._pairs_of_arms[k, r].clearance.T,
                 )
                 for k, (other, moves) in enumerate(zip(self.arms, found.motions, strict=True))
-                if k != r and other is not None and other.cell is not None and moves is not None
+                if (min(r, k), max(r, k)) in self._pairs_of_arms
+                and other is not None
+                and other.cell is not None
+                and moves is not None
             ]
             answer = aside(arm, move, part.start, part.duration, others, self.cell.jitter, turn)
             if answer is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,8 @@ from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
 from energy_opt.evaluations.source import load
 from energy_opt.files import write_json
+from energy_opt.formats.waypoints import Samples
+from energy_opt.front.evaluate import evaluate
 from energy_opt.motion.path import straight
 from energy_opt.motion.timing.toppra import fastest
 from energy_opt.motion.trajectory import Trajectory
@@ -63,6 +66,62 @@ def test_other_files_of_a_result_and_steps_of_a_job_have_its_payload(tmp_path: P
         assert (stretch.start, stretch.end) == (0.0, motion(Z1).duration)
 
 
+def test_a_users_own_file_in_a_results_folder_has_no_payload(tmp_path: Path) -> None:
+    """A user's `trajectory_mine.csv`, or an edited trajectory.csv, had been judged with the payload of the result."""
+    for name in ("trajectory.csv", "trajectory_mine.csv", "trajectory.yaml"):
+        formats.write(motion(Z1), tmp_path / name)
+    files = [
+        {"name": name, "sha256": hashlib.sha256((tmp_path / name).read_bytes()).hexdigest()}
+        for name in ("trajectory.csv", "trajectory.yaml")
+    ]
+    payload = {"mass": [1.5], "com": [0.0, 0.0, 0.1]}
+    write_json(tmp_path / "result.json", {"request": {"payload": payload}, "files": files})
+    formats.write(motion(Z1).slowed(9.0), tmp_path / "trajectory.yaml")
+    for name, expected in (
+        ("trajectory.csv", (1.5, 0.0, 0.0, 0.1)), ("trajectory_mine.csv", None), ("trajectory.yaml", None)
+    ):  # fmt: skip
+        found = load(tmp_path / name, Z1.joints)
+        assert found.stretches[0].load == expected
+        said = f"{tmp_path / name}: not written by the result.json beside it, whose payload is not taken"
+        assert (said in found.notes) == (expected is None)
+
+
+def test_rates_of_each_joint_are_compared_in_files_and_from_python(tmp_path: Path) -> None:
+    """A joint with small changes had been hidden by the others, and a trajectory from Python had not been compared."""
+    found = motion(Z1)
+    velocity = found.velocity * np.where(np.arange(6) == 1, 2.0, 1.0)
+    with pytest.raises(BadInput, match="the trajectory: velocity of joint2 is 2 times"):
+        evaluate(replace(found, velocity=velocity), robot=Z1, self_collision=False)
+
+
+def test_a_trajectory_from_python_has_finite_rows_of_one_shape() -> None:
+    """These had ended in errors of libraries."""
+    found = motion(Z1)
+    with pytest.raises(BadInput, match="the trajectory: velocity has values that are not finite"):
+        evaluate(replace(found, velocity=np.nan * found.velocity), robot=Z1)
+    with pytest.raises(
+        BadInput, match=r"the trajectory: velocity has shape \(\d+, 6\); expected that of the positions"
+    ):
+        evaluate(replace(found, velocity=found.velocity[1:]), robot=Z1)
+    with pytest.raises(BadInput, match="the trajectory: expected one finite time for each of the"):
+        evaluate(replace(found, time=found.time[1:]), robot=Z1)
+
+
+def test_recorded_rates_with_noise_lag_and_offset_are_taken(tmp_path: Path) -> None:
+    t = np.arange(0.0, 4.0, 0.01)
+    noise = np.random.default_rng(1).normal(size=(2, 400, 6))
+    q = 0.3 * np.sin(2.0 * t)[:, None] * np.array([1.0, 0.5, 0.2, 0.0, 0.0, 0.0]) + 1e-4 * noise[0]
+    v = 0.6 * np.cos(2.0 * (t - 0.04))[:, None] * np.array([1.0, 0.5, 0.2, 0.0, 0.0, 0.0]) + 0.02 * noise[1] + 2e-3
+    Samples("", Z1.joints, q + 1e-3 * t[:, None], t, v).trajectory()
+
+
+def test_a_motion_that_stops_in_every_row_is_remarked(tmp_path: Path) -> None:
+    found = motion(Z1)
+    formats.write(replace(found, velocity=0 * found.velocity, acceleration=0 * found.velocity), tmp_path / "m.csv")
+    said = "velocity is 0 in every row: the arm is taken to stop at each"
+    assert load(tmp_path / "m.csv", Z1.joints).notes == (f"{tmp_path / 'm.csv'}: {said}",)
+
+
 def test_a_folder_without_a_motion_is_refused(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match=r"a folder without result\.json or job\.json"):
         load(tmp_path, Z1.joints)
@@ -74,7 +133,10 @@ def test_degrees_and_rates_of_the_other_sign_are_refused(tmp_path: Path, capsys:
     turned = {name: np.degrees(getattr(found, name)) for name in ("position", "velocity", "acceleration")}
     cases: list[tuple[dict[str, Any], str]] = [
         (turned, "these look like degrees"),
-        ({"velocity": -found.velocity}, "velocity is -1 times the rate at which positions change"),
+        ({"velocity": -found.velocity}, "velocity of joint1 is -1 times the rate at which its position changes"),
+        ({"velocity": 2 * found.velocity}, "velocity of joint1 is 2 times the rate at which its position changes"),
+        ({"acceleration": 0.5 * found.acceleration}, "acceleration of joint1 is 0.5"),
+        ({"time": 1.5 * found.time}, "velocity of joint1 is 1.5"),
     ]
     for wrong, says in cases:
         formats.write(replace(found, **wrong), file)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -73,14 +74,43 @@ def test_faulty_trajectories(tmp_path: Path, text: str, says: str) -> None:
 
 def test_tables_that_are_nearly_ours_say_what_differs(tmp_path: Path) -> None:
     path = tmp_path / "t.csv"
-    path.write_text("t,a,b\n0,1,2\n1,2,3\n")
-    assert read(path).time is None and "no column is called time, 't' is not read" in read(path).notes[0]
+    for header in ("t", "Time", "timestamp", "ms"):
+        path.write_text(f"{header},a,b\n0,1,2\n1,2,3\n")
+        assert read(path).time is None
+        said = f"expected a column time [s], or with its unit, such as time_ms; found {header!r}, which is not read"
+        assert said in read(path).notes[0]
+        with pytest.raises(BadInput, match=re.escape(said)):
+            read_trajectory(path, JOINTS)
     path.write_text("time;a;b\n0;1,5;2\n1;2;3\n")
     with pytest.raises(BadInput, match="row 1: columns are separated by ';'; expected commas, and points in numbers"):
         read(path)
     path.write_text("time,a,b\n0,1,2\n1000000000,2,3\n")
     with pytest.raises(BadInput, match=r"lasts 1e\+09 s; expected at most 100000 \(are its times in ms, us or ns"):
         read(path)
+
+
+@pytest.mark.parametrize(
+    ("header", "step"),
+    [
+        ("time_ms", 5.0),
+        ("t_ms", 5.0),
+        ("timestamp [us]", 5000.0),
+        ("time(s)", 0.005),
+        ("Elapsed_NS", 5e6),
+        ("t_s", 0.005),
+    ],
+)
+def test_times_have_the_unit_of_their_header(tmp_path: Path, header: str, step: float) -> None:
+    """They had been called waypoints without times."""
+    path = tmp_path / "t.csv"
+    for names in ("a,b", "a.position,b.position"):
+        path.write_text(f"{header},{names}\n" + "".join(f"{k * step},{k / 10},{k}\n" for k in range(9)))
+        found = read_trajectory(path, JOINTS)
+        np.testing.assert_allclose(found.time, np.arange(9) * 0.005, rtol=1e-12)
+        np.testing.assert_allclose(found.position[:, 1], np.arange(9.0))
+        path.write_text(f"{header},{names}\n0,0,0\n2,1,1\n1,1,1\n")
+        with pytest.raises(BadInput, match=re.escape(f"row 4, column {header}: 1 does not come after 2")):
+            read(path)
 
 
 def test_waypoints_and_trajectories_are_paths(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from energy_opt.cell.request import CellRequest
 from energy_opt.cli.main import main
 from energy_opt.effects import CopperLoss, Standby
 from energy_opt.errors import BadInput, Infeasible
+from energy_opt.front.tradeoff import durations_of
 from energy_opt.fronts.cycle import Cycle
 from energy_opt.fronts.front import trace
 from energy_opt.fronts.output import Tradeoff, document, motions_of, table, text
@@ -273,6 +274,16 @@ def test_command_line(tmp_path, capsys):
     assert (tmp_path / "plot.png").is_file()
 
 
+def test_a_list_of_durations_is_checked(panda):
+    """A word had ended in an error of Python; NaN and durations below 0 had been planned."""
+    for durations in ([], [1.0, "a"], [1.0, -2.0], [1.0, float("nan")], [[1.0], [1.0, 2.0]]):
+        with pytest.raises(
+            BadInput, match=r"durations .*: expected FIRST:LAST:COUNT, or a list of durations above 0 s"
+        ):
+            durations_of(TradeoffRequest(panda, durations=durations))
+    assert durations_of(TradeoffRequest(panda, durations=np.arange(1, 3))) == [1.0, 2.0]
+
+
 @pytest.mark.parametrize(
     ("words", "code", "named"),
     [
@@ -287,6 +298,5 @@ def test_command_line(tmp_path, capsys):
 )
 def test_command_line_refuses(tmp_path, capsys, words, code, named):
     goal = ["--goal", "0.4,-0.5,0.2,-2,0,1.6,0.5", "--out", str(tmp_path)]
-    line = [word for word in command("tradeoff", *goal, *words) if word != "--quiet"]
-    assert main(line) == code
+    assert main(command("tradeoff", *goal, *words)) == code  # also with --quiet it is said why
     assert named in capsys.readouterr().err

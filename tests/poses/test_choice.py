@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
@@ -263,3 +264,16 @@ def test_the_shortest_duration_of_impossible_goals_is_confirmed(ur: ToolKinemati
     with pytest.raises(Infeasible, match="too short"):
         chooser.choose(Move(start, start, "reshape", 3.0), [start + 0.5, start + 0.7])
     assert asked[-1] and not any(asked[:-1]) and len(asked) > 1
+
+
+def test_the_duration_that_a_refusal_names_works(ur: ToolKinematics) -> None:
+    """It had been a bound without jerk and torque, rounded down: asked for again, it was refused in the same words."""
+    planner, start = Planner(ur.robot, source_model(ur.robot), Settings()), np.array([0.0, -1.0, 1.0, -1.0, 1.0, 0.0])
+    chooser = Chooser(ur, [Scorer(ur.robot, planner.model)], None, planner.solve, planner.sketch, planner.settle)
+    goals = [start + 0.5, start + 0.7]
+    with pytest.raises(Infeasible, match=r"goal: no goal is reached in 0.1 s; the nearest one: .*limit") as caught:
+        chooser.choose(Move(start, start, "retime", 0.1), goals)
+    named = float(re.search(r"([0-9.]+) s$", str(caught.value))[1])
+    assert named == pytest.approx(caught.value.shortest_duration, rel=1e-5) and caught.value.joint in ur.robot.joints
+    chosen = chooser.choose(Move(start, start, "retime", caught.value.shortest_duration), goals)
+    np.testing.assert_allclose(chosen.move.goal, goals[0])

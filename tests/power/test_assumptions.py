@@ -147,3 +147,9 @@ def test_a_locked_joint_takes_its_published_values_along() -> None:
     robot = load_robot("ur5e", lock={"shoulder_pan_joint": 0.0})
     np.testing.assert_allclose(source_method_2(robot).get("copper_loss").values["r_over_kt2"][:2], [0.0018, 0.0019])
     np.testing.assert_allclose(careful(robot).get("friction_curve").values["torque"][:, 0], [6.6, 5.1, 1.4, 1.2, 1.3])
+
+
+def test_the_break_even_of_an_arm_of_tonnes_is_sought(tmp_path: Path) -> None:
+    """Friction of a fifth of 900 kN m had been refused as implausible, after all the work."""
+    robot = arm(tmp_path, effort=9e5)
+    assert break_even(lambda other: 1.0, source_method_2(robot), robot) is None

@@ -99,6 +99,10 @@ def test_an_arm_that_is_too_light_for_its_size_is_named(tmp_path: Path) -> None:
         "6 kg move on an arm of 2.5 m: a fraction of the mass of such arms; energies are too low; used unchanged"
     ]
     assert said["200"] == []
+    path.write_text(re.sub(r'mass value="[0-9.]+"', 'mass value="0.001"', path.read_text()))
+    assert (
+        "all that moves weighs 2 g; are the masses in kg?" in load_robot(path).warnings
+    )  # the name of the robot had stood there, too
 
 
 def test_an_arm_in_millimetres_is_refused(tmp_path: Path) -> None:

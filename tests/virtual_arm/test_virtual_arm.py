@@ -12,6 +12,7 @@ from virtual_arms import ARMS, SIZES, SPECIAL_SIZES, draw_effect, draw_special
 from virtual_motions import excitation, there_and_back
 from virtual_sets import arm, base_model
 
+import energy_opt as eo
 from energy_opt.effects import (
     BY_NAME,
     BaseTilt,
@@ -306,3 +307,10 @@ def test_what_cannot_be_played_is_refused() -> None:
     plant = Plant(PowerModel("ur5", (Standby(power=90.0), RunOffset(power=[1.0, 2.0]))))
     with pytest.raises(BadInput, match="no law for run_offset"):
         plant.check(6)
+
+
+def test_an_empty_list_of_trajectories_is_refused(tmp_path: Path) -> None:
+    """It had written a set without runs, and then ended in an error of Python."""
+    with pytest.raises(BadInput, match="no TRAJECTORY; give one or more to play"):
+        eo.simulate([], plant=tmp_path / "plant.toml", robot="ur5e", out=tmp_path / "set")
+    assert not (tmp_path / "set").exists()

@@ -19,6 +19,12 @@ from energy_opt.schedule import Hull, Mode, Move, Problem, Ring, Wait, solve
 SKODA = Path(__file__).parents[3] / "shared" / "data" / "skoda.json"
 
 
+BARE = """<robot name="bare"><link name="base"/><link name="arm"><inertial><origin xyz="0 0 0.2"/><mass value="1"/>
+<inertia ixx="0.02" iyy="0.02" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="j" type="revolute">
+<parent link="base"/><child link="arm"/><axis xyz="0 1 0"/><limit lower="-2" upper="2" velocity="2" effort="50"/>
+</joint></robot>"""
+
+
 def run(tmp_path: Path, document: dict, *options: str) -> tuple[int, dict]:
     file = tmp_path / "cell.toml"
     file.write_bytes(tomli_w.dumps(document).encode())
@@ -310,3 +316,12 @@ def test_a_hull_takes_durations_that_differ_by_rounding_as_one() -> None:
     move, wait = Move("m", 1.0, 2.0, hull), Wait("w", 0.0, 9.0, (Mode("motors", 50.0),))
     found = solve(Problem(9.0, (Ring("a", (move, wait)),)))  # with a slope of 1e10 W, HiGHS calls it infeasible
     assert found.energy == pytest.approx(min(80.0 + 50.0 * 7.8, 88.8 + 50.0 * 8.0, 120.0 + 50.0 * 7.0))
+
+
+def test_arms_without_bodies_are_not_checked_against_each_other(tmp_path: Path) -> None:
+    """It had ended with an error of a library after the schedule."""
+    (tmp_path / "bare.urdf").write_text(BARE)
+    robots = [{"name": n, "robot": "bare.urdf", "home": [0.0], "step": [{"wait": [1.0, 9.0]}]} for n in ("a", "b")]
+    code, found = run(tmp_path, {"format": "energy-opt/job/2", "cycle_time": 4.0, "robot": robots})
+    assert code == 0 and found["clearance"] is None
+    assert any("not every two arms were checked" in warning for warning in found["warnings"])

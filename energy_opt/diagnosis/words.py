@@ -198,10 +198,12 @@ def speeds_seen(found: Inference, joints: Sequence[str]) -> list[str]:
     return out
 
 
-def next_step(document: dict[str, Any]) -> str:
-    """The recommended next step."""
+def next_step(document: dict[str, Any], follows: bool = True) -> str:
+    """The recommended next step; `follows`: False if the power does not depend on the motion."""
     if not document["verdict"]:
         return "Next: run the diagnosis again to its end."
+    if not follows:
+        return "Next: check that power and motion are of the same recording, and diagnose the set again."
     if document["usable"]:
         return "Next: good enough to plan with (optimize --model model.toml)."
     if document["verdict"] in ("ambiguous", "insufficient"):

@@ -157,3 +157,13 @@ def test_a_run_with_damaged_power_is_left_out_and_named(coulomb, found, tmp_path
     assert names(result) == names(found) == ["coulomb_friction"]
     assert path.name not in split["train"] + split["holdout"]
     assert any(path.name in remark and "damaged" in remark for remark in result.document["remarks"])
+
+
+def test_power_in_kilowatts_without_a_unit_is_remarked(coulomb, tmp_path):
+    other = copied(coulomb.folder, tmp_path / "other")
+    for row in read_toml(other / "log.toml")["run"]:
+        table = read_table(other / row["file"])
+        table["power"] = table["power"] / 1000
+        write_table(other / row["file"], list(table), list(table.values()))
+    result = diagnose(read_set(other), coulomb.declared)
+    assert any("kW" in remark for remark in result.document["remarks"])

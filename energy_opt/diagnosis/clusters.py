@@ -1,6 +1,7 @@
 """Distinct motions: repeats of one motion are one cluster, and stay together in every split.
 
-Also here: shortening of sets that are too long to fit, and cutting of recordings if too few to hold one out.
+Also here: shortening of sets that are too long to fit, cutting of recordings if too few to hold one out, and leaving
+out runs whose power is damaged.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from energy_opt.diagnosis.data import Samples
-from energy_opt.diagnosis.noise import Shared
+from energy_opt.diagnosis.noise import Shared, meter_noise
 from energy_opt.diagnosis.recordings import per_bin
 from energy_opt.measured import MeasuredSet, Run
 from energy_opt.measured.run import cut_at_standstill, nodes, pieces
@@ -25,6 +26,9 @@ BY_TIME = 4  # pieces into which a recording without standstills is cut
 KNOTS, MOST_KNOTS = 0.3, 40  # [s] distance of the knots of a motion's discrepancy function; most knots
 MOST_NODES = 40_000  # most nodes at which models are evaluated: twenty minutes of a fast meter
 FEW_RUNS = 8  # least runs to keep if runs are left out; otherwise each run is cut short
+COMPARED = 4  # least runs of a kind to compare their scatter
+# scatter from reading to reading of a damaged run, over the median of such runs; and over the level of the power
+SCATTER, WILD = 20.0, 0.1
 
 
 def clusters(samples: Samples) -> list[list[int]]:
@@ -104,6 +108,31 @@ def parted(measured: MeasuredSet) -> MeasuredSet:
             remark = f"{len(moving)} recording(s) cut {how}, so that some motions can be held out."
             return replace(measured, runs=runs, remarks=(*measured.remarks, remark))
     return measured
+
+
+def without_scattering(measured: MeasuredSet) -> MeasuredSet:
+    """Leave out runs whose power scatters far more than in the other runs: the meter's column is damaged there.
+
+    Errors of damaged readings exceed all else, so that one such run hides every cause. Runs are compared with those of
+    the same kind, as the power in motion is less smooth than at rest.
+    """
+    level = float(np.median(np.abs(np.concatenate([run.power for run in measured.runs]))))
+    bad = set()
+    for kind in ("motion", "static"):
+        alike = [run for run in measured.runs if run.kind == kind]
+        if len(alike) < COMPARED:
+            continue
+        scatter = [meter_noise([(run.power_time, run.power)]) for run in alike]
+        most = max(SCATTER * float(np.median(scatter)), WILD * level)
+        bad |= {run.file for run, own in zip(alike, scatter, strict=True) if own > most}
+    if not bad:
+        return measured
+    remark = (
+        f"Left out, as the power scatters more than {SCATTER:.0f} times as much as in the other runs: "
+        f"{', '.join(sorted(bad))}. Are these readings damaged?"
+    )
+    runs = tuple(run for run in measured.runs if run.file not in bad)
+    return replace(measured, runs=runs, remarks=(*measured.remarks, remark))
 
 
 def _by_time(run: Run) -> list[Run]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from energy_opt.diagnosis.claims import written
-from energy_opt.diagnosis.clusters import parted, shortened, split
+from energy_opt.diagnosis.clusters import parted, shortened, split, without_scattering
 from energy_opt.diagnosis.errors import errors
 from energy_opt.diagnosis.evidence import drift_of
 from energy_opt.diagnosis.findings import Result, evidence_records, findings_of, nuisance_of
@@ -88,7 +88,7 @@ def diagnose(
         declared = declared.replaced(Payload(mass=measured.payload.mass, com=measured.payload.com))
     if not any(len(run.power) for run in measured.runs):
         return _of_joints(measured, declared)
-    measured = parted(shortened(_metered(measured)))
+    measured = parted(shortened(without_scattering(_metered(measured))))
     side = joint_side(measured, declared)
     if wrong := wrong_units(side, measured.robot.joints, measured.robot.limits):
         side, measured = None, replace(measured, remarks=(*measured.remarks, wrong))
@@ -168,7 +168,7 @@ def diagnose(
     document["remarks"] += push_words(found_pushes, enough) + side_remarks(side, joints, limits, records)
     document["remarks"] += speeds_seen(found, joints)
     document["headline"] = headline(document)
-    document["next_step"] = next_step(document)
+    document["next_step"] = next_step(document, found.follows)
     return Diagnosis(
         measured, declared, model, tuple(effects), tuple(left), document, side, samples, tuple(train), tuple(holdout),
         found,

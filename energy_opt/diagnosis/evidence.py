@@ -46,6 +46,9 @@ FEW_LEVELS = 4  # least runs to recognise a drift
 JUMP = 6.0  # a change between neighbouring runs above this multiple of the usual change is a step, not drift
 LEVEL_ODDS = (0.35, 0.15, 0.15, 0.1, 0.05, 0.05, 0.075, 0.075)
 
+# log evidence of a set whose equations rounding makes indefinite: its columns are too alike; finite, as sums need it
+NEVER = -1e300
+
 Subset = frozenset[int]
 
 
@@ -148,7 +151,9 @@ class Bank:
         own = taken[:, index]
         h = self._aa[np.ix_(index, index)] - own.T @ own + precision
         g = small[index] + precision @ mean
-        lower, x, _ = dposv(h, g, lower=1)
+        lower, x, failed = dposv(h, g, lower=1)
+        if failed:
+            return NEVER, np.zeros(len(index))
         if (x < low - 1e-9).any() or (x > high + 1e-9).any():
             x = bounded_step(h, g, np.minimum(low, 0.0), np.maximum(high, 0.0))
         determinant = sum(self._logs[k] for k in chosen) / 2

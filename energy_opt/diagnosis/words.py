@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from energy_opt.diagnosis.fit import Fit
-from energy_opt.diagnosis.predict import friction_torque
+from energy_opt.diagnosis.predict import friction_torque, predict
 from energy_opt.diagnosis.verdict import NOISE, SLOW, Inference
 from energy_opt.effects import effect_class
 from energy_opt.measured import MeasuredSet, coarse
@@ -17,6 +17,7 @@ from energy_opt.power import PowerModel
 UNKNOWN = 0.4  # posterior over prior standard deviation above which the data hardly determined a number
 WANDERS = 0.3  # share of the noise by which runs' levels must differ to be mentioned
 SHARE = 0.01  # least explained share that the headline states
+PREFIX = 1000.0  # factor between watts and kilowatts, or milliwatts and watts
 PLAIN = {
     "coulomb_friction": "dry friction",
     "viscous_friction": "viscous friction",
@@ -93,6 +94,7 @@ def remarks(found: Inference, measured: MeasuredSet, declared: PowerModel) -> li
             "The measured power does not depend on the motion: with a time shift they fit equally well. "
             "Are power and motion columns of the same recording, in the same order?"
         )
+    out += _unit(found, declared)
     if len(found.idle) == len(joints):
         out.append(
             f"No joint reaches {100 * SLOW:.0f} % of its velocity limit: poses and crawling show neither friction nor "
@@ -150,6 +152,17 @@ def _links(f: Fit, joints: Sequence[str]) -> str:
     return f"The torque of the URDF's links is off by (rms): {each}; most of it by the links behind {links}."
 
 
+def _unit(found: Inference, declared: PowerModel) -> list[str]:
+    """A remark if the power is about a thousandth, or a thousand times, of the declared model's."""
+    s = found.root.world.samples
+    ratio = float(np.median(s.power) / max(float(np.median(predict(declared, s).reading)), 1e-9))
+    for unit, factor in (("kW", 1 / PREFIX), ("mW", PREFIX)):
+        if ratio > 0 and abs(np.log(ratio / factor)) < np.log(PREFIX) / 4:
+            said = f"The power is {ratio:.2g} times that of the declared model: is it in {unit}?"
+            return [f"{said} Give its unit in log.toml."]
+    return []
+
+
 def _borrowed(f: Fit, joints: Sequence[str]) -> list[str]:
     """Remarks on joints whose numbers the data hardly determined: they are taken from the others."""
     out, at = [], 0
@@ -198,10 +211,12 @@ def speeds_seen(found: Inference, joints: Sequence[str]) -> list[str]:
     return out
 
 
-def next_step(document: dict[str, Any]) -> str:
-    """The recommended next step."""
+def next_step(document: dict[str, Any], follows: bool = True) -> str:
+    """The recommended next step; `follows`: False if the power does not depend on the motion."""
     if not document["verdict"]:
         return "Next: run the diagnosis again to its end."
+    if not follows:
+        return "Next: check that power and motion are of the same recording, and diagnose the set again."
     if document["usable"]:
         return "Next: good enough to plan with (optimize --model model.toml)."
     if document["verdict"] in ("ambiguous", "insufficient"):

@@ -95,6 +95,7 @@ def test_noise_in_place_of_power_gives_no_effect(coulomb, tmp_path, kind):
     result = diagnose(read_set(other), coulomb.declared)
     assert result.document["verdict"] == "unexplained" and names(result) == []
     assert any("does not depend on the motion" in remark for remark in result.document["remarks"])
+    assert "same recording" in result.document["next_step"]
 
 
 def test_power_that_an_unlisted_cause_rules_still_follows_the_motion(tmp_path):
@@ -143,3 +144,26 @@ def remembered(samples, rng, memory=0.7):
             drawn[k] += keep * drawn[k - 1]
         out[part] = drawn
     return out
+
+
+def test_a_run_with_damaged_power_is_left_out_and_named(coulomb, found, tmp_path):
+    other = copied(coulomb.folder, tmp_path / "other")
+    path = next(other / row["file"] for row in read_toml(other / "log.toml")["run"] if row["kind"] == "motion")
+    table = read_table(path)
+    table["power"] = np.random.default_rng(1).uniform(0, 3000, len(table["power"]))
+    write_table(path, list(table), list(table.values()))
+    result = diagnose(read_set(other), coulomb.declared)
+    split = result.document["split"]
+    assert names(result) == names(found) == ["coulomb_friction"]
+    assert path.name not in split["train"] + split["holdout"]
+    assert any(path.name in remark and "damaged" in remark for remark in result.document["remarks"])
+
+
+def test_power_in_kilowatts_without_a_unit_is_remarked(coulomb, tmp_path):
+    other = copied(coulomb.folder, tmp_path / "other")
+    for row in read_toml(other / "log.toml")["run"]:
+        table = read_table(other / row["file"])
+        table["power"] = table["power"] / 1000
+        write_table(other / row["file"], list(table), list(table.values()))
+    result = diagnose(read_set(other), coulomb.declared)
+    assert any("kW" in remark for remark in result.document["remarks"])

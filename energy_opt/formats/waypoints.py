@@ -123,7 +123,8 @@ class Samples:
     def _check_rates(self, kind: str, given: np.ndarray | None, of: np.ndarray) -> None:
         """Refuse rates (N, n) that differ from those of `of` (N, n) by one factor: their unit or timing is wrong.
 
-        What the rates add up to is compared with `of`: sums, unlike differences, contain little noise.
+        What the rates add up to is compared with `of`: sums, unlike differences, contain little noise. Between two
+        samples a rate may be anywhere between theirs, as at a step of acceleration: by as much a factor may differ.
 
         Raises:
             BadInput: names the joint, and says by which factor they differ.
@@ -134,13 +135,15 @@ class Samples:
             return
         total = cumulative_trapezoid(given, self.time, axis=0, initial=0.0)
         total, change = total - total.mean(axis=0), of - of.mean(axis=0)
-        for joint, summed, wanted in zip(self.joints, total.T, change.T, strict=True):
+        between = np.abs(np.diff(given, axis=0)).T @ np.diff(self.time)
+        for joint, summed, wanted, jumps in zip(self.joints, total.T, change.T, between, strict=True):
             if np.ptp(wanted) < LEAST_CHANGE:
                 continue
             size = float(wanted @ wanted)
             factor = float(summed @ wanted) / size
             left = float(np.sum((summed - factor * wanted) ** 2))
-            if left < UNLIKE * factor**2 * size and not 1 / SLIP < factor < SLIP:
+            most = SLIP * (1 + jumps / float(np.ptp(wanted)))
+            if left < UNLIKE * factor**2 * size and not 1 / most < factor < most:
                 unit = "deg" if abs(np.degrees(1) / factor - 1) < 0.1 else "another unit, direction or timing"
                 raise BadInput(
                     f"{self.where}: {kind} of {joint} is {factor:.4g} times the rate at which its "

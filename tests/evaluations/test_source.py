@@ -115,6 +115,17 @@ def test_recorded_rates_with_noise_lag_and_offset_are_taken(tmp_path: Path) -> N
     Samples("", Z1.joints, q + 1e-3 * t[:, None], t, v).trajectory()
 
 
+def test_accelerations_of_a_coarse_plan_with_steps_are_taken() -> None:
+    """Ten samples of a bang-bang motion, whose acceleration is late by a sample: its sums are 0.78 of the speed."""
+    t = np.linspace(0.0, 0.9, 10)
+    early, late = np.minimum(t, 0.45), np.maximum(t - 0.45, 0.0)
+    q = early**2 + 0.9 * late - late**2
+    a = np.where(t < 0.45, 2.0, -2.0) * (t > 0) * (t < 0.9)
+    a[1] = 0.0
+    columns = [x[:, None] for x in (q, 2 * early - 2 * late, a)]
+    Samples("", ("joint1",), columns[0], t, columns[1], columns[2], planned=True).trajectory()
+
+
 def test_a_motion_that_stops_in_every_row_is_remarked(tmp_path: Path) -> None:
     found = motion(Z1)
     formats.write(replace(found, velocity=0 * found.velocity, acceleration=0 * found.velocity), tmp_path / "m.csv")

@@ -46,6 +46,9 @@ def suggest(word: str, known: Iterable[str]) -> str:
     return f"; did you mean {found[0]!r}?" if found else ""
 
 
+FAILED = "planned at that duration, or a little longer, no valid motion was found: more time is needed"
+
+
 def at_least(seconds: float) -> str:
     """A least duration [s] for a message, rounded up: what is read and typed again must not be too short.
 
@@ -123,13 +126,13 @@ class Infeasible(EnergyOptError):
         self.joint, self.limit, self.time = joint, limit, time
         self.position, self.excess, self.shortest_duration = position, excess, shortest_duration
 
-    def with_shortest_duration(self, shortest: float | None) -> Infeasible:
-        """The same error with another shortest duration [s], also in its message; None if that fails, too."""
-        before, message = f"{self.shortest_duration:.6g} s", str(self.args[0])
+    def with_shortest_duration(self, shortest: float | None, why: str = FAILED) -> Infeasible:
+        """The same error with another shortest duration [s], also in its message; None if none works, and `why`."""
+        message = str(self.args[0])
         if shortest is None:
-            message += "; planned at that duration, or a little longer, no valid motion was found: more time is needed"
-        else:
-            message = message.replace(before, f"{at_least(shortest)} s")
+            message += f"; {why}"
+        elif self.shortest_duration is not None:
+            message = message.replace(f"{at_least(self.shortest_duration)} s", f"{at_least(shortest)} s")
         known = {name: getattr(self, name) for name in ("joint", "limit", "time", "position", "excess")}
         return type(self)(message, **known, shortest_duration=shortest)
 

@@ -7,7 +7,7 @@ from poses import GOAL, START
 
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
-from energy_opt.errors import BadInput
+from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.plan.anytime import Progress
 from energy_opt.motion.plan.rivals import Rival
@@ -51,6 +51,14 @@ def test_a_search_for_any_answer_ends_with_the_first() -> None:
     assert not progress.ended()
     progress.found(3.0)
     assert progress.ended() and progress.cut
+
+
+def test_a_move_that_is_too_fast_is_refused_with_the_first_paths_timing_at_the_deadline(planner) -> None:
+    """This had ended in a TypeError."""
+    said = "is too short: the shortest found is .* limit of .*; the deadline passed before a shorter one"
+    with pytest.raises(Infeasible, match=said) as refused:
+        planner.solve(replace(MOVE, duration=0.05))
+    assert refused.value.shortest_duration is None  # none was confirmed
 
 
 def test_several_models_share_one_deadline(panda, planner) -> None:

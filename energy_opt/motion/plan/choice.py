@@ -12,6 +12,7 @@ from energy_opt.motion.judge.certificate import ALLOWED
 from energy_opt.motion.move import Move
 from energy_opt.motion.plan.candidates import Candidate, repaired_timing
 from energy_opt.motion.plan.context import Context, Judged
+from energy_opt.motion.plan.refusals import too_short
 from energy_opt.motion.plan.standing import at_rest
 from energy_opt.motion.result import Baseline, Optimality, Result, SolverReport
 from energy_opt.motion.retime.solve import RetimeSolution
@@ -74,6 +75,9 @@ def choose(
         candidate.iterations for candidate in (work.reshaped, work.retimed) if candidate is not None
     )
     if found is None:
+        first, wanted = work.timing, move.duration or move.max_duration
+        if context.stopped() and first is not None and wanted is not None and wanted < first.duration:
+            raise too_short(move, first.duration, context.judge.slowed(first, first.duration).within)
         raise Infeasible(work.asked.message or "no trajectory within limits was found", limit="duration")
     name, best = found
     if abs(best.trajectory.duration - duration) > 1e-9:

@@ -45,6 +45,7 @@ OTHER = 1000  # offset of the seed of each further initial path
 LONGER = 1.0, 1.05, 1.2  # multiples of the shortest duration found: the first that works is reported
 CONFIRMING = 10.0  # [s] CPU time for all searches; later only the largest duration is tried, without a search
 BEYOND = 1.0, 1.01, 1.05  # multiples of a reported duration that must work too
+LATE = "the deadline passed before a shorter one was looked for or this one was confirmed"
 AT_REST = 1e-6  # [rad/s^2] smaller accelerations count as zero
 
 Start = tuple[Move, FirstPath, tuple[JointPath, ...]]
@@ -250,8 +251,10 @@ class Planner:
         It is rounded up to the digits that its message shows.
         """
         named = error.shortest_duration
-        if named is None or progress.ended():
-            return error.with_shortest_duration(None) if progress.late() else error
+        if named is None:
+            return error
+        if progress.ended():
+            return error.with_shortest_duration(None, LATE) if progress.late() else error
         single, begin, tries = self.single(move), process_time(), [longer * named for longer in LONGER]
         if single.timing is not None and single.timing.duration > tries[-1]:
             tries.append(single.timing.duration)  # without a search too, the first path is an answer there

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from energy_opt.errors import Infeasible
+from energy_opt.errors import Infeasible, at_least
 from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.move import Move
 
@@ -12,7 +12,7 @@ def too_short(move: Move, shortest: float, certificate: Certificate) -> Infeasib
     wanted = move.duration if move.duration is not None else move.max_duration
     worst = certificate.binding
     return Infeasible(
-        f"a duration of {wanted:.6g} s is too short: the shortest found is {shortest:.6g} s, where the "
+        f"a duration of {wanted:.6g} s is too short: the shortest found is {at_least(shortest)} s, where the "
         f"{worst['limit']} limit of {worst['joint']} binds at {worst['time']:.4g} s",
         joint=str(worst["joint"]),
         limit=str(worst["limit"]),

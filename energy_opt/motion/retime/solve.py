@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from energy_opt.errors import Infeasible
+from energy_opt.errors import Infeasible, at_least
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.path import JointPath
@@ -159,7 +159,7 @@ def _faster_than_toppra(work: Retiming, shortest: Timing, wanted: float) -> Timi
     raise Infeasible(
         f"{joint}: the {worst.limit.name} limit would be exceeded by {100 * excess:.3g} % at path position "
         f"{worst.position:.3f} in {wanted:.6g} s; the shortest duration that works on this path is "
-        f"{best.duration:.6g} s",
+        f"{at_least(best.duration)} s",
         joint=joint,
         limit="duration",
         position=worst.position,

@@ -59,7 +59,7 @@ def test_rates_in_degrees_are_refused(panda: Robot, tmp_path: Path, kind: str, f
     if factor == 1:
         assert read_path(tmp_path / "p.csv", panda.joints).n == 7
         return
-    with pytest.raises(BadInput, match=f"{kind} is 57.* times .*in deg.*multiply by 0.0174"):
+    with pytest.raises(BadInput, match=f"{kind} of panda_joint1 is 57.* times .*in deg.*multiply by 0.0174"):
         read_path(tmp_path / "p.csv", panda.joints)
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
+LATE = "the deadline passed before a shorter one was looked for or this one was confirmed"
+
 
 class Progress:
     """The progress of one search for one motion.

@@ -23,7 +23,7 @@ from energy_opt.motion.limits.check import check_duration, check_pose
 from energy_opt.motion.limits.registry import limits_of
 from energy_opt.motion.move import LONGEST, Move, Settings, long_turns
 from energy_opt.motion.path import JointPath
-from energy_opt.motion.plan.anytime import Progress
+from energy_opt.motion.plan.anytime import LATE, Progress
 from energy_opt.motion.plan.candidates import below_resolution
 from energy_opt.motion.plan.choice import with_trajectory
 from energy_opt.motion.plan.context import Context, Judge, Workshop, path_of
@@ -45,7 +45,6 @@ OTHER = 1000  # offset of the seed of each further initial path
 LONGER = 1.0, 1.05, 1.2  # multiples of the shortest duration found: the first that works is reported
 CONFIRMING = 10.0  # [s] CPU time for all searches; later only the largest duration is tried, without a search
 BEYOND = 1.0, 1.01, 1.05  # multiples of a reported duration that must work too
-LATE = "the deadline passed before a shorter one was looked for or this one was confirmed"
 AT_REST = 1e-6  # [rad/s^2] smaller accelerations count as zero
 
 Start = tuple[Move, FirstPath, tuple[JointPath, ...]]
@@ -251,10 +250,9 @@ class Planner:
         It is rounded up to the digits that its message shows.
         """
         named = error.shortest_duration
-        if named is None:
-            return error
-        if progress.ended():
-            return error.with_shortest_duration(None, LATE) if progress.late() else error
+        if named is None or progress.ended():
+            late = named is not None and progress.late()
+            return error.with_shortest_duration(None, LATE) if late else error
         single, begin, tries = self.single(move), process_time(), [longer * named for longer in LONGER]
         if single.timing is not None and single.timing.duration > tries[-1]:
             tries.append(single.timing.duration)  # without a search too, the first path is an answer there

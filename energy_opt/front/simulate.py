@@ -14,7 +14,15 @@ from energy_opt.files import read_toml, to_json
 from energy_opt.folders import take_folder, written_whole
 from energy_opt.formats import read_trajectory
 from energy_opt.front.desk import Desk, verb
-from energy_opt.front.given import cell_of, model_from, of_another_robot, payload_document, payload_from, robot_of
+from energy_opt.front.given import (
+    cell_of,
+    model_from,
+    named_robot,
+    of_another_robot,
+    payload_document,
+    payload_from,
+    robot_of,
+)  # fmt: skip
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power.variants import of_joints
 from energy_opt.requests.verbs import SimulateRequest
@@ -69,6 +77,9 @@ def run(request: SimulateRequest, desk: Desk) -> Simulation:
         raise BadInput("no TRAJECTORY; give one or more to play")
     if not 1 <= request.repeat <= MOST_REPEATS:
         raise BadInput(f"--repeat {request.repeat}: expected 1 to {MOST_REPEATS}")
+    for name in ("resolution", "encoder"):
+        if not getattr(request, name) > 0:
+            raise BadInput(f"--{name} {getattr(request, name)}: expected a number above 0")
     if request.seed < 0:
         raise BadInput(f"--seed {request.seed}: expected 0 or more")
     file, out = Path(request.plant), Path(request.out)
@@ -86,7 +97,7 @@ def run(request: SimulateRequest, desk: Desk) -> Simulation:
     instruments = Instruments(**same, **resolutions, extra=tuple(request.log))
     references, sources = _references(request, robot, desk)
     asked = replace(
-        request, robot=robot.name, payload=payload_document(request.payload),
+        request, robot=named_robot(robot, request.robot), payload=payload_document(request.payload),
         model=None if declared is None else declared.to_document(),
     )  # fmt: skip
     truth = {"request": to_json({key: value for key, value in asked.document().items() if key != "out"})}

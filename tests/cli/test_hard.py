@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -89,7 +90,10 @@ def test_extremes_are_one_line(words: list[str], says: str, tmp_path: Path, caps
     assert time.process_time() - begin < 5 and not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("words", [["--rest", "nan"], ["--static", "inf"], ["--repeat", "1000000"]])
+@pytest.mark.parametrize(
+    "words",
+    [["--rest", "nan"], ["--static", "inf"], ["--repeat", "1000000"], ["--resolution", "0"], ["--encoder", "nan"]],
+)
 def test_simulate_refuses_nan_and_infinity(
     words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -100,7 +104,8 @@ def test_simulate_refuses_nan_and_infinity(
     out = tmp_path / "set"
     files = [str(tmp_path / "t.csv"), "--plant", str(tmp_path / "plant.toml"), "--out", str(out)]
     assert main(["simulate", *files, *words]) == 2
-    assert capsys.readouterr().err.count("\n") == 1 and not out.exists()
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and words[0].strip("-") in said and not out.exists()
 
 
 def test_a_move_that_no_encoder_sees_is_answered_at_once() -> None:
@@ -267,6 +272,20 @@ def test_simulated_data_do_not_replace_measured_data(tmp_path: Path, capsys: pyt
     words = ["simulate", str(tmp_path / "t.csv"), "--plant", str(tmp_path / "plant.toml"), "--out", str(tmp_path)]
     assert main([*words, "--quiet"]) == 2 and "--force" in capsys.readouterr().err
     assert (tmp_path / "log.toml").read_text() == "measured"
+
+
+def test_a_simulated_set_names_the_urdf_that_was_given(tmp_path: Path) -> None:
+    """It had named the robot alone, by which no URDF is found again."""
+    robot = eo.load_robot("ur5e")
+    urdf = str(robot.urdf)
+    (tmp_path / "plant.toml").write_text('format = "energy-opt/model/1"\nrobot = "ur5e"\n')
+    rows = ["time," + ",".join(f"{joint}.position" for joint in robot.joints)]
+    rows += [f"{t / 10},{t / 100},-1,1,0,0,0" for t in range(4)]
+    (tmp_path / "t.csv").write_text("\n".join(rows))
+    words = ["--robot", urdf, "--plant", str(tmp_path / "plant.toml"), "--out", str(tmp_path / "set"), "--quiet"]
+    assert main(["simulate", str(tmp_path / "t.csv"), *words, "--self-collision", "off"]) == 0
+    truth = tomllib.loads((tmp_path / "set" / "truth.toml").read_text())
+    assert json.loads(truth["request"])["robot"] == urdf
 
 
 def test_failures_have_documents(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from energy_opt.cell.planes import Near
-from energy_opt.errors import BadInput, Infeasible
+from energy_opt.errors import BadInput, Infeasible, at_least
 from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.judge.energy import Energy
 from energy_opt.motion.limits.base import Limit
@@ -265,7 +265,7 @@ class MovesPlanner:
             chain, certificate = self.repaired(longer, move, (0.2 * duration, LONGEST * duration), "time")
             if certificate.valid and (shortest is None or chain.duration < shortest):
                 shortest = chain.duration
-        ask = "" if shortest is None else f"; the shortest found that do take {shortest:.6g} s"
+        ask = "" if shortest is None else f"; the shortest found that do take {at_least(shortest)} s"
         why = f"the {worst['limit']} limit of {worst['joint']} is broken at {worst['time']:.4g} s{ask}"
         if touched:
             why = f"{nearest.clearance}; more via points may find a way"

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from energy_opt.errors import Infeasible
+from energy_opt.errors import Infeasible, at_least
 from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.move import Move
@@ -71,7 +71,7 @@ def without_search(context: Context, move: Move, timing: Timing) -> Candidate:
     if timing.path.moves and timing.duration > min(wanted, longest) * (1 + 1e-9):
         raise Infeasible(
             f"a duration of {min(wanted, longest):.6g} s is too short: the shortest on this path is "
-            f"{timing.duration:.6g} s",
+            f"{at_least(timing.duration)} s",
             limit="duration",
             shortest_duration=timing.duration,
         )

@@ -267,7 +267,7 @@ def test_a_duration_that_is_named_is_asked_for(panda, model, monkeypatch, works,
         def at(self, duration, longest, warm, progress=None):
             asked.append(duration)
             if duration < works:
-                raise Infeasible(f"too short: the shortest found is 2.30086 s", shortest_duration=2.300851)
+                raise Infeasible("too short: the shortest found is 2.30086 s", shortest_duration=2.300851)
             return SimpleNamespace(result=SimpleNamespace(status="solved"))
 
     monkeypatch.setattr(planner, "single", lambda move: Solver())

@@ -102,7 +102,7 @@ def test_an_arm_that_is_too_light_for_its_size_is_named(tmp_path: Path) -> None:
     path.write_text(re.sub(r'mass value="[0-9.]+"', 'mass value="0.001"', path.read_text()))
     assert (
         "all that moves weighs 2 g; are the masses in kg?" in load_robot(path).warnings
-    )  # the name of the robot had stood there, too
+    )  # without the robot's name, which is printed before
 
 
 def test_an_arm_in_millimetres_is_refused(tmp_path: Path) -> None:

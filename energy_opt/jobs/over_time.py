@@ -14,6 +14,7 @@ from energy_opt.fronts.output import COLUMNS
 from energy_opt.jobs.legs import Job
 from energy_opt.jobs.posed import Posed
 from energy_opt.jobs.run import Answered, JobResult, Known, run_job
+from energy_opt.jobs.work import Cells, Worker
 from energy_opt.motion.move import Settings
 from energy_opt.power import PowerModel
 from energy_opt.power.per_year import per_year_words
@@ -64,6 +65,8 @@ def over_time(
 ) -> tuple[list[JobPoint], float]:
     """The job at several cycle times, and its shortest cycle time [s].
 
+    Each leg is solved alone once; at other durations its optimum is continued.
+
     Args:
         times: cycle times [s]; by default `COUNT` of them from the shortest on.
         restated: converts each result, for example by `job.models.stated` for several models.
@@ -75,9 +78,10 @@ def over_time(
     around = cell or CellRequest()
     if job.open:  # the same positions at every cycle time
         job = job.at(Posed(job, model, settings, around).estimated()[0])
-    shortest = TOO_SHORT
+    shortest, work = TOO_SHORT, Worker(job, model, settings, Cells(job, around), stopped)
+    usual: dict[str, Any] = {"stopped": stopped, "known": known, "answered": answered, "worker": work}
     try:
-        run_job(replace(job, cycle_time=TOO_SHORT), model, settings, cell=around)
+        run_job(replace(job, cycle_time=TOO_SHORT), model, settings, **usual)
     except Infeasible as error:
         if error.shortest_duration is None:
             raise
@@ -90,7 +94,6 @@ def over_time(
         if stopped():
             break
         try:
-            usual: dict[str, Any] = {"cell": around, "stopped": stopped, "known": known, "answered": answered}
             found = run_job(replace(job, cycle_time=time), model, settings, **usual)
             points.append(JobPoint(time, restated(found)))
         except Infeasible as error:

@@ -125,6 +125,7 @@ def run_job(
     answered: Answered = lambda leg, duration, trajectory: None,
     progress: Callable[[str, float], None] = lambda text, share: None,
     room: Mapping[str, float] = MappingProxyType({}),
+    worker: Worker | None = None,
 ) -> JobResult:
     """Share the cycle's time over its legs for least energy, and solve them.
 
@@ -135,13 +136,14 @@ def run_job(
         answered: called with every answer.
         progress: called with the present task and the finished share of the work.
         room: shares of the limits' bounds that the legs may use, by the limits' names.
+        worker: solves the legs, with what it knows of them at other cycle times; by default a new one.
 
     Raises:
         Infeasible: a leg cannot be done, or the cycle is too short; says which step binds and what would work.
     """
     if job.open:
         raise BadInput(f"{job.steps[job.open[0]].name}: its joint positions are still to be chosen; use run_posed")
-    work = Worker(job, model, settings or Settings(), Cells(job, cell or CellRequest()), stopped, room)
+    work = worker or Worker(job, model, settings or Settings(), Cells(job, cell or CellRequest()), stopped, room)
     work.check_poses()
     progress("first paths", 0.0)
     asked = legs_of(job.steps)

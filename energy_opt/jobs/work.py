@@ -20,7 +20,7 @@ from energy_opt.files import to_json
 from energy_opt.jobs.allocate import Front
 from energy_opt.jobs.cycle import Answer, Scorers
 from energy_opt.jobs.file import Job, Step
-from energy_opt.jobs.legs import Leg, front_of
+from energy_opt.jobs.legs import Leg, Load, front_of
 from energy_opt.motion.move import Settings
 from energy_opt.motion.plan.first_path import check_free
 from energy_opt.motion.plan.neighbour import Neighbours
@@ -67,7 +67,8 @@ class Worker:
     ) -> None:  # fmt: skip
         self.job, self.scorers, self.stopped = job, Scorers(job.robot, unloaded(model)), stopped
         self.cells = cells
-        self._steps: dict[int, tuple[Leg, Neighbours]] = {}  # a leg's solver at several durations, by its identity
+        # solvers of equal legs at several durations, by points, mode, payload and scene
+        self._steps: dict[tuple[bytes, str, Load, Path | None], Neighbours] = {}
         planner = planner or Planner(job.robot, unloaded(model), settings, batch=True, stopped=stopped)
         self._planner = planner.within(shares) if shares else planner
 
@@ -129,16 +130,27 @@ class Worker:
         energy = self.scorers.of(leg.step).energy(trajectory)
         return Answer(trajectory, energy, source, "solved" if valid else "infeasible")
 
-    def solved(self, leg: Leg, timing: Timing, duration: float, known: Trajectory | None) -> Answer:
-        """The leg in `duration` s with the least energy found."""
+    def solved(self, leg: Leg, timing: Timing, duration: float, known: Trajectory | None = None) -> Answer:
+        """The leg in `duration` s with the least energy found.
+
+        The first time it is a single move; later it continues the optimum of the nearest known duration, in a fifth of
+        the time.
+        """
         planner = self.planner(leg)
         if known is not None and planner.certify(known).valid:
             return Answer(known, planner.score(known), "resumed")
         try:
-            result = planner.solve(leg.move(duration))
+            planner.check(leg.move(duration))
+            key = leg.points.tobytes(), leg.mode, leg.step.payload, leg.step.scene
+            if key not in self._steps:
+                self._steps[key] = Neighbours(planner.single(leg.move(None)))
+            found = self._steps[key].near(duration)
         except Infeasible as error:
             return self._slowed_or(error, leg, timing, duration)
-        return Answer(result.trajectory, result.energy, result.chosen, result.status)
+        if found is None:
+            none = Infeasible(f"nothing within limits was found in {duration:g} s", limit="duration")
+            return self._slowed_or(none, leg, timing, duration)
+        return Answer(found.trajectory, found.energy, found.chosen, "solved" if found.converged else "not_converged")
 
     def rough(self, leg: Leg, duration: float, near: Answer | None = None) -> Answer:
         """The leg near its optimum in a fraction of the time of `solved`; it is not proven.
@@ -166,22 +178,6 @@ class Worker:
         if _touching(cell, motion):
             raise Infeasible(f"{leg.name}: a motion of {duration:.4g} s that is looked for roughly touches something")
         return Answer(motion, blind.score(motion), "retime", "not_converged")
-
-    def stepped(self, leg: Leg, timing: Timing, duration: float) -> Answer:
-        """As `solved`, from the leg's optimum at the nearest known duration, if any: in a fifth of the time."""
-        try:
-            if id(leg) not in self._steps:
-                self._steps[id(leg)] = leg, Neighbours(self.planner(leg).single(leg.move(None)))
-            steps = self._steps[id(leg)][1]
-            near = steps.nearest(duration)
-            found = steps.single_move(duration) if near is None else steps.at(duration, near)
-        except Infeasible as error:
-            return self._slowed_or(error, leg, timing, duration)
-        if found is None:
-            none = Infeasible(f"nothing within limits was found in {duration:g} s", limit="duration")
-            return self._slowed_or(none, leg, timing, duration)
-        source = "retime" if found.outcome is None else "reshape"
-        return Answer(found.trajectory, found.energy, source, "solved" if found.converged else "not_converged")
 
     def _slowed_or(self, error: Infeasible, leg: Leg, timing: Timing, duration: float) -> Answer:
         """The first path slowed evenly, in place of a solve that failed.

@@ -207,9 +207,9 @@ class Arm:
         duration = float(np.clip(duration, move.shortest, move.longest))
         duration = next((known for known in move.answers if abs(duration / known - 1) < SAME), duration)
         try:
-            answer = self.worker.stepped(move.leg, move.timing, duration)
+            answer = self.worker.solved(move.leg, move.timing, duration)
             if np.abs(answer.trajectory.acceleration[[0, -1]]).max() > AT_ENDS:
-                answer = self.worker.stepped(move.leg, move.timing, duration - self._blend)
+                answer = self.worker.solved(move.leg, move.timing, duration - self._blend)
                 answer = self._blended(move, answer.trajectory, answer.source)
         except Infeasible:  # too short for this move; others are known
             self._slowed(move, duration)

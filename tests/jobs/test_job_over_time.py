@@ -7,7 +7,7 @@ import pytest
 
 from energy_opt.cli.main import main
 from energy_opt.jobs.over_time import knee
-from energy_opt.motion import Planner
+from energy_opt.jobs.work import Worker
 
 JOB = """format = "energy-opt/job/1"
 robot = "z1"
@@ -62,15 +62,16 @@ def test_a_stopped_front_of_a_job_is_continued(tmp_path, monkeypatch):
     (tmp_path / "job.toml").write_text(JOB)
     words = ["tradeoff", str(tmp_path / "job.toml"), "--model", "source-method-2", "--compile", "never", "--quiet"]
     words += ["--durations", "3:4:2", "--out", str(tmp_path / "front"), "--resume"]
-    solved, usual, most = [], Planner.solve, [1]
+    solved, usual, most = [], Worker.solved, [1]
 
-    def counted(planner, move, warm=()):
-        if len(solved) == most[0]:
-            raise RuntimeError("the machine stops here")
-        solved.append(move)
-        return usual(planner, move, warm)
+    def counted(worker, leg, timing, duration, known):
+        if known is None:
+            if len(solved) == most[0]:
+                raise RuntimeError("the machine stops here")
+            solved.append(leg)
+        return usual(worker, leg, timing, duration, known)
 
-    monkeypatch.setattr(Planner, "solve", counted)
+    monkeypatch.setattr(Worker, "solved", counted)
     assert main(words) != 0 and len(list((tmp_path / "front" / ".answers").glob("*.csv"))) == 1
     most[0] = 2
     assert main(words) == 0 and len(solved) == 2  # the legs take the same time in both cycles

@@ -271,7 +271,7 @@ def test_a_duration_that_is_named_is_asked_for(panda, model, monkeypatch, works,
             return SimpleNamespace(result=SimpleNamespace(status="solved"))
 
     monkeypatch.setattr(planner, "single", lambda move: Solver())
-    monkeypatch.setattr(planner, "_check_ends", lambda move: None)
+    monkeypatch.setattr(planner, "check", lambda move: None)
     with pytest.raises(Infeasible) as short:
         planner.solve(Move(*ends, duration=1.0))
     assert short.value.shortest_duration == (None if named is None else pytest.approx(named, abs=1e-9))
@@ -298,7 +298,7 @@ def test_a_duration_is_confirmed_within_seconds_by_the_first_path(panda, model, 
             return SimpleNamespace(result=SimpleNamespace(status="solved" if duration >= fastest else "infeasible"))
 
     monkeypatch.setattr(planner, "single", lambda move: Solver())
-    monkeypatch.setattr(planner, "_check_ends", lambda move: None)
+    monkeypatch.setattr(planner, "check", lambda move: None)
     with pytest.raises(Infeasible) as short:
         planner.solve(move)
     assert short.value.shortest_duration == pytest.approx(fastest, rel=1e-4)

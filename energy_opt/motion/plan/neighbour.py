@@ -47,12 +47,16 @@ BUMP = 0.001
 
 @dataclass(frozen=True)
 class Optimum:
-    """The least energy found at one duration; the next step starts from `outcome` (None if retimed)."""
+    """The least energy found at one duration; the next step starts from `outcome` (None if retimed).
+
+    `chosen`: its origin, as in a result.
+    """
 
     trajectory: Trajectory
     energy: Energy
     converged: bool
     outcome: Outcome | None = None
+    chosen: str = "reshape"
 
 
 class Neighbours:
@@ -102,10 +106,17 @@ class Neighbours:
         self._known[duration] = here if here is not None else self._retimed(duration)
         return self._known[duration]
 
-    def nearest(self, duration: float) -> Optimum | None:
-        """The known optimum of the nearest duration; None if none is known."""
+    def near(self, duration: float) -> Optimum | None:
+        """The optimum at exactly `duration` s, from that of the nearest known duration; the first is a single move.
+
+        Raises:
+            Infeasible: no timing or no path holds the limits.
+        """
         known = {d: found for d, found in self._known.items() if found is not None}
-        return known[min(known, key=lambda d: abs(d / duration - 1))] if known else None
+        if not known:
+            return self.single_move(duration)
+        nearest = min(known, key=lambda d: abs(d / duration - 1))
+        return known[nearest] if nearest == duration else self.at(duration, known[nearest])
 
     def single_move(self, duration: float) -> Optimum:
         """The optimum of solving the move alone at exactly `duration` s.
@@ -116,7 +127,7 @@ class Neighbours:
         self._alone_at.append(duration)
         solved = self._single.at(duration)
         result = solved.result
-        found = Optimum(result.trajectory, result.energy, result.status == "solved", solved.outcome)
+        found = Optimum(result.trajectory, result.energy, result.status == "solved", solved.outcome, result.chosen)
         self._known[duration] = found
         return found
 
@@ -224,7 +235,8 @@ class Neighbours:
                 return None
             trajectory, converged = candidate.trajectory, candidate.converged
         judged = context.judge(trajectory)
-        return Optimum(trajectory, judged.energy, converged) if judged.certificate.valid else None
+        retimed = Optimum(trajectory, judged.energy, converged, chosen="retime")
+        return retimed if judged.certificate.valid else None
 
 
 def _cheaper(a: Optimum | None, b: Optimum | None) -> Optimum | None:

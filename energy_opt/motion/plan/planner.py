@@ -222,8 +222,7 @@ class Planner:
             Infeasible: no timing or no path holds the limits; says which, where and what would work.
         """
         progress = Progress(self.settings.deadline if deadline is None else deadline, self._stopped)
-        self._check_ends(move)
-        self._check_objective(move)
+        self.check(move)
         log.info("first path")
         try:
             result = self.single(move).at(move.duration, move.max_duration, warm, progress).result
@@ -322,16 +321,17 @@ class Planner:
             cell=cell,
         )
 
-    def _check_objective(self, move: Move) -> None:
-        objective = self.settings.objective
-        if objective in ("energy", "time"):
-            return
-        if move.mode == "retime":
-            raise BadInput(f"--objective {objective} is for --mode reshape; retime minimises energy or time")
-        if move.duration is None:
-            raise BadInput(f"--objective {objective} does not determine the duration; give --duration")
+    def check(self, move: Move) -> None:
+        """Check what can be checked before a search: the objective, the ends and the duration of a move.
 
-    def _check_ends(self, move: Move) -> None:
+        Raises:
+            BadInput: the move does not fit settings or robot. Infeasible: an end or the duration breaks a limit.
+        """
+        objective = self.settings.objective
+        if objective not in ("energy", "time") and move.mode == "retime":
+            raise BadInput(f"--objective {objective} is for --mode reshape; retime minimises energy or time")
+        if objective not in ("energy", "time") and move.duration is None:
+            raise BadInput(f"--objective {objective} does not determine the duration; give --duration")
         limits, rest = self.limits(move), [not np.any(v) for v in move.end_velocities]
         unseen = [limit.name for limit in limits if move.mode == "retime" and not limit.along]
         if unseen:

@@ -57,7 +57,7 @@ def robot_from(
         if lock:
             raise BadInput("--lock belongs to a robot that is loaded: load_robot(name, lock=...)")
         return given
-    return load_robot(str(given), limits=None if limits is None else Path(limits), lock=lock, prefix=prefix)
+    return load_robot(given, limits=None if limits is None else Path(limits), lock=lock, prefix=prefix)
 
 
 def robot_of(request: RobotGroup, given: Any = None) -> Robot:

@@ -198,8 +198,9 @@ def ends_of(request: MoveRequest, robot: Robot, around: CellRequest) -> Ends | N
         raise BadInput("--via and --via-pose are both given; give one")
     if passed and request.mode == "retime":
         raise BadInput("--via-pose belongs to --mode reshape; for retime give the points as a --path file")
-    reader, tolerance = Given(None, poses_of_request(around)), request.pose_tolerance
-    allowed: Any = tolerance if tolerance is None or isinstance(tolerance, str) else tuple(tolerance)
+    reader = Given(None, poses_of_request(around))
+    allowed: Any = request.pose_tolerance
+    allowed = tuple(allowed) if hasattr(allowed, "__iter__") and not isinstance(allowed, str) else allowed
 
     def pose(given: Any, name: str, free: Any = ()) -> Pose:
         if isinstance(given, Pose):

@@ -216,6 +216,8 @@ def model_of(word: str | PathLike[str], robot: Robot | str) -> PowerModel:
     Raises:
         BadInput: neither; the message lists the known names.
     """
+    if not isinstance(word, (str, PathLike)):
+        raise BadInput(f"--model {word!r:.60}: expected a name, a file, a PowerModel or its document")
     if is_named(str(word)):
         return named_model(str(word), robot)
     if not Path(word).is_file() and not Path(word).suffix:

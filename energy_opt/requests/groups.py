@@ -49,7 +49,8 @@ def numbers_of(given: Any, count: int, flag: str, expected: str) -> tuple[float,
     Raises:
         BadInput: another count, or something that is no number.
     """
-    words = words_of(given) if isinstance(given, str) else [f"{x}" for x in given]
+    listed = given if hasattr(given, "__iter__") else [given]
+    words = words_of(given) if isinstance(given, str) else [f"{x}" for x in listed]
     shown = given if isinstance(given, str) else ",".join(words)
     numbers = tuple(finite_number(word, f"{flag} {shown}", expected) for word in words)
     if len(numbers) != count:
@@ -71,7 +72,7 @@ class RobotGroup(Request):
 
     def __post_init__(self) -> None:
         if isinstance(self.lock, Mapping):
-            words = tuple(f"{joint}={float(value)!r}" for joint, value in self.lock.items())
+            words = tuple(f"{joint}={value}" for joint, value in self.lock.items())
             object.__setattr__(self, "lock", words)
         super().__post_init__()
 
@@ -204,8 +205,8 @@ class ConditionGroup(Request):
     own_limits: Sequence[Limit] = option((), "limits of one's own", internal=True, written=False, many=True)
 
     def __post_init__(self) -> None:
-        words = [self.keep] if isinstance(self.keep, str) else self.keep
-        object.__setattr__(self, "keep", tuple(part for word in words for part in word.split(",")))
+        super().__post_init__()
+        object.__setattr__(self, "keep", tuple(part for word in self.keep for part in word.split(",")))
         if self.conditions and not self.own_limits:
             from energy_opt.conditions import options_and_limits
 
@@ -219,7 +220,7 @@ class ConditionGroup(Request):
             object.__setattr__(self, "own_limits", limits)
             kept = (each for each in self.conditions if isinstance(each, (str, PathLike)) or each in limits)
             object.__setattr__(self, "conditions", tuple(kept))
-        super().__post_init__()
+            super().__post_init__()  # the options of the conditions are checked, too
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,6 +7,7 @@ from dataclasses import KW_ONLY, dataclass
 from os import PathLike
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from energy_opt.errors import BadInput
 from energy_opt.requests.groups import (
     MODEL,
     ROBOT,
@@ -60,6 +61,8 @@ class MoveRequest(
     def read(cls, given: dict[str, Any]) -> dict[str, Any]:
         """The same read back."""
         goals = given.pop("goals", None)
+        if not isinstance(goals, (list, tuple, type(None))):
+            raise BadInput(f"goals = {goals!r:.60}: expected a list")
         given = super().read(given)
         if given.get("path") is not None:  # the path determines start and goal
             given |= {"start": None, "goal": None}

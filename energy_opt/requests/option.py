@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import operator
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields
 from numbers import Real
 from pathlib import Path
@@ -20,6 +20,7 @@ from energy_opt.files import plain as of_json
 
 ON_OFF = ("on", "off")  # True and False, as words
 KINDS = {float: "number", int: "integer", bool: "boolean"}  # types of JSON schema, by kind of value
+TEXTS = {"str", "Sequence[str]", "None"}  # parts of the types of fields that take only text
 NESTED = ("settings", "cell", "per_year")  # tables in requests of earlier versions, whose keys are options now
 STAMP = ("verb", "version", "command")  # entries of a document besides the request's own fields
 RENAMED = {"locked": "lock", "ways": "initial_paths"}  # names of fields in earlier versions, with their present names
@@ -95,10 +96,11 @@ class Request:
     stopped: Callable[[], bool] | None = option(None, "ends the work early", internal=True, written=False)
 
     def __post_init__(self) -> None:
-        for name, (_, spelled) in options_of(type(self)).items():
-            value = getattr(self, name)
+        for name, (declared, spelled) in options_of(type(self)).items():
+            value = () if spelled.many and getattr(self, name) is None else getattr(self, name)
             if value is not None and spelled.written:
-                object.__setattr__(self, name, _checked(flag_of(name, spelled), spelled, value))
+                text = TEXTS.issuperset(str(declared.type).split(" | "))
+                object.__setattr__(self, name, _checked(flag_of(name, spelled), spelled, value, text))
 
     def document(self) -> dict[str, Any]:
         """The request as JSON values: the fields that differ from their defaults, and those in `always`."""
@@ -121,6 +123,8 @@ class Request:
         """
         given = {key: value for key, value in document.items() if key not in (*STAMP, *NESTED)}
         for table in NESTED:
+            if not isinstance(document.get(table) or {}, Mapping):
+                raise BadInput(f"{table} = {document[table]!r:.60}: expected a table")
             given |= document.get(table) or {}
         given = {RENAMED.get(key, key): value for key, value in given.items()}
         known = {name for name, (_, spelled) in options_of(cls).items() if spelled.written}
@@ -163,25 +167,29 @@ class Request:
         return self.document()[key]
 
 
-def _checked(flag: str, spelled: Option, value: Any) -> Any:
-    """A value of the kind that its option has.
+def _checked(flag: str, spelled: Option, value: Any, text: bool) -> Any:
+    """A value of the kind that its option has; `text`: nothing else than text is taken.
 
     Raises:
         BadInput: it is of another kind, or none of the choices.
     """
+    if isinstance(value, Iterator):  # it can be read only once
+        value = list(value)
     if spelled.many or spelled.place in ("*", "+"):
         several = list(value) if isinstance(value, (list, tuple)) or hasattr(value, "tolist") else [value]
-        return tuple(_one(flag, spelled, each) for each in several)
-    return _one(flag, spelled, value)
+        return tuple(_one(flag, spelled, each, text) for each in several)
+    return _one(flag, spelled, value, text)
 
 
-def _one(flag: str, spelled: Option, value: Any) -> Any:
+def _one(flag: str, spelled: Option, value: Any, text: bool) -> Any:
     """One value of the kind of its option.
 
     Raises:
         BadInput: it is of another kind, or none of the choices.
     """
     expected = ""
+    if getattr(value, "ndim", None) == 0:  # one of NumPy's
+        value = value.item()
     if spelled.kind is float:
         if isinstance(value, bool) or not isinstance(value, Real):
             expected = "a number"
@@ -200,6 +208,8 @@ def _one(flag: str, spelled: Option, value: Any) -> Any:
         if isinstance(value, (str, os.PathLike)):
             return Path(value)
         expected = "the name of a file"
+    elif text and not isinstance(value, str):
+        expected = "text"
     elif spelled.choices and value not in spelled.choices:
         expected = f"one of {', '.join(spelled.choices)}"
     if expected:

@@ -201,6 +201,8 @@ def load_robot(
     Raises:
         BadInput: unknown name, unreadable file, unknown joint, a joint locked outside its limits.
     """
+    if not isinstance(name_or_urdf, (str, PathLike)):
+        raise BadInput(f"--robot {name_or_urdf!r:.60}: expected a name, the path of a URDF, or a Robot")
     name_or_urdf, limits = str(name_or_urdf), None if limits is None else Path(limits)
     entry = CATALOG.get(name_or_urdf)
     if entry is None:

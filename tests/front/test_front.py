@@ -20,6 +20,7 @@ from energy_opt.errors import BadInput
 from energy_opt.front.given import payload_from, positions, robot_from, source_model
 from energy_opt.motion.path import straight
 from energy_opt.motion.reshape.nodes import node_functions
+from energy_opt.requests.moves import OptimizeRequest
 from energy_opt.robot import load_robot
 
 README = Path(__file__).parents[2] / "README.md"
@@ -95,11 +96,33 @@ def test_arguments_as_people_have_them(panda):
         ({"start": START, "goal": GOAL, "payload": [1, 2]}, r"^payload \[1, 2\]: expected a mass"),
         ({"start": START, "goal": GOAL, "model": "source-metod-2"}, "did you mean 'source-method-2'"),
         ({"start": START, "goal": "here"}, "^goal here: "),
+        ({"robot": ["panda"]}, r"^robot \['panda'\]: expected a name, the path of a URDF, or a Robot"),
+        ({"start": START, "goal": GOAL, "model": 3}, "^model 3: expected a name, a file, a PowerModel"),
+        ({"lock": {"panda_joint1": "a"}}, "^lock panda_joint1=a: 'a' is not a number"),
+        ({"keep": [3]}, "^keep 3: expected text"),
+        ({"tube": 0.1}, "^tube 0.1: expected text"),
+        ({"tool": ["hand"]}, r"^tool \['hand'\]: expected text"),
+        ({"write": 3}, "^write 3: expected text"),
+        ({"base": 3}, "^base 3: 1 numbers; expected X,Y,Z"),
+        ({"conditions": "nope.py"}, "^conditions nope.py: no such Python file"),
+        ({"start": START, "goal_pose": [0.4, 0, 0.4, 3, 0, 0], "pose_tolerance": 0.01}, "the tolerance is 0.01"),
     ],
 )
 def test_wrong_arguments_are_named_as_arguments(panda, arguments, says):
     with pytest.raises(eo.BadInput, match=says):
-        eo.optimize(panda, **arguments)
+        eo.optimize(**{"robot": panda, **arguments})
+
+
+def test_iterators_and_scalars_of_numpy_are_taken(panda):
+    asked = OptimizeRequest(panda, start=iter(START), via=map(list, [GOAL]), keep=None, duration=np.array(2.0))
+    assert (asked.start, asked.via, asked.keep, asked.duration) == (list(START), (list(GOAL),), (), 2.0)
+    assert OptimizeRequest(panda, self_collision=np.bool_(False)).self_collision is False
+
+
+@pytest.mark.parametrize(("key", "says"), [("goals", "expected a list"), ("settings", "expected a table")])
+def test_a_request_with_a_number_in_place_of_a_table_is_refused(key, says):
+    with pytest.raises(eo.BadInput, match=f"the request: {key} = 3: {says}"):
+        eo.repeat({"verb": "optimize", "robot": "panda", key: 3})
 
 
 def test_models_add_and_subtract(tmp_path):

@@ -11,9 +11,9 @@ from typing import Any
 from energy_opt.errors import BadInput
 from energy_opt.files import plain
 from energy_opt.formats.bags import is_bag
-from energy_opt.formats.recordings import unpack
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import robot_of
+from energy_opt.front.recordings import unpack
 from energy_opt.measured.columns import ByHand
 from energy_opt.measured.importing import Imported, import_files
 from energy_opt.requests.verbs import ImportRequest
@@ -66,7 +66,10 @@ def run(request: ImportRequest, desk: Desk) -> Set:
         files = _unpacked(request, Path(folder), desk)
         with desk.showing() as show:
             show("columns, clocks and robot of each file")
-            found = import_files(files, out, robot, desk.force or request.force, hand)
+            try:
+                found = import_files(files, out, robot, desk.force or request.force, hand)
+            except BadInput as error:  # the folder will be gone
+                raise BadInput(str(error).replace(f"{Path(folder)}/", "made of the bag, ")) from None
     motions = sum(run.kind == "motion" for run in found.runs)
     readings = sum(len(run.power) for run in found.runs)
     what = f"{len(found.runs)} run(s), {motions} of them motions, {readings} readings of power"

@@ -17,7 +17,8 @@ from energy_opt.errors import BadInput
 from energy_opt.files import read_table
 from energy_opt.formats import read, read_trajectory
 from energy_opt.formats.bags import write_mcap
-from energy_opt.formats.recordings import unpack
+from energy_opt.front.importing import import_logs
+from energy_opt.front.recordings import unpack
 from energy_opt.motion.trajectory import Trajectory
 
 JOINTS = ("a", "b")
@@ -207,6 +208,15 @@ def recorded(path: Path, power: str, ros1: bool = False) -> tuple[np.ndarray, np
         "power": [("/arm/power", "std_msgs/msg/Float64", lambda w: {"data": w})],
         "pair": [("/volts", "std_msgs/msg/Float32", lambda w: {"data": 48.0}),
                  ("/bus_current", "std_msgs/msg/Float64", lambda w: {"data": w / 48})],
+        "motors": [("/power_limit", "std_msgs/msg/Float64", lambda w: {"data": 500.0}),
+                   ("/joint_1/motor_power", "std_msgs/msg/Float64", lambda w: {"data": w / 7}),
+                   ("/robot/power_kW", "std_msgs/msg/Float64", lambda w: {"data": w / 1000})],
+        "clamp": [("/clamp/position", "std_msgs/msg/Float64", lambda w: {"data": 0.1}),
+                  ("/joint_1/voltage", "std_msgs/msg/Float64", lambda w: {"data": 24.0}),
+                  ("/supply/voltage", "std_msgs/msg/Float64", lambda w: {"data": 48.0}),
+                  ("/supply/current_mA", "std_msgs/msg/Float64", lambda w: {"data": w / 0.048})],
+        "reversed": [("/power", "std_msgs/msg/Float64", lambda w: {"data": -w})],
+        "one motor": [("/joint_1/motor_power", "std_msgs/msg/Float64", lambda w: {"data": w / 7})],
     }  # fmt: skip
     writer = Writer1(path) if ros1 else Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
     with writer:
@@ -220,11 +230,12 @@ def recorded(path: Path, power: str, ros1: bool = False) -> tuple[np.ndarray, np
 
         state, gripper = "sensor_msgs/msg/JointState", topic("/gripper", "sensor_msgs/msg/JointState")
         arm = topic("/joint_states", state)
-        for when, row in zip(joints, q, strict=True):
-            nanoseconds = round((100 + when) * 1e9)
+        for k, (when, row) in enumerate(zip(joints, q, strict=True)):
+            nanoseconds, way = round((100 + when) * 1e9), (-1) ** k  # the order of the joints changes
             header = t["std_msgs/msg/Header"](stamp=time_of(*divmod(nanoseconds, 10**9)), frame_id="", **seq)
             put(arm, 100.005 + when, state,
-                {"header": header, "name": names, "position": row, "velocity": none, "effort": none})  # fmt: skip
+                {"header": header, "name": names[::way], "position": row[::way].copy(), "effort": none,
+                 "velocity": np.full(7, np.nan) if k == 9 else np.ones(7)})  # fmt: skip
             put(gripper, 100 + when, state,
                 {"header": header, "name": ["finger"], "position": none, "velocity": none, "effort": none})  # fmt: skip
         if power == "battery":
@@ -247,7 +258,10 @@ def recorded(path: Path, power: str, ros1: bool = False) -> tuple[np.ndarray, np
     return joints, q, np.column_stack([meter, watts])
 
 
-@pytest.mark.parametrize(("power", "ros1"), [("power", False), ("pair", False), ("battery", False), ("power", True)])
+@pytest.mark.parametrize(
+    ("power", "ros1"),
+    [("power", False), ("pair", False), ("battery", False), ("motors", False), ("clamp", False), ("power", True)],
+)
 def test_recordings_are_unpacked(tmp_path: Path, power: str, ros1: bool) -> None:
     bag = tmp_path / ("run.bag" if ros1 else "run")
     joints, q, meter = recorded(bag, power, ros1)
@@ -258,7 +272,7 @@ def test_recordings_are_unpacked(tmp_path: Path, power: str, ros1: bool) -> None
     np.testing.assert_array_equal(arm["panda_joint3.position"], q[:, 2])
     assert watts["time"] == pytest.approx(meter[:, 0], abs=1e-6)
     assert watts["power"] == pytest.approx(meter[:, 1], rel=1e-6)
-    assert "7 joints" in notes[0]
+    assert "7 joints" in notes[0] and notes[2].endswith("velocity is left out: no number for each joint at 1 stamps")
 
 
 def test_a_bag_is_imported_as_a_measured_set(tmp_path: Path) -> None:
@@ -268,3 +282,12 @@ def test_a_bag_is_imported_as_a_measured_set(tmp_path: Path) -> None:
     write_plan(tmp_path / "plan", StoragePlugin.MCAP)
     with pytest.raises(BadInput, match="fewer than two joint states"):
         unpack(tmp_path / "plan", tmp_path)
+    recorded(tmp_path / "motor", "one motor")
+    with pytest.raises(BadInput, match="no power of the whole robot"):
+        unpack(tmp_path / "motor", tmp_path)
+
+
+def test_a_fault_of_a_bags_table_does_not_name_a_file_that_is_gone(tmp_path: Path) -> None:
+    recorded(tmp_path / "run", "reversed")
+    with pytest.raises(BadInput, match=r"^made of the bag, run_power\.csv: row 2, column power: is never above 0"):
+        import_logs([tmp_path / "run"], out=tmp_path / "set", robot="panda")

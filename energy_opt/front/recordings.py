@@ -1,13 +1,14 @@
 """Measured data in a bag: joint states beside a topic of power, as the two tables that `energy-opt import` reads.
 
-Power is a number on a topic whose name says power or watt; else a sensor_msgs/BatteryState; else the product of two
-numbers whose topics say voltage and current. Messages with a header have its stamp for their time, others the time of
-recording.
+Power is a number on a topic that is named as the whole robot's, by the rules for the headers of tables; else a
+sensor_msgs/BatteryState; else the product of a topic of voltage and one of current. Messages with a header have its
+stamp for their time, others the time of recording.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import numpy as np
 from energy_opt.errors import BadInput
 from energy_opt.files import write_table
 from energy_opt.formats.bags import Bag, opened
+from energy_opt.measured.names import AMPERE, POWER, SINGLE, UNITS, VOLT, cut, power_column, product_columns, unit_in
 
 STATES = ("sensor_msgs/msg/JointState",)
 BATTERY = "sensor_msgs/msg/BatteryState"
@@ -34,8 +36,8 @@ def unpack(path: Path, folder: Path) -> tuple[list[Path], list[str]]:
         BadInput: the bag has no joint states or nothing that is power; names the topics that there are.
     """
     with opened(path) as bag:
-        joints, states, notes = _states(bag, path)
-        (time, power), said = _power(bag, path)
+        topic, joints, states, notes = _states(bag, path)
+        (time, power), said = _power(bag, path, topic.rpartition("/")[0] + "/")
     zero = float(states[0][0])
     header, columns = ["time"], [states[0] - zero]
     for field, block in zip(FIELDS, states[1:], strict=True):
@@ -48,14 +50,14 @@ def unpack(path: Path, folder: Path) -> tuple[list[Path], list[str]]:
     return files, [*notes, *said]
 
 
-def _states(bag: Bag, path: Path) -> tuple[tuple[str, ...], list[Any], list[str]]:
-    """Names, and time, positions, velocities and efforts (None where not given), of the arm's joint states."""
+def _states(bag: Bag, path: Path) -> tuple[str, tuple[str, ...], list[Any], list[str]]:
+    """Topic, names, and time, positions, velocities and efforts (None where not given), of the arm's joint states."""
     topics = {topic for topic, kind in bag.topics().items() if kind in STATES}
     if not topics:
         raise BadInput(f"{path}: no sensor_msgs/JointState; its topics are {bag.described()}")
     samples: dict[tuple[str, tuple[str, ...]], list[tuple[float, Any]]] = {}
     for topic, _, stamp, found in bag.messages(lambda topic, kind: topic in topics):
-        samples.setdefault((topic, tuple(found.name)), []).append((_time(found, stamp), found))
+        samples.setdefault((topic, tuple(sorted(found.name))), []).append((_time(found, stamp), found))
     usable = {key: value for key, value in samples.items() if len(value) > 1 and key[1]}
     if not usable:
         raise BadInput(f"{path}: fewer than two joint states of the same joints")
@@ -65,36 +67,45 @@ def _states(bag: Bag, path: Path) -> tuple[tuple[str, ...], list[Any], list[str]
     if left:
         notes.append(f"{path}: joint states that are left out: {'; '.join(left[:5])}")
     time, chosen = _rising(usable[topic, names])
+    orders = [_order(tuple(message.name)) for message in chosen]
     blocks = []
     for field in FIELDS:
-        lengths = {len(getattr(message, field)) for message in chosen}
-        block = np.array([getattr(message, field) for message in chosen]) if lengths == {len(names)} else None
-        blocks.append(block if block is not None and np.isfinite(block).all() else None)
+        given = [getattr(message, field) for message in chosen]
+        pairs = zip(given, orders, strict=True)
+        whole = [len(row) == len(names) and bool(np.isfinite(row).all()) for row in given]
+        blocks.append(np.array([row[order] for row, order in pairs]) if all(whole) else None)
+        if any(whole) and not all(whole):
+            notes.append(f"{path}: {field} is left out: no number for each joint at {whole.count(False)} stamps")
     if blocks[0] is None:
         raise BadInput(f"{path}: {topic}: messages without a finite position for each joint")
-    return names, [time, *blocks], notes
+    return topic, names, [time, *blocks], notes
 
 
-def _power(bag: Bag, path: Path) -> tuple[Series, list[str]]:
+@cache
+def _order(names: tuple[str, ...]) -> np.ndarray:
+    """Indices that sort the names, which may have another order in each message."""
+    return np.argsort(names)
+
+
+def _power(bag: Bag, path: Path, near: str) -> tuple[Series, list[str]]:
     """The series of power in a bag, and notes on how it was found.
 
-    In this order: a number on a topic that is named power or watt; voltage times current of a battery; a topic of
-    voltage times one of current.
+    In this order: a number on a topic that is named as the robot's power; voltage times current of a battery; a topic
+    of voltage times one of current. Topics whose names begin with `near` come before others.
 
     Raises:
         BadInput: none of these.
     """
     topics = bag.topics()
     numeric = [topic for topic, kind in topics.items() if kind in NUMBERS]
-    named = [topic for topic in numeric if any(word in topic.lower() for word in ("power", "watt"))]
+    beside = [topic for topic in numeric if topic.startswith(near)]
     batteries = [topic for topic, kind in topics.items() if kind == BATTERY]
-    volts = [topic for topic in numeric if "volt" in topic.lower()]
-    amperes = [topic for topic in numeric if "curr" in topic.lower() or "amp" in topic.lower()]
-    if named:
-        topic = _busiest(bag, named)
-        return _series(bag, topic, path), [f"{path}: power [W] is {topic}", *_others(named, topic, path)]
+    named = power_column(beside) or power_column(numeric)
+    if named is not None:
+        others = [topic for topic in numeric if POWER & set(cut(topic).words)]
+        return _series(bag, named, path, "power"), [f"{path}: power is {named}", *_others(others, named, path)]
     if batteries:
-        topic = _busiest(bag, batteries)
+        topic = max(batteries, key=lambda topic: bag.counts()[topic])
         samples = [(_time(m, stamp), float(m.voltage) * float(m.current)) for _, _, stamp, m in _of(bag, topic)]
         time, values = _rising(samples)
         power = np.array(values)
@@ -103,32 +114,33 @@ def _power(bag: Bag, path: Path) -> tuple[Series, list[str]]:
         drawn = "below" if power.mean() < 0 else "above"
         said = f"{path}: power is voltage times current of {topic}, what is drawn is {drawn} zero there"
         return (time, -power if drawn == "below" else power), [said, *_others(batteries, topic, path)]
-    if volts and amperes:
-        volt, ampere = _busiest(bag, volts), _busiest(bag, amperes)
-        (tv, v), (ta, a) = _series(bag, volt, path), _series(bag, ampere, path)
+    pair = product_columns(beside) or product_columns(numeric) or (_only(numeric, VOLT), _only(numeric, AMPERE))
+    volt, ampere = pair
+    if volt is not None and ampere is not None:
+        (tv, v), (ta, a) = _series(bag, volt, path, "voltage"), _series(bag, ampere, path, "current")
         return (ta, np.interp(ta, tv, v) * a), [f"{path}: power is {volt} [V] times {ampere} [A]"]
     raise BadInput(
-        f"{path}: no power: expected a number on a topic named power, a BatteryState, or voltage and current; its "
-        f"topics are {bag.described()}"
+        f"{path}: no power of the whole robot: expected a number on a topic named power, a BatteryState, or voltage "
+        f"and current; its topics are {bag.described()}"
     )
+
+
+def _only(topics: Sequence[str], words: Iterable[str]) -> str | None:
+    """The topic of the whole robot that has one of the words in its name; None if there is none, or more than one."""
+    having = [topic for topic in topics if {*words} & set(cut(topic).words) and not SINGLE & set(cut(topic).words)]
+    return having[0] if len(having) == 1 else None
 
 
 def _of(bag: Bag, wanted: str) -> Any:
     return bag.messages(lambda topic, kind: topic == wanted)
 
 
-def _series(bag: Bag, topic: str, path: Path) -> Series:
-    """The numbers of a topic; at least two of them, all finite."""
+def _series(bag: Bag, topic: str, path: Path, kind: str) -> Series:
+    """The numbers of a topic in SI units; at least two of them, all finite."""
     time, values = _rising([(_time(found, stamp), float(found.data)) for _, _, stamp, found in _of(bag, topic)])
     if len(values) < 2 or not np.isfinite(values).all():
         raise BadInput(f"{path}: {topic}: expected two finite numbers or more")
-    return time, np.array(values)
-
-
-def _busiest(bag: Bag, topics: Sequence[str]) -> str:
-    """The topic with the most messages."""
-    counts = bag.counts()
-    return max(topics, key=lambda topic: counts[topic])
+    return time, np.array(values) * UNITS[kind].get(unit_in(kind, topic) or "", 1.0)
 
 
 def _others(topics: Sequence[str], chosen: str, path: Path) -> list[str]:

@@ -131,7 +131,7 @@ def read_text(path: Path, most: int = LARGEST_TEXT) -> str:
             raise BadInput(f"{path}: larger than {most / 1e6:g} MB, the largest size of such a file")
         return data.decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "is not UTF-8 text"
+        reason = error.strerror if isinstance(error, OSError) else "is not UTF-8 text; save it as UTF-8"
         raise BadInput(f"{path}: {reason}") from None
 
 

@@ -211,7 +211,7 @@ def believed_efforts(
         alike = same and bool(turning[j]) and effort[j] >= EQUAL * most
         weak = float(short[j])
         if not np.isfinite(effort[j]) or effort[j] < SMALLEST:
-            said.append(f"{stated}; assumed: none")
+            said.append(f"{joint}: no effort limit; assumed: none")
         elif given[j]:
             continue
         elif alike:

@@ -288,6 +288,8 @@ def _bounds(where: str, kind: str, limit: Element | None) -> dict[str, float]:
         if key not in (*BOUNDS, *RATES) and absent and (kind != "continuous" or suggest(key, absent)):
             hint = suggest(key, absent) or f"; {', '.join(absent)} missing"
             raise BadInput(f"{at}: attribute {key!r} is not known{hint}")
+        if limit.get(key, "").strip().lstrip("+-").lower() in ("inf", "infinity"):
+            raise BadInput(f"{at}: {key}={limit.get(key)!r} is not finite; leave it out where there is no limit")
     bounds = {name: number_in(at, limit, name) for name in (*BOUNDS, *RATES) if name in limit.attrib}
     if kind != "continuous" and bounds.get("lower", 0.0) > bounds.get("upper", 0.0):
         raise BadInput(f"{at}: lower={bounds.get('lower', 0.0):g} is above upper={bounds.get('upper', 0.0):g}")

@@ -119,7 +119,8 @@ def with_assumptions(limits: Limits, joints: Sequence[str], slides: Sequence[boo
                 f"{joint}: position limits [{lower[j]:g}, {upper[j]:g}] {unit} (are these {other}?); assumed: as stated"
             )
         if not SMALLEST <= velocity[j] < PLACEHOLDER:
-            warnings.append(f"{joint}: velocity limit {velocity[j]:g} {speed}; assumed: {ASSUMED_VELOCITY:.4g} {speed}")
+            stated = f"velocity limit {velocity[j]:g} {speed}" if velocity[j] > 0 else "no velocity limit"
+            warnings.append(f"{joint}: {stated}; assumed: {ASSUMED_VELOCITY:.4g} {speed}")
             velocity[j] = ASSUMED_VELOCITY
         elif velocity[j] >= DOUBTFUL_VELOCITY:
             hint = "a placeholder?" if slides[j] else f"a placeholder, or {np.radians(velocity[j]):.4g} rad/s in deg/s?"

@@ -44,7 +44,7 @@ def read_robot_xml(path: Path) -> ElementTree.Element:
         plain = "robot.srdf" if ".srdf" in path.suffixes else "robot.urdf"
         raise BadInput(f"{path}: a xacro file; run xacro first: xacro {path.name} > {plain}")
     if root.tag != "robot":
-        raise BadInput(f"{path}: begins with <{root.tag}>; expected <robot>")
+        raise BadInput(f"{path}: begins with <{root.tag}>; expected <robot>, as a URDF has; convert SDF or MJCF first")
     return root
 
 

@@ -294,8 +294,8 @@ def test_joints_that_slide_show_metres_and_newtons(tmp_path, capsys):
     assert (
         robot.units == ("rad", "m") and robot.unit("effort", "rail") == "N" and robot.unit("jerk", "turn") == "rad/s^3"
     )
-    assert "rail: velocity limit 0 m/s; assumed: 3.142 m/s" in robot.warnings
-    assert "rail: effort limit 0 N; assumed: none" in robot.warnings
+    assert "rail: no velocity limit; assumed: 3.142 m/s" in robot.warnings
+    assert "rail: no effort limit; assumed: none" in robot.warnings
     words = ["optimize", "--robot", str(urdf), "--start", "0,30", "--goal", "0,58", "--mode", "retime", "--compile",
              "never", "--out", str(tmp_path / "out")]  # fmt: skip
     assert main(words) == 0

@@ -38,6 +38,7 @@ DAMAGES = [
     ('axis xyz="0 1 0"', 'axis xyz="0 1"', "joint 'turn', axis"),
     ('lower="-1"', 'lower="2"', "lower=2 is above"),
     ('effort="30"', 'effort="-30"', "effort"),
+    ('lower="-1"', 'lower="-inf"', "limit: lower='-inf' is not finite; leave it out where there is no limit"),
     ('child link="arm"', 'child link="leg"', "child link 'leg'"),
     ('parent link="base"', 'parent link="arm"', "in a circle"),
     ('type="revolute"', 'type="hinge"', "type='hinge'"),

@@ -44,6 +44,9 @@ def replacing(path: Path) -> Iterator[Path]:
         os.umask(umask)
         aside.chmod(0o666 & ~umask)
         os.replace(aside, path)
+    except OSError as error:
+        error.filename = error.filename or str(path)  # a full disk is met while writing, where no file is named
+        raise
     finally:
         aside.unlink(missing_ok=True)
 

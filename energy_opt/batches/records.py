@@ -6,6 +6,7 @@ import fcntl
 import json
 import os
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any, TypedDict
 
@@ -202,7 +203,7 @@ class Journal:
         try:
             self.records = self._records_to_continue(header, resume, force)
         except BaseException:
-            self._stream.close()
+            self.__exit__()
             raise
 
     def _records_to_continue(self, header: Mapping[str, Any], resume: bool, force: bool) -> list[Record]:
@@ -237,13 +238,23 @@ class Journal:
         return []
 
     def append(self, record: Record | Mapping[str, Any]) -> None:
-        """Write one record to the disk."""
-        self._stream.write(json.dumps(plain(record), allow_nan=False).encode() + b"\n")
-        self._stream.flush()
-        os.fsync(self._stream.fileno())
+        """Write one record to the disk.
+
+        Raises:
+            BadInput: it is full; the records before are kept.
+        """
+        try:
+            self._stream.write(json.dumps(plain(record), allow_nan=False).encode() + b"\n")
+            self._stream.flush()
+            os.fsync(self._stream.fileno())
+        except OSError as error:
+            raise BadInput(
+                f"{self.path}: cannot be written: {error.strerror}; where there is room, --resume runs the other moves"
+            ) from None
 
     def __enter__(self) -> Journal:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._stream.close()
+        with suppress(OSError):  # a full disk has been reported by `append`
+            self._stream.close()

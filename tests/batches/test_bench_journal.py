@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import resource
+import signal
 
 import pytest
 
 from energy_opt.batches.records import NAME, Journal, read_journal
 from energy_opt.errors import BadInput
+from energy_opt.files import write_text
 
 HEADER = {"suite": "s", "digest": "d"}
 
@@ -39,6 +42,22 @@ def test_a_torn_last_line_is_left_out_and_overwritten(tmp_path, cut):
         journal.append(record("c"))
     assert [r["key"] for r in read_journal(path)[1]] == ["a", "b", "c"]
     assert all(json.loads(line) for line in path.read_text().splitlines())
+
+
+def test_a_full_disk_names_the_file_and_keeps_the_records(tmp_path):
+    fill(tmp_path, "abc")
+    limits, before = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, ((tmp_path / NAME).stat().st_size + 10, limits[1]))
+    try:
+        said = r"results\.jsonl: cannot be written: File too large; .* resume runs the other moves"
+        with pytest.raises(BadInput, match=said), Journal(tmp_path, HEADER, resume=True) as journal:
+            journal.append(record("d"))
+        with pytest.raises(OSError, match=r"x\.txt"):
+            write_text(tmp_path / "x.txt", "x" * 10_000)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, before)
+    assert [r["key"] for r in read_journal(tmp_path / NAME)[1]] == ["a", "b", "c"]
 
 
 def test_every_possible_death_can_be_resumed(tmp_path):

@@ -6,6 +6,7 @@ Also here: valid example files to start from; `--example KIND` prints one.
 from __future__ import annotations
 
 import argparse
+import logging
 import os
 import sys
 import traceback
@@ -47,6 +48,7 @@ def joined_vectors(arguments: Sequence[str]) -> list[str]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code."""
     words = joined_vectors(sys.argv[1:] if arguments is None else arguments)
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it reports homes that it cannot write to
     with speaking_of_options():
         try:
             opened(words)
@@ -112,6 +114,8 @@ def _run(words: list[str]) -> int:
         if "\0" in word:
             said = word if word.startswith("--") or not before.startswith("--") else f"{before} {word}"
             raise BadInput(f"{said}: contains the character NUL")
+        if any("\ud800" <= c <= "\udfff" for c in word):  # Python's marks for bytes that are no text
+            raise BadInput(f"{word}: not text in this locale's encoding; rename the file, or set LC_ALL=C.UTF-8")
         if value == "--" and option.startswith("--"):
             raise BadInput(f"{option}: no value; '--' ends the options")
     parser, verbs = parsers(words)

@@ -79,6 +79,7 @@ def _nothing_unforeseen(monkeypatch: pytest.MonkeyPatch) -> None:
         (["--model", "/dev/full"], "/dev/full"),
         (["--out", "/dev/full"], "--out /dev/full"),
         (["--out", "a\0b"], "--out"),
+        (["--scene", "a\udcfc"], "a\\udcfc: not text in this locale's encoding; rename"),
         (["--controls", "9" * 4500], "…"),
     ],
 )

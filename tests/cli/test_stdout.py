@@ -44,3 +44,10 @@ def test_a_terminal_without_some_characters_gets_escapes() -> None:
     for encoding in ("ascii", "latin-1"):
         done = subprocess.run(words, capture_output=True, check=False, env=os.environ | {"PYTHONIOENCODING": encoding})
         assert done.returncode == 0 and rb"-2.618 \u2026 2.618 rad" in done.stdout
+
+
+def test_matplotlib_does_not_report_a_home_that_cannot_be_written() -> None:
+    code = "from energy_opt.cli.main import main; main(['effects', 'standby']); import energy_opt.reports.plots"
+    home = dict.fromkeys(("HOME", "MPLCONFIGDIR", "XDG_CONFIG_HOME", "XDG_CACHE_HOME"), "/proc/none")
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env={**os.environ, **home})
+    assert (done.returncode, done.stderr) == (0, "")

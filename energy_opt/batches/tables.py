@@ -16,6 +16,7 @@ from pydantic import BeforeValidator, Field, StrictBool, StrictStr, field_valida
 
 from energy_opt.batches.task import MODES, OBJECTIVES, Duration, Surroundings
 from energy_opt.cell.scene_files import carried
+from energy_opt.effects import Payload as PointLoad
 from energy_opt.errors import BadInput, suggest
 from energy_opt.files import is_number
 from energy_opt.motion import Settings
@@ -29,16 +30,22 @@ OF_POSES = ("start_pose", "goal_pose", "via_pose", "free", "pose_tolerance")
 Payload = tuple[float, ...]  # mass [kg] and centre of mass (3) [m]; empty for the model's own
 
 
-def _payload(value: Any) -> Payload:
-    """(4,) from a number, "MASS[,CX,CY,CZ]" or a list of the same."""
+def payload_values(value: Any) -> Payload:
+    """(4,) from a number, "MASS[,CX,CY,CZ]" or a list of the same.
+
+    Raises:
+        BadInput: it is none of these, or mass or centre are outside the bounds of a payload.
+    """
     parts = value.split(",") if isinstance(value, str) else _as_list(value)
     try:
         numbers = tuple(float(part) for part in parts if not isinstance(part, bool))
     except (TypeError, ValueError, OverflowError):
         numbers = ()
-    if len(numbers) not in (1, 4) or not all(map(is_number, numbers)) or numbers[0] < 0:
+    if len(numbers) not in (1, 4) or not all(map(is_number, numbers)):
         raise BadInput('expected a mass in kg, or "MASS,CX,CY,CZ" with the centre of mass in m')
-    return numbers if len(numbers) == 4 else (numbers[0], 0.0, 0.0, 0.0)
+    mass, *centre = numbers if len(numbers) == 4 else (numbers[0], 0.0, 0.0, 0.0)
+    PointLoad(mass=mass, com=centre)
+    return mass, *centre
 
 
 def _as_list(value: Any) -> list[Any]:
@@ -111,7 +118,7 @@ class GroupTable(CellTable):
     robots: Annotated[list[StrictStr], Listed, Filled]
     modes: Annotated[list[Literal["retime", "reshape"]], Listed, Filled] = ["reshape"]
     durations: Annotated[Timings, Filled] = [Duration(multiple=1.5)]
-    payloads: Annotated[list[Annotated[Payload, reads(_payload)]], Listed, Filled] = [()]
+    payloads: Annotated[list[Annotated[Payload, reads(payload_values)]], Listed, Filled] = [()]
     models: Annotated[list[StrictStr], Listed, Filled] = [MEAN]
     objectives: Annotated[list[Literal[OBJECTIVES]], Listed, Filled] = ["energy"]  # type: ignore[valid-type]
     moves: list[MoveTable] = []

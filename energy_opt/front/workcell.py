@@ -52,7 +52,7 @@ def run_workcell_job(request: JobRequest, desk: Desk) -> JobAnswer:
     formats = formats_of(cell, list(request.write), path, load, request.allow_outside)
 
     def model_of(name: str | None, robot: Robot) -> PowerModel:
-        own = [] if name is None else [model_named(name, path)]
+        own = [] if name is None else [model_named(name, path, request.allow_outside)]
         return mean_of(rivals_from(several(request.model) or own, kind, robot)[0])
 
     asked = replace(request, job=content, folder=str(path.parent.resolve()))

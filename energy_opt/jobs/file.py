@@ -30,10 +30,10 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, StrictBool, StrictStr, model_validator
 
-from energy_opt.batches.tables import joint_values
+from energy_opt.batches.tables import joint_values, payload_values
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput, suggest
-from energy_opt.files import KINDS, inside, is_number, read_toml
+from energy_opt.files import KINDS, inside, read_toml
 from energy_opt.jobs.legs import SAME, Job, Load, Step
 from energy_opt.poses.given import SUFFIXES, Given, poses_of_request
 from energy_opt.poses.pose import UNIT, Pose
@@ -47,20 +47,10 @@ FORMATS = tuple(f"energy-opt/{form}" for form in KINDS["job"])
 Target = Pose | np.ndarray
 
 
-def _load(value: Any) -> Load:
-    """MASS or [MASS, CX, CY, CZ]."""
-    parts = value if isinstance(value, list) else [value]
-    numbers = [float(x) for x in parts if is_number(x)]
-    if len(numbers) != len(parts) or len(numbers) not in (1, 4) or numbers[0] < 0:
-        raise BadInput("expected a mass in kg, or [mass, cx, cy, cz] with m")
-    mass, x, y, z = numbers if len(numbers) == 4 else (numbers[0], 0.0, 0.0, 0.0)
-    return mass, x, y, z
-
-
 Seconds = Annotated[Number, Field(ge=0, le=LONGEST)]
 Lasting = Annotated[Number, Field(ge=BRIEFEST, le=LONGEST)]
 Mode = Literal["retime", "reshape"]
-Carried = Annotated[Load, reads(_load)]
+Carried = Annotated[Load, reads(payload_values)]
 
 
 class StepTable(Table):

@@ -11,6 +11,7 @@ import numpy as np
 
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput
+from energy_opt.files import inside
 from energy_opt.jobs.file import Job
 from energy_opt.jobs.file import job_of as read_job
 from energy_opt.jobs.frames import wrong_frames
@@ -99,7 +100,7 @@ def check_workcell(path: Path, load: Callable[[str], Robot], around: CellRequest
             job = job_of(cell, explicit, load, path, around.allow_outside, poses_of_request(request))
             tool_of(job.robot.body, table.tool)
             if table.model is not None:
-                model_of(model_named(table.model, path), job.robot).check(job.robot.n)
+                model_of(model_named(table.model, path, around.allow_outside), job.robot).check(job.robot.n)
             faults += [f"{path}: robot {table.name}: {fault}" for fault in wrong_frames(job, request)]
         except BadInput as error:
             lines = (line if line.startswith(f"{path}: ") else f"{path}: {line}" for line in str(error).splitlines())
@@ -111,19 +112,23 @@ def request_of(cell: WorkCell, table: RobotTable, path: Path, request: CellReque
     """Body and cell of a robot: the request with the robot's base and tool, and the file's scene where it has none.
 
     Raises:
-        BadInput: the base is none.
+        BadInput: the base is none, or the scene lies outside of the job's folder.
     """
-    scene = request.scene or (None if cell.scene is None else path.parent / cell.scene)
     try:
+        own = None if cell.scene is None else inside(path.parent, cell.scene, request.allow_outside)
+        scene = request.scene or own
         return replace(request, base=tuple(table.base), scene=scene, tool=table.tool or request.tool)
     except BadInput as error:
         raise BadInput(f"{path}: robot {table.name}: {error}") from None
 
 
-def model_named(name: str, path: Path) -> str:
-    """A model's name in the job file `path`, or the path of the model file beside it."""
-    beside = path.parent / name
-    return str(beside) if beside.is_file() else name
+def model_named(name: str, path: Path, allow_outside: bool) -> str:
+    """A model's name in the job file `path`, or the path of the model file beside it.
+
+    Raises:
+        BadInput: the file lies outside of the job's folder, and `allow_outside` is False.
+    """
+    return str(inside(path.parent, name, allow_outside)) if (path.parent / name).is_file() else name
 
 
 def _step(k: int, step: StepTable) -> dict[str, Any]:

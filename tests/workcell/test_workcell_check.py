@@ -59,3 +59,26 @@ def test_a_value_of_no_kind_that_a_key_may_have_is_one_fault(
     assert refused(tmp_path, one_robot({"name": "p", key: value})) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.endswith(f"cell.toml: robot 1 (a): step 1 (p): {says}")
+
+
+@pytest.mark.parametrize(
+    ("step", "cell", "arm", "says"),
+    [
+        ({"payload": 2500.0}, {}, {}, "(p): payload = 2500.0; effect payload: mass = 2500 is outside [0, 1000] kg"),
+        ({"payload": [1.0, 20.0, 0.0, 0.0]}, {}, {}, "effect payload: com = 20 is outside [-10, 10] m"),
+        ({}, {"scene": "../scene.yaml"}, {}, "'../scene.yaml' lies outside of"),
+        ({}, {}, {"model": "../model.toml"}, "'../model.toml' lies outside of"),
+    ],
+)
+def test_check_refuses_what_the_job_refuses(
+    step: dict, cell: dict, arm: dict, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Payloads beyond all bounds passed the check; a cell's scene and models were read from anywhere."""
+    (tmp_path / "scene.yaml").write_text("objects: []\n")
+    (tmp_path / "model.toml").write_text('format = "energy-opt/model/1"\n')
+    (tmp_path / "job").mkdir()
+    document = one_robot({"name": "p", "to": [0.0, 0.0, 0.0, -1.5, 0.0, 1.5, 0.0], **step}) | cell
+    document["robot"][0] |= arm
+    for verb in ("check", "job"):
+        assert refused(tmp_path / "job", document, verb) == 2
+        assert says in capsys.readouterr().err

@@ -22,10 +22,12 @@ from energy_opt.files import is_number
 from energy_opt.motion import Settings
 from energy_opt.poses.ends import Ends
 from energy_opt.poses.given import Given, in_base, poses_of_scene
+from energy_opt.requests.moves import OptimizeRequest
 from energy_opt.robot import Robot
 from energy_opt.schema import Name, Number, Table, reads
 
 MEAN = "mean"  # the mean of source-method-2 and careful, the default of every verb
+MOST_MOVES = 10**6  # most random moves of a table: at ten a second, more take days
 OF_POSES = ("start_pose", "goal_pose", "via_pose", "free", "pose_tolerance")
 Payload = tuple[float, ...]  # mass [kg] and centre of mass (3) [m]; empty for the model's own
 
@@ -92,7 +94,7 @@ class MoveTable(Table):
 class RandomTable(Table):
     """Random moves: their number, seed, and share of the joints' ranges."""
 
-    count: Annotated[int, Field(strict=True, gt=0)]
+    count: Annotated[int, Field(strict=True, gt=0, le=MOST_MOVES)]
     seed: Annotated[int, Field(strict=True, ge=0)] = 0
     range: Annotated[Number, Field(gt=0, le=1)] = 0.6
 
@@ -136,13 +138,14 @@ class GroupTable(CellTable):
     @classmethod
     def _of_the_solver(cls, given: dict[str, Any]) -> dict[str, Any]:
         """Settings that the solver knows, with lists as tuples."""
-        known = [f.name for f in dataclasses.fields(Settings) if f.name not in ("objective", "compile")]
+        known = [f.name for f in dataclasses.fields(Settings) if f.name not in ("objective", "compile", "own_limits")]
         for key in given:
             if key not in known:
                 raise ValueError(f"{key}: unknown setting; known: {', '.join(known)}")
         try:
+            OptimizeRequest(**given)  # checks their types
             Settings(**given)
-        except (BadInput, TypeError) as error:
+        except BadInput as error:
             raise ValueError(str(error)) from None
         return {key: tuple(value) if isinstance(value, list) else value for key, value in given.items()}
 

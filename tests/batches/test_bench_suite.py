@@ -138,6 +138,7 @@ def test_no_duration(value):
         (HEAD + 'random = { count = 1 }\nmodels = ["none.toml"]\n', "models: 'none.toml'"),
         (HEAD + "random = { count = 1 }\npayloads = [-1]\n", "payloads 1 = -1"),
         (HEAD + "random = { count = 1 }\n[settings]\nspeed = 3\n", "settings: speed: unknown setting"),
+        (HEAD + "random = { count = 1 }\n[settings]\nstarts = 'a'\n", "settings: starts 'a': expected a whole number"),
         (HEAD + "[[moves]]\nstart = [0, 0]\ngoal = [0, 0]\n", "moves 1 (move01) on panda: 2 values; the robot has 7"),
         (HEAD + "[[moves]]\nstart = [0, 0]\n", "moves 1: goal is missing"),
         (HEAD + "[[moves]]\nname = 'a'\nstart = {elbow = 1}\ngoal = {}\n", "unknown joint 'elbow'"),

@@ -133,9 +133,10 @@ def guess_joints(table: Table, robot: Robot, hand: ByHand) -> Guess:
     time = _guess_time(table, out, "time", hand)
     if not hand.joints and "actual_q_0" in header and header.count("timestamp") == 1 and len(robot.joints) == 6:
         out.preset = "ur_rtde"
-        out.columns.clear()
+        if hand.time is None:
+            out.columns.clear()
         out.words.append("columns of Universal Robots' RTDE recorder (preset ur_rtde)")
-        if "actual_robot_current" not in header or hand.power is not None:
+        if not {"actual_robot_voltage", "actual_robot_current"} <= set(header) or hand.power is not None:
             _guess_meter(table, out, hand)
         return out
     _guess_meter(table, out, hand)

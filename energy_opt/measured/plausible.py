@@ -70,8 +70,8 @@ def degrees_fault(position: np.ndarray, robot: Robot) -> tuple[int, str, str] | 
     lower, upper = robot.limits.lower, robot.limits.upper
     joint = robot.joints[j]
     remedy = (
-        'these look like degrees; give the column\'s unit in log.toml ({ column = "...", unit = "deg" }), '
-        "or `energy-opt import` the file, which converts"
+        'these look like degrees (or the robot is another); give the unit in log.toml ({ column = "...", unit = "deg" '
+        f"}}), or by `energy-opt import --joint {joint}=COLUMN:deg`"
     )
     outside = f"is far outside {joint}'s limits [{lower[j]:.4g}, {upper[j]:.4g}]"
     return row, joint, f"{position[row, j]:.4g} rad {outside}: {remedy}"

@@ -68,6 +68,17 @@ def test_power_by_hand_may_be_a_voltage_times_a_current(tmp_path: Path) -> None:
     np.testing.assert_allclose(made.runs[0].power, p[: len(made.runs[0].power)], rtol=1e-4)
 
 
+def test_columns_by_hand_replace_those_of_a_recorder(tmp_path: Path) -> None:
+    t, q, _, p = arm(Z1)
+    header = ",".join(f"actual_q_{k}" for k in range(6))
+    path = put(tmp_path / "a.csv", lines(f"timestamp,{header},watts,clock", [t, q, p, 1e3 * t], "%.9f"))
+    made = import_files([path], tmp_path / "set", Z1, hand=ByHand(time="clock:ms"))
+    assert made.log["columns"] == {"preset": "ur_rtde", "time": {"column": "clock", "unit": "ms"}, "power": "watts"}
+    path = put(tmp_path / "b.csv", lines(f"timestamp,{header},actual_robot_current,watts", [t, q, 0 * t, p], "%.9f"))
+    made = import_files([path], tmp_path / "set 2", Z1)
+    assert made.log["columns"] == {"preset": "ur_rtde", "power": "watts"}
+
+
 def test_velocities_in_another_unit_are_converted_or_left_out(tmp_path: Path) -> None:
     t, q, v, p = arm(Z1)
     header = f"t,{JOINTS},{','.join(f'dq{k}' for k in SIX)},power"

@@ -61,6 +61,8 @@ def read_srdf(path: Path) -> Srdf:
         BadInput: not readable, or an element lacks what it must say; names file and element.
     """
     root = read_robot_xml(path)
+    if root.find("link") is not None:
+        raise BadInput(f"{path}: a URDF; expected an SRDF, which names pairs of links that may touch")
 
     def of(element: Element, key: str) -> str:
         value = element.get(key)

@@ -46,6 +46,7 @@ def test_pairs_and_poses(tmp_path: Path) -> None:
     [
         ("<robot", "not XML"),
         ("<urdf/>", "expected <robot>"),
+        ('<robot name="r"><link name="a"/></robot>', "a URDF; expected an SRDF"),
         ('<!DOCTYPE r [<!ENTITY a "b">]><robot/>', "document type"),
         ('<robot><disable_collisions link1="a"/></robot>', "without link2"),
         ('<robot><group_state name="x"><joint name="j" value="nan"/></group_state></robot>', "not finite"),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import difflib
 import re
 import shutil
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.files import write_toml
+from energy_opt.folders import no_other_verb, written_whole
 from energy_opt.measured.columns import ByHand, given_names, understood
 from energy_opt.measured.guess import Guess, guess_joints, guess_meter, guess_robot, is_motion, same_columns
 from energy_opt.measured.joints import EPOCH
@@ -53,10 +53,13 @@ def import_files(
         hand: columns that are named by hand.
 
     Raises:
-        BadInput: a file is not usable or its columns are not understood, with file, row and column.
+        BadInput: a file is not usable or its columns are not understood, with file, row and column; or the folder holds
+            a set, or results.
     """
-    if (out / NAME).exists() and not replace:
-        raise BadInput(f"{out}: holds a measured set already; another --out, or --force")
+    if not replace:
+        no_other_verb(out, NAME)
+        if (out / NAME).exists():
+            raise BadInput(f"{out}: holds a measured set already; another --out, or --force")
     tables = [Table(path) for path in _without_repeats(files)]
     hand = (hand or ByHand()).with_units_moved(tables, robot)
     words: list[str] = []
@@ -79,8 +82,7 @@ def import_files(
     if not known & {"power", "energy", "current", "effort"} and first_joint.preset is None:
         raise BadInput(f"{tables[0].path}: no column of power, energy, currents or torques in any file")
     pairs = _pairs(joints, meters, words)
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place)
+    with written_whole(out, NAME) as folder:
         document = _document(robot.named_in(folder), first_joint, first_meter, joints, pairs)
         for table in tables:
             shutil.copyfile(table.path, folder / table.path.name)
@@ -91,7 +93,6 @@ def import_files(
                 raise BadInput("\n".join(_with_original_path(fault, folder, tables) for fault in faults))
             if not again:
                 _kinds(document, runs, words)
-        _move_to_place(folder, out, [path.name for path in folder.iterdir() if path.name != NAME])
     return Imported(out, robot, document, tuple(words), tuple(remarks), tuple(runs))
 
 
@@ -220,16 +221,3 @@ def _with_original_path(fault: str, folder: Path, tables: Sequence[Table]) -> st
     for table in tables:
         fault = fault.replace(str(folder / table.path.name), str(table.path))
     return fault.replace(str(folder / NAME), "import")
-
-
-def _move_to_place(folder: Path, out: Path, names: Sequence[str]) -> None:
-    """Move the finished set to its place; its log.toml last, so that no incomplete set can be read."""
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        for name in [*names, NAME]:
-            if (out / name).exists() and (out / name).samefile(folder / name):
-                continue
-            shutil.copyfile(folder / name, out / f".{name}.new")
-            (out / f".{name}.new").replace(out / name)
-    except OSError as error:
-        raise BadInput(f"{out}: cannot be written: {error.strerror}") from None

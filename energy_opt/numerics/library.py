@@ -132,8 +132,9 @@ def build(cache: Path, key: str, source: str, cc: str, flags: tuple[str, ...] = 
                 [cc, *FLAGS, str(code), "-o", str(built), *flags], capture_output=True, text=True, cwd=aside
             )
             if done.returncode:
-                last = (done.stderr.strip().splitlines() or [f"exit {done.returncode}"])[-1]
-                raise Unusable(f"{cc} cannot build the node functions: {last}")
+                said = done.stderr.strip().splitlines() or [f"exit {done.returncode}"]
+                why = next((line for line in said if "error" in line), said[-1])
+                raise Unusable(f"{cc} cannot build the node functions: {why}")
             built.chmod(0o700)
             library = cache / f"{key}-{_digest(built)}.so"
             os.replace(built, library)

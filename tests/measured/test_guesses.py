@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -66,6 +67,28 @@ def test_power_by_hand_may_be_a_voltage_times_a_current(tmp_path: Path) -> None:
     made = import_files([path], tmp_path / "set", Z1, hand=ByHand(power="x1*x2:mA"))
     assert made.log["columns"]["power"] == {"product": ["x1", "x2"], "unit": "mW"}
     np.testing.assert_allclose(made.runs[0].power, p[: len(made.runs[0].power)], rtol=1e-4)
+
+
+def test_a_full_disk_keeps_the_old_set(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    t, q, _, p = arm(Z1)
+    new, out, copy = tmp_path / "new", tmp_path / "set", shutil.copyfile
+    new.mkdir()
+    import_files([put(tmp_path / "a.csv", lines(f"t,{JOINTS},power", [t, q, p]))], out, Z1)
+    old = {file.name: file.read_bytes() for file in out.iterdir()}
+    files = [put(new / name, lines(f"t,{JOINTS},power", [t, q, 2 * p])) for name in ("a.csv", "b.csv")]
+
+    def full(source: Path, target: Path) -> None:
+        if out in target.parents and "b.csv" in target.name:
+            raise OSError(28, "No space left on device")
+        copy(source, target)
+
+    monkeypatch.setattr(shutil, "copyfile", full)
+    with pytest.raises(BadInput, match="No space left on device; nothing in it was changed"):
+        import_files(files, out, Z1, replace=True)
+    assert {file.name: file.read_bytes() for file in out.iterdir()} == old
+    (new / "job.json").write_text("{}")
+    with pytest.raises(BadInput, match="holds the results of job"):
+        import_files(files, new, Z1)
 
 
 def test_columns_by_hand_replace_those_of_a_recorder(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from energy_opt.cell.load import load_cell
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.files import read_toml, to_json
-from energy_opt.folders import take_folder, written_whole
+from energy_opt.folders import no_other_verb, take_folder, written_whole
 from energy_opt.formats import read_trajectory
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import (
@@ -129,13 +129,15 @@ def simulated_files(out: Path) -> list[str]:
 
 
 def _guard(request: SimulateRequest, asked: str, force: bool) -> None:
-    """Refuse to overwrite measured data, or the simulation of another request, unless forced.
+    """Refuse to overwrite measured data, results, or the simulation of another request, unless forced.
 
     Args:
         asked: the request as truth.toml has it.
     """
     out = Path(request.out)
     take_folder(out)
+    if not force:
+        no_other_verb(out, "log.toml")
     if force or not (out / "log.toml").exists():
         return
     truth = out / "truth.toml"

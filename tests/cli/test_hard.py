@@ -273,6 +273,10 @@ def test_simulated_data_do_not_replace_measured_data(tmp_path: Path, capsys: pyt
     words = ["simulate", str(tmp_path / "t.csv"), "--plant", str(tmp_path / "plant.toml"), "--out", str(tmp_path)]
     assert main([*words, "--quiet"]) == 2 and "--force" in capsys.readouterr().err
     assert (tmp_path / "log.toml").read_text() == "measured"
+    (tmp_path / "log.toml").unlink()
+    (tmp_path / "result.json").write_text("{}")
+    assert main([*words, "--quiet"]) == 2 and "holds the results of optimize" in capsys.readouterr().err
+    assert (tmp_path / "result.json").read_text() == "{}"
 
 
 def test_a_simulated_set_names_the_urdf_that_was_given(tmp_path: Path) -> None:

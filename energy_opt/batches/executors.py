@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -13,10 +14,12 @@ from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future,
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from multiprocessing import connection
+from types import ModuleType
 
 from energy_opt.batches.records import Record, failed
 from energy_opt.batches.task import Task
 from energy_opt.batches.work import solve_task
+from energy_opt.effects import known_effects
 from energy_opt.errors import BadInput, EnergyOptError
 
 # For workers: one thread for linear algebra, and no imports from the current folder (such as a `selectors.py` there).
@@ -49,7 +52,13 @@ def _follow_parent() -> None:
 
 @contextmanager
 def local(jobs: int) -> Iterator[Place]:
-    """`jobs` processes of this machine, each with one thread for linear algebra; killed on an exception."""
+    """`jobs` processes of this machine, each with one thread for linear algebra; killed on an exception.
+
+    They do not run the user's script again, as processes of Python do, unless it defines effects.
+    """
+    main = sys.modules["__main__"]
+    if not any(kind.__module__ == "__main__" for kind in known_effects().values()):
+        sys.modules["__main__"] = ModuleType("__main__")
     before = {name: os.environ.get(name) for name in _FOR_WORKERS}
     others = set(multiprocessing.active_children())
     os.environ.update({name: value or "1" for name, value in before.items()})
@@ -64,6 +73,7 @@ def local(jobs: int) -> Iterator[Place]:
         raise
     finally:
         executor.shutdown(wait=True, cancel_futures=True)
+        sys.modules["__main__"] = main
         for name, value in before.items():
             if value is None:
                 os.environ.pop(name, None)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 
 import pytest
 
@@ -119,3 +121,15 @@ def test_a_scheduler_that_is_not_there(tmp_path, capsys):
     words = [str(tmp_path / "suite.toml"), "--scheduler", "nowhere", "--out", str(tmp_path / "out"), "--quiet"]
     assert main(["bench", *words]) == 2
     assert "no Dask scheduler answers" in capsys.readouterr().err
+
+
+def test_workers_do_not_run_the_users_script_again(tmp_path):
+    """A script without `if __name__ == "__main__"` had ended every worker: 0 moves solved."""
+    (tmp_path / "suite.toml").write_text(SUITE.split("[[moves]]")[0] + "[[moves]]" + SUITE.split("[[moves]]")[3])
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import energy_opt as eo\nprint('once')\nbatch = eo.bench('suite.toml', jobs=1, out='out')\n"
+        "print({row['status'] for row in batch.records})\n"
+    )
+    done = subprocess.run([sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True)
+    assert (done.stdout.splitlines(), done.stderr) == (["once", "{'infeasible'}"], "")

@@ -36,7 +36,7 @@ Asked = TypeVar("Asked", JobRequest, TradeoffRequest, PlaceRequest)
 def content_of(request: JobRequest | TradeoffRequest | PlaceRequest) -> tuple[dict[str, Any], Path]:
     """A job's document, and the file whose folder contains its other files."""
     if isinstance(request.job, Mapping):
-        return dict(request.job), Path(request.folder or ".") / "job.toml"
+        return plain(request.job), Path(request.folder or ".") / "job.toml"
     path = Path(str(request.job))
     return read_toml(path, "job"), path
 

@@ -75,7 +75,7 @@ def run(request: PlaceRequest, desk: Desk) -> PlaceAnswer:
     from energy_opt.placement import place as placed
 
     given = request.base_box
-    words = given if isinstance(given, str) else ",".join(repr(float(x)) for x in given)
+    words = given if isinstance(given, str) else ",".join(map(str, given if hasattr(given, "__iter__") else [given]))
     counts = {name: getattr(request, name) for name in ("looked_at", "seeds", "steps", "fixture")}
     box, around = Box.of(words, **counts), cell_of(request)
     job = job_from(request)

@@ -18,9 +18,10 @@ import energy_opt as eo
 from energy_opt.effects import ALL_EFFECTS
 from energy_opt.errors import BadInput
 from energy_opt.front.given import payload_from, positions, robot_from, source_model
+from energy_opt.front.jobs import job_from
 from energy_opt.motion.path import straight
 from energy_opt.motion.reshape.nodes import node_functions
-from energy_opt.requests.moves import OptimizeRequest
+from energy_opt.requests.moves import JobRequest, OptimizeRequest
 from energy_opt.robot import load_robot
 
 README = Path(__file__).parents[2] / "README.md"
@@ -117,6 +118,14 @@ def test_iterators_and_scalars_of_numpy_are_taken(panda):
     asked = OptimizeRequest(panda, start=iter(START), via=map(list, [GOAL]), keep=None, duration=np.array(2.0))
     assert (asked.start, asked.via, asked.keep, asked.duration) == (list(START), (list(GOAL),), (), 2.0)
     assert OptimizeRequest(panda, self_collision=np.bool_(False)).self_collision is False
+
+
+def test_a_job_may_hold_arrays_and_a_box_must_be_one(panda):
+    steps = [{"to": np.array(GOAL)}, {"to": "home"}]
+    job = {"format": "energy-opt/job/1", "robot": "panda", "cycle_time": 6, "home": np.array(START), "step": steps}
+    assert job_from(JobRequest(job), robot=panda).steps[0].goal.tolist() == list(GOAL)
+    with pytest.raises(eo.BadInput, match=r"^base_box 3: expected X0"):
+        eo.place(job, base_box=3)
 
 
 @pytest.mark.parametrize(("key", "says"), [("goals", "expected a list"), ("settings", "expected a table")])

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.robot.kinematics import pose_of
+from energy_opt.robot.kinematics import no_degrees, pose_of
 from energy_opt.robot.rigid_body import RigidBody
+
+FARTHEST = 5.0  # [m] largest offset of a tool's origin: the longest lances have half of it
 
 
 @dataclass(frozen=True)
@@ -51,9 +53,14 @@ def tool_of(body: RigidBody, words: str | None = None) -> Tool:
         place = [np.nan]
     if len(place) not in (0, 3, 6) or not np.isfinite(place).all():
         raise BadInput(f"--tool {words}: expected FRAME or FRAME,X,Y,Z[,R,P,Y] with the tool's pose there [m, rad]")
+    far = max(map(abs, place[:3]), default=0.0)
+    if far > FARTHEST:
+        meant = f"are these millimetres? {far / 1000:g} m then"
+        raise BadInput(f"--tool {words}: its origin is {far:g} m from {name}; expected metres ({meant})")
     pose = pose.copy()
     if place:
         pose[:3, 3] += pose[:3, :3] @ place[:3]
     if len(place) == 6:
+        no_degrees(f"--tool {words}", place[3:])
         pose = pose @ pose_of((0.0, 0.0, 0.0), place[3:])
     return Tool(name, joint, tuple(tuple(float(x) for x in row) for row in pose))

@@ -82,3 +82,6 @@ def test_tools_are_named_by_joint_or_link(panda: Robot) -> None:
     for words in ("nothing", "panda_link0", "panda_link7,1,2", "panda_link7,a,b,c", "panda_link7,nan,0,0"):
         with pytest.raises(BadInput, match="tool"):
             tool_of(panda.body, words)
+    for words, says in (("panda_link7,0,0,103", "are these millimetres"), ("panda_link7,0,0,0,0,0,90", "in degrees")):
+        with pytest.raises(BadInput, match=says):
+            tool_of(panda.body, words)

@@ -77,6 +77,18 @@ def test_a_second_run_leaves_files_of_one_motion_only(written: Path, tmp_path: P
     assert "trajectory.mcap" not in listed(out) and faults_of_results(out) == []
 
 
+@pytest.mark.parametrize("words", [("evaluate", "--robot", "panda"), ("optimize", "--robot", "panda", "--path")])
+def test_a_file_that_is_read_is_not_replaced(
+    words: tuple[str, ...], written: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Results may have the names of a user's own trajectories, which were removed."""
+    own = tmp_path / "trajectory.yaml"
+    own.write_bytes((written / "trajectory.yaml").read_bytes())
+    assert main([*words, str(own), "--out", str(tmp_path), "--quiet"]) == 2
+    assert "trajectory.yaml: would be replaced by a result" in capsys.readouterr().err
+    assert own.read_bytes() == (written / "trajectory.yaml").read_bytes()
+
+
 def test_an_infeasible_move_leaves_nothing_of_another(written: Path, tmp_path: Path) -> None:
     out = copied(written, tmp_path / "out")
     assert run(out, "0.01", "--force") == 3

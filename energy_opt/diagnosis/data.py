@@ -37,6 +37,7 @@ class Samples:
         blur: (K, 2 n) standard deviations of v and a by errors of the logged positions or velocities.
         lag: [s] time uncertainty of the motion by sampling, quantisation and smoothing of the positions.
         allowed: (M,) [W^2] variance of single readings by these errors and by clocks, see `weighted`.
+        elsewhere: times (H,) [s] and rigid torque (H, n) [N m] of the set's other runs, in which windings get warm.
     """
 
     body: RigidBody
@@ -62,6 +63,7 @@ class Samples:
     blur: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
     lag: float = 0.0
     allowed: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    elsewhere: tuple[np.ndarray, np.ndarray] | None = None
 
     @property
     def n(self) -> int:
@@ -69,9 +71,10 @@ class Samples:
         return self.q.shape[1]
 
     def part(self, runs: Sequence[int]) -> Samples:
-        """The given runs only, with the quantities already computed for them."""
+        """The given runs only; what depends on the whole set, as temperatures relative to it, stays as it is."""
         samples = np.concatenate([np.arange(self.slices[r].start, self.slices[r].stop) for r in runs])
         read = np.concatenate([np.arange(self.parts[r].start, self.parts[r].stop) for r in runs])
+        others = np.setdiff1d(np.arange(len(self.t)), samples)
         out = replace(
             self, q=self.q[samples], v=self.v[samples], a=self.a[samples], t=self.t[samples],
             temperature=self.temperature[samples], slices=laid([self.slices[r] for r in runs]), at=self.at[read],
@@ -81,18 +84,27 @@ class Samples:
             single=tuple(self.single[r] for r in runs), logged={k: x[samples] for k, x in self.logged.items()},
             blur=self.blur[samples] if len(self.blur) else self.blur,
             allowed=self.allowed[read] if len(self.allowed) else self.allowed,
+            elsewhere=(self.t[others], self.gravity_torque[others] @ self.body.gravity + self.free_torque[others]),
         )  # fmt: skip
-        for name in ("free_torque", "gravity_torque", "last_regressors", "regressors", "warmth", "idle", "dwell"):
-            if name in self.__dict__:
-                out.__dict__[name] = self.__dict__[name][samples]
+        at_once = ("regressors",) if len(self.q) <= PIECE else ()
+        for name in ("free_torque", "gravity_torque", "warmth", "idle", "dwell", *at_once):
+            out.__dict__[name] = getattr(self, name)[samples]
+        return out
+
+    def reread(self, **readings: Any) -> Samples:
+        """The same motions with other readings."""
+        out = replace(self, **readings)
+        kept = ("free_torque", "gravity_torque", "regressors", "last_regressors", "warmth", "idle", "dwell")
+        out.__dict__.update({name: self.__dict__[name] for name in kept if name in self.__dict__})
         return out
 
     def at_nodes(self) -> Samples:
-        """The same motions with a zero reading at each node, without the quantities already computed."""
+        """The same motions with a zero reading at each node, as if the set had no other runs."""
         count = len(self.slices)
-        return replace(
-            self, at=self.t, power=np.zeros(len(self.t)), parts=self.slices, operators=(None,) * count,
+        return self.reread(
+            at=self.t, power=np.zeros(len(self.t)), parts=self.slices, operators=(None,) * count,
             counts=(1,) * count, weight=np.ones(len(self.t)), allowed=np.zeros(0),
+            elsewhere=None,
         )  # fmt: skip
 
     def shown(self, x: np.ndarray) -> np.ndarray:
@@ -165,43 +177,50 @@ class Samples:
 
     @cached_property
     def regressors(self) -> np.ndarray:
-        """d tau / d (inertial parameters of links) (K, n, 10 L, 4): no gravity; at rest for unit gravity x, y, z."""
-        return self._regressors(slice(None), slice(None))
+        """d tau / d (inertial parameters of links) (K, n, 10 L), under the robot's own gravity."""
+        return self.body.link_regressor(self.q, self.v, self.a)
 
     @cached_property
     def last_regressors(self) -> np.ndarray:
-        """`regressors` of the last link alone, which carries the payload: (K, n, 10, 4)."""
-        last = slice(10 * self.body.last, 10 * self.body.last + 10)
-        parts = [self._regressors(samples, last) for samples in pieces(len(self.q), PIECE)]
-        return np.concatenate(parts)
+        """The same for the last link alone, which carries the payload, and for unit gravity x, y, z (K, n, 10, 4)."""
+        last, out = slice(10 * self.body.last, 10 * self.body.last + 10), []
+        for x in pieces(len(self.q), PIECE):
+            own, by_gravity = self._by_links(x, True)
+            out.append(np.concatenate([own[:, :, last, None], by_gravity[:, :, last]], axis=3))
+        return np.concatenate(out)
 
-    def _regressors(self, span: slice, columns: slice) -> np.ndarray:
-        """(k, n, parameters, 4): derivatives of torque by inertial parameters, without gravity, and for unit gravity
-        along x, y and z.
-        """
-        q, v, a, still = self.q[span], self.v[span], self.a[span], np.zeros_like(self.v[span])
-        own = [self.body.link_regressor(q, v, a, np.zeros(3))[:, :, columns]]
-        own += [self.body.link_regressor(q, still, still, unit)[:, :, columns] for unit in np.eye(3)]
-        return np.stack(own, axis=3)
+    def _by_links(self, x: slice, tilted: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives by all links' parameters at some nodes, as in `by_links`."""
+        q, v, a = self.q[x], self.v[x], self.a[x]
+        own = self.regressors if len(self.q) <= PIECE else self.body.link_regressor(q, v, a)
+        if not tilted:
+            return own, np.zeros((*own.shape, 0))
+        still = np.zeros_like(v)
+        return own, np.stack([self.body.link_regressor(q, still, still, unit) for unit in np.eye(3)], axis=3)
 
-    def by_links(self, live: np.ndarray) -> Iterator[tuple[slice, np.ndarray]]:
-        """Yield slices of the nodes with the `regressors` of the inertial parameters `live` there (k, n, live, 4).
+    def by_links(self, live: np.ndarray, tilted: bool) -> Iterator[tuple[slice, slice, np.ndarray, np.ndarray]]:
+        """Yield slices of nodes, a slice of inertial parameters that contains the indices `live`, and the derivatives
+        of torque by these: under the robot's own gravity (k, n, p), and if `tilted` for unit gravity (k, n, p, 3).
 
         Those of all links are cached if they are not too large (a million samples at 1 kHz have some GB), those of the
         last link always; others are computed again.
         """
-        at_once, first = len(self.q) <= PIECE, 10 * self.body.last
-        if not at_once and live.min() >= first and live.max() < first + 10:
-            yield slice(0, len(self.q)), self.last_regressors[:, :, live - first]
+        first = 10 * self.body.last
+        if live.min() >= first and live.max() < first + 10:
+            own = self.last_regressors
+            yield slice(0, len(self.q)), slice(first, first + 10), own[..., 0], own[..., 1:]
             return
-        for samples in pieces(len(self.q), PIECE):
-            whole = self.regressors if at_once else self._regressors(samples, slice(None))
-            yield samples, whole[:, :, live]
+        for x in pieces(len(self.q), PIECE):
+            yield x, slice(None), *self._by_links(x, tilted)
 
     def deviating(self, basis: np.ndarray) -> np.ndarray:
         """Torque (K, n, c) per amount of the link deviations `basis` (10 L, c), under the robot's own gravity."""
-        parts = pieces(len(self.q), PIECE)
-        return np.concatenate([self.body.link_regressor(self.q[x], self.v[x], self.a[x]) @ basis for x in parts])
+        return np.concatenate([times(self._by_links(x, False)[0], basis) for x in pieces(len(self.q), PIECE)])
+
+
+def times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """a (k, n, p) times a matrix b (p, c) as one product of matrices, which is faster than k small ones."""
+    return (a.reshape(-1, a.shape[2]) @ b).reshape(*a.shape[:2], -1)
 
 
 def pieces(count: int, most: int) -> list[slice]:

@@ -236,7 +236,7 @@ def weighted(samples: Samples, now: Prediction) -> Samples:
         weight[part] = group_weight(own, samples.group) if grouped else own / samples.group**0.5
         whole = len(variance) // samples.group * samples.group
         allowed[part] = variance[:whole].reshape(-1, samples.group).mean(axis=1) if grouped else variance
-    return replace(samples, weight=weight, allowed=allowed)
+    return samples.reread(weight=weight, allowed=allowed)
 
 
 def _switches(samples: Samples, span: slice, part: slice, noise: float) -> list[int]:

@@ -10,7 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from energy_opt.diagnosis.data import Samples, pieces
+from energy_opt.diagnosis.data import Samples, pieces, times
 from energy_opt.effects import (
     EXACT,
     MeterEffect,
@@ -146,12 +146,13 @@ def _rigid_torque(rigid: PowerModel, s: Samples) -> tuple[np.ndarray, np.ndarray
     if live.size:
         if by_gravity.any():
             by_g = by_g.copy()
-        for samples, own in s.by_links(live):
-            regressor = own[..., 0] + own[..., 1:] @ gravity
-            tau[samples] += regressor @ phi[live]
-            slope[samples] += regressor @ by_phi[live]
-            if by_gravity.any():
-                by_g[samples] += np.einsum("njpk,p->njk", own[..., 1:], phi[live])
+        tilt, turns = gravity - body.gravity, bool(by_gravity.any())
+        for samples, at, own, by_unit in s.by_links(live, turns or bool(tilt.any())):
+            regressor = own + by_unit @ tilt if tilt.any() else own
+            tau[samples] += regressor @ phi[at]
+            slope[samples] += times(regressor, by_phi[at])
+            if turns:
+                by_g[samples] += np.einsum("njpk,p->njk", by_unit, phi[at])
     slope += by_g @ by_gravity
     for effect, where in zip(rigid.effects, rigid.slices(s.n), strict=True):
         added = _changing(effect.form, s.n)
@@ -159,7 +160,7 @@ def _rigid_torque(rigid: PowerModel, s: Samples) -> tuple[np.ndarray, np.ndarray
             continue
         mass, share, by_mass = (x.copy() for x in added(s.dwell[:, None], effect.full(s.n)))
         if share.any():
-            regressor = s.last_regressors[..., 0] + s.last_regressors[..., 1:] @ gravity
+            regressor = s.last_regressors[..., 0] + s.last_regressors[..., 1:] @ (gravity - body.gravity)
             tau += share * (regressor @ mass[0])
             slope[:, :, where] += share[:, :, None] * (regressor @ by_mass[0].reshape(10, -1))
     return tau, slope
@@ -215,16 +216,15 @@ def predict(
         out = law()
     n = s.n
     if "heated" in known:
-        order = np.argsort(s.t, kind="stable")
         warm, tau_m = state[5 + list(known).index("heated")], out[:, 2 : 2 + n].copy()
         soaking = next(e for e in model.effects if isinstance(e, SoakingEffect))
         at, step = where[soaking.name].stop - 1, STORE_STEP * float(soaking.full(n)[-1])
         moved = None
         if values[where[soaking.name]][:-1].any():
             later = model.with_values(values + step * (np.arange(len(values)) == at), n)
-            warm[order] = heated(later, s.t[order], tau_m[order])
+            warm[:] = _heated(later, s, tau_m)
             moved = law()[:, 0].copy()
-        warm[order] = heated(model, s.t[order], tau_m[order])
+        warm[:] = _heated(model, s, tau_m)
         out = law()
         # the law takes `heated` as an input, so its derivative by the time constant is a finite difference
         if moved is not None:
@@ -285,6 +285,14 @@ def _named(past: dict[str, ca.SX]) -> dict[str, Any]:
     logged = {name.removeprefix("signal."): x for name, x in past.items() if name.startswith("signal.")}
     own = {name: x for name, x in past.items() if not name.startswith("signal.")}
     return {**own, **({"logged": logged} if logged else {})}
+
+
+def _heated(model: PowerModel, s: Samples, tau_m: np.ndarray) -> np.ndarray:
+    """`Signals.heated` (K, n) [W] of motors at `tau_m` (K, n); in the set's other runs they give the rigid torque."""
+    time, torque = (np.concatenate(x) for x in zip((s.t, tau_m), *([s.elsewhere] if s.elsewhere else []), strict=True))
+    order, out = np.argsort(time, kind="stable"), np.empty_like(torque)
+    out[order] = heated(model, time[order], torque[order])
+    return out[: len(s.t)]
 
 
 def _returned(model: PowerModel, s: Samples, bus: np.ndarray) -> np.ndarray:

@@ -152,7 +152,7 @@ def _paces(samples: Samples) -> tuple[Samples, Samples]:
     fast = samples.at_nodes()
     later = (SLOWER - 1) * np.concatenate([np.full(s.stop - s.start, samples.t[s.start]) for s in samples.slices])
     slow = replace(fast, v=samples.v / SLOWER, a=samples.a / SLOWER**2, t=samples.t * SLOWER)
-    return replace(fast, t=samples.t + later), slow
+    return fast.reread(t=samples.t + later), slow
 
 
 def _changes(

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 BIN = 0.03  # [s] readings closer than this are averaged
 MOST_READINGS = 10_000  # most readings in a fit: five minutes of a fast meter; of more, neighbours are averaged
-REST = 1e-3  # [rad/s] slower joints count as standing still, whatever the encoder noise
+REST, BY_NOISE = 1e-3, 4.0  # [rad/s] slower joints count as standing still; standard deviations of a speed that do, too
 Taken = tuple[tuple[np.ndarray, ...], tuple[np.ndarray, np.ndarray], "csr_matrix | None", int]
 
 
@@ -60,14 +60,12 @@ def _lag(measured: MeasuredSet, smoothing: Smoothing, v: np.ndarray, smoothed: n
     return max(spacing, step / float(np.median(speed)), float(np.median(smoothed[v != 0])))
 
 
-def _blur(run: Run, smoothing: Smoothing, cutoffs: np.ndarray) -> np.ndarray:
-    """Standard deviations (2 n,) of velocities and accelerations after smoothing of noisy positions or velocities.
+def _blur(run: Run, smoothing: Smoothing, cutoffs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Standard deviations (n,) of velocities and (n,) of accelerations after smoothing of noisy readings.
 
-    White noise s of samples h apart has the density 2 s^2 h; the smoother's response is 1 / (1 + (f / f_c)^6). Both are
-    widened by the root of the number of bins over which the error is correlated.
+    White noise s of samples h apart has the density 2 s^2 h; the smoother's response is 1 / (1 + (f / f_c)^6).
     """
     h, f = float(np.median(np.diff(run.time))), np.where(np.isfinite(cutoffs), cutoffs, 0.0)
-    alike = np.sqrt(np.maximum(1.0, 1 / np.maximum(2 * f * max(BIN, h), 1e-9)))
     if run.velocity is None:
         s = smoothing.position_noise
         v = s * 2 * np.pi * np.sqrt(2 * h * f**3 * np.pi / 12)
@@ -76,9 +74,7 @@ def _blur(run: Run, smoothing: Smoothing, cutoffs: np.ndarray) -> np.ndarray:
         s = smoothing.velocity_noise
         v = s * np.sqrt(2 * h * f * 5 * np.pi / 18)
         a = s * 2 * np.pi * np.sqrt(2 * h * f**3 * np.pi / 12)
-    if run.acceleration is not None:
-        a = 0 * a
-    return np.concatenate([v * alike, a * alike])
+    return v, 0 * a if run.acceleration is not None else a
 
 
 def _bins(run: Run, smoothing: Smoothing) -> Taken:
@@ -113,11 +109,15 @@ def _motion(run: Run, time: np.ndarray, smoothing: Smoothing) -> tuple[np.ndarra
     q, v, a = k.q, k.v, k.a
     if moved.max() < 2e-3:
         q, v, a = np.tile(run.position.mean(axis=0), (len(time), 1)), np.zeros_like(v), np.zeros_like(a)
-    v = np.where(np.abs(v) < REST, 0.0, v)
+    blur_v, blur_a = _blur(run, smoothing, k.cutoffs)
+    v = np.where(np.abs(v) < np.maximum(REST, BY_NOISE * blur_v), 0.0, v)
     temperature = np.full_like(q, np.nan)
     if run.temperature is not None:
         temperature = np.column_stack([np.interp(time, run.time, c) for c in run.temperature.T])
-    blur = np.where(np.tile(v, 2) != 0, _blur(run, smoothing, k.cutoffs), 0.0)
+    # errors are correlated over some bins: they are widened by the root of their number
+    step = max(BIN, float(np.median(np.diff(run.time))))
+    alike = np.sqrt(np.maximum(1.0, 1 / np.maximum(2 * np.where(np.isfinite(k.cutoffs), k.cutoffs, 0.0) * step, 1e-9)))
+    blur = np.where(np.tile(v, 2) != 0, np.concatenate([blur_v * alike, blur_a * alike]), 0.0)
     return run.start + time, q, v, a, temperature, blur, np.tile(1 / (2 * np.pi * k.cutoffs), (len(time), 1))
 
 

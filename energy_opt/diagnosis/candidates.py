@@ -150,12 +150,9 @@ def _by_difference(kind: type[Effect], now: Fit) -> Iterator[Candidate]:
             columns = _metered(kind, now, tried)[:, None]
         if not np.any(columns):
             continue
-        if issubclass(kind, StoreEffect):  # the store exists or not; the prior width of its size is the value tried
-            at = np.array([tried])
-            c = replace(c, base=at, origin=at, mean=at, precision=np.array([[tried**-2]]), unknown=np.zeros(1, bool))
-            yield Candidate(
-                c, columns, np.eye(1), np.zeros(1), np.full(1, 1.2), np.array([tried]), np.zeros((1, 1)), np.zeros(1)
-            )
+        if issubclass(kind, StoreEffect):  # the store exists or not
+            c, at = sized_store(c, tried), np.array([tried])
+            yield Candidate(c, columns, np.eye(1), np.zeros(1), np.full(1, 1.2), at, np.zeros((1, 1)), np.zeros(1))
             continue
         width = abs(tried - p.neutral)
         c = sized(c, columns / width, w.scale)
@@ -163,6 +160,12 @@ def _by_difference(kind: type[Effect], now: Fit) -> Iterator[Candidate]:
         precision = c.precision * width**2
         way = np.array([[tried - p.neutral]])
         yield Candidate(c, columns, precision, np.array([low]), np.array([high]), c.origin, way, np.zeros(1))
+
+
+def sized_store(c: Chart, size: float) -> Chart:
+    """The chart of a store about a size, which is also the width of the prior."""
+    at = np.array([size])
+    return replace(c, base=at, origin=at, mean=at, precision=np.array([[size**-2]]), unknown=np.zeros(1, bool))
 
 
 def _metered(kind: type[Effect], now: Fit, value: float) -> np.ndarray:

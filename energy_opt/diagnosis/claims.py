@@ -7,13 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from energy_opt.diagnosis.candidates import Candidate, candidates
-from energy_opt.diagnosis.evidence import SPREADS, Subset, noise_of
-from energy_opt.diagnosis.fit import Fit, columns_of, fit, linearised
+from energy_opt.diagnosis.candidates import Candidate
+from energy_opt.diagnosis.evidence import SPREADS, Bank, Subset, noise_of
+from energy_opt.diagnosis.fit import Fit, Free, fit
 from energy_opt.diagnosis.hypothesis import Chart
+from energy_opt.diagnosis.kinks import other_drives
 from energy_opt.diagnosis.noise import Noise
-from energy_opt.diagnosis.search import FREE_ODDS, Search, buildable, moved, rarity, root
-from energy_opt.effects import StoreEffect
+from energy_opt.diagnosis.predict import predict
+from energy_opt.diagnosis.search import FREE_ODDS, Search, buildable, free_block, moved, rarity, root, without
 from energy_opt.power import PowerModel
 
 CLAIM = 7.0  # least log odds for claiming an effect: a thousand to one
@@ -24,8 +25,8 @@ SURE = 2.0  # standard deviations added to a time constant to get the longest pl
 LAGS = 1.5  # a meter lag is claimed only above this multiple of the time uncertainty `Samples.lag`
 MOST = 6  # most alternatives that are fitted
 LIKE = 0.1  # largest share of an effect's squares that a free function of the same signal may fail to represent
+BENT = 0.2  # least change of the power of an effect's watts that makes it another law
 TRIFLE = 0.02  # share of the explained squares up to which free functions are ignored
-TRIED = 30  # capacities of a store that are tried
 WIDE_ENOUGH = 1.1  # priors stay if the numbers ask for less than this multiple of their present width
 
 
@@ -89,6 +90,8 @@ def is_a_line(f: Fit, claim: Claim) -> bool:
     effect, samples = f.model.get(f.names[k]), f.world.samples
     if effect is None or not (effect.drifts and effect.overhead):
         return False
+    f = widened(f)  # a prior that is too narrow for the level limits its time constant, too
+    effect = f.model.get(effect.name) or effect
     units = [p.unit for p in effect.parameters for _ in range(p.count(samples.n, effect.extents))]
     longest = effect.full(samples.n) + SURE * f.deviations[k]
     return any(x > float(np.ptp(samples.t)) for x, unit in zip(longest, units, strict=True) if unit == "s")
@@ -129,13 +132,6 @@ def only(found: Search, f: Fit, names: Collection[str] = ()) -> Fit:
     return f
 
 
-def without(found: Search, f: Fit, k: int) -> Fit:
-    """Refit without the k-th effect and the effects that need it."""
-    charts = [c for i, c in enumerate(f.charts) if i != k and f.charts[k].term.name not in c.term.kind.needs]
-    kept = [z for c, z in zip(f.charts, f.numbers, strict=True) if c in charts]
-    return found.fitted(charts, kept, list(f.free), f.nuisance, f.amounts)
-
-
 def _profiled(found: Search, f: Fit) -> float:
     """Score of a hypothesis under the noise that suits it best: its residual may be correlated noise, or misfit."""
     key = id(f)
@@ -165,8 +161,9 @@ def structures(found: Search, f: Fit) -> list[int]:
 def shaped_otherwise(found: Search, f: Fit) -> int | None:
     """Index of an effect of a fit that has another law than the library's, or None.
 
-    Either its shape parameter ends at a bound: it then represents another law. Or a free function that is likely
-    besides the effect can represent it, so that it follows the same signal: it adds what the law's shape lacks.
+    Its shape parameter ends at a bound: it then represents another law. Or another power of the effect's watts is
+    likelier, see `bent`. Or a free function that is likely besides the effect can represent it, so that it follows the
+    same signal: it adds what the law's shape lacks.
     """
     causes = [k for k, c in enumerate(f.charts) if c.term.name not in found.world.given]
     for k in causes:
@@ -176,8 +173,33 @@ def shaped_otherwise(found: Search, f: Fit) -> int | None:
     if not causes:
         return None
     plain = plain_fit(found, f)
+    bends = bent(found, plain)
     left, bank = structures(found, plain), found.bank(plain)
-    return next((k for k in causes if any(bank.unlike(k, b) < LIKE for b in left)), None)
+    return next((k for k in causes if bends[k] or any(bank.unlike(k, b) < LIKE for b in left)), None)
+
+
+def bent(found: Search, f: Fit) -> list[bool]:
+    """For each effect of a fit: are its watts P likelier as P |P|^x, with x beyond `BENT`?
+
+    To first order in x this adds P log |P| to the readings: Ramsey's test of a regression's form (1969), by evidence.
+    Most of the laws that resemble one another, as copper loss and a saturated motor's, differ by such a power.
+    """
+    w, own = f.world, found.own(f)
+    here = frozenset(range(len(own)))
+    push = w.links.torques @ f.amounts
+    bends = []
+    for c in f.charts:
+        declared = w.declared.get(c.term.name)
+        less = f.model.without(c.term.name) if declared is None else f.model.replaced(declared)
+        watts = f.prediction.power - predict(less, w.samples, push).power
+        share = np.abs(watts) / max(float(np.sqrt(np.mean(watts**2))), 1e-9)
+        column = w.samples.shown(watts * np.log(np.maximum(share, 1e-9)))
+        bends.append(Free(f"power of {c.term.name}", -1, column[:, None], 1.0))
+    blocks = [free_block(g, w.whiten(g.columns), np.zeros(1), g, 0.0) for g in bends]
+    bank = Bank(f, [*own, *blocks])
+    least = bank.weigh(here).value + RIVAL
+    weighed = [bank.weigh(here | {k}) for k in range(len(own), len(bank.blocks))]
+    return [x.value > least and abs(float(x.amounts[-1][0])) > BENT for x in weighed]
 
 
 def trifling(found: Search, named: Fit, best: Fit) -> bool:
@@ -187,44 +209,6 @@ def trifling(found: Search, named: Fit, best: Fit) -> bool:
     start = root(found.world, best.nuisance)
     sizes = [float(np.mean(found.world.whiten(f.residual) ** 2)) for f in (start, named, best)]
     return sizes[1] - sizes[2] < TRIFLE * (sizes[0] - sizes[2])
-
-
-def other_drives(found: Search, f: Fit) -> list[Fit]:
-    """Fits with each other law of negative power: in place of the present one, and as the only effect.
-
-    The search does not reach these fits by single steps, because other effects may compensate for a wrong law. The
-    readings are nonlinear in the size of a store. So the fit starts at the likeliest of many sizes, also for a store
-    of the present fit, whose size may be a local optimum. The law alone starts with the URDF's links, because links
-    that were fitted without it also compensate for it.
-    """
-    at = next((k for k, c in enumerate(f.charts) if c.term.kind.stage == "drive"), None)
-    if at is None or f.charts[at].term.declared:
-        return []
-    bases = [(without(found, f, at), f.amounts), (root(found.world, f.nuisance), np.zeros_like(f.amounts))]
-    own = f.charts[at].term.name
-    drives = [c for c in candidates(bases[0][0]) if c.chart.term.kind.stage == "drive"]
-    stores = {c.chart.term.name: c.chart for c in drives if issubclass(c.chart.term.kind, StoreEffect)}
-    others = [c for c in drives if c.chart.term.name != own]
-    laws = [(c.chart, c.start(np.where(np.isfinite(c.low), c.low, c.high) / 2)) for c in others]
-    out = []
-    for base, amounts in bases:
-        tried = [row for row in laws if row[0].term.name not in stores]
-        tried += [(c, _likeliest_size(base, c, amounts)) for c in stores.values()]
-        for c, start in tried:
-            out.append(found.fitted([*base.charts, c], [*base.numbers, start], list(base.free), f.nuisance, amounts))
-    return out
-
-
-def _likeliest_size(base: Fit, c: Chart, amounts: np.ndarray) -> np.ndarray:
-    """The size (1,) of a store, of `TRIED`, beside a fit with these amounts of links, by the white residual."""
-    world, charts = base.world, [*base.charts, c]
-    sizes = np.geomspace(max(c.lower[0], 1e-3 * c.upper[0]), c.upper[0], TRIED)
-
-    def squares(size: float) -> float:
-        theta = np.concatenate([*base.numbers, [size], base.weights, amounts, base.levels])
-        return float(np.sum(linearised(world, charts, columns_of(world, base.free), theta)[3][:, 0] ** 2))
-
-    return np.array([min(sizes.tolist(), key=squares)])
 
 
 def alternatives(found: Search, accepted: Fit, reach: float) -> tuple[Fit, ...]:

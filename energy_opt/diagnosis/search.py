@@ -23,7 +23,7 @@ from energy_opt.effects import Effect
 # effect is claimed; it excludes no alternative.
 ODDS, REFIT_ODDS, FREE_ODDS = -4.0, -3.0, -5.0
 RARE = {"iron_loss": -3.0, "psu_loss": -2.0, "asymmetric_friction": -1.5, "power_law_friction": -2.0,
-        "thermal_viscous": -1.5, "standby_drift": -3.0}  # fmt: skip
+        "thermal_viscous": -1.5}  # fmt: skip
 GUESSED = 6.0  # prior width of a value that nobody declared, over that of a declared value
 ROUNDS, MOVES, POOR = 12, 2, 3
 PAIRED = 10  # most candidates that are combined in pairs
@@ -56,7 +56,7 @@ class Search:
     def weighed(self, f: Fit) -> Weighed:
         """A fit's own evidence over all nuisances."""
         if id(f) not in self.scores:
-            bank = Bank(f, self._own(f))
+            bank = Bank(f, self.own(f))
             self.scores[id(f)] = f, bank.weigh(self.whole(bank))
         return self.scores[id(f)][1]
 
@@ -68,6 +68,7 @@ class Search:
     variants: dict[str, int] = field(default_factory=dict)
     found: dict[int, list[Candidate]] = field(default_factory=dict)
     profiled: dict[int, float] = field(default_factory=dict)
+    settled: set[int] = field(default_factory=set)  # tokens of fits that `kinks.settled` returned
 
     def bank(self, f: Fit) -> Bank:
         """The bank around a fit, built once."""
@@ -75,7 +76,7 @@ class Search:
             self.banks[id(f)] = self._bank(f)
         return self.banks[id(f)]
 
-    def _own(self, f: Fit) -> list[Block]:
+    def own(self, f: Fit) -> list[Block]:
         """Blocks of a fit's own effects and free functions."""
         blocks, at = [], 0
         for k, (c, z) in enumerate(zip(f.charts, f.numbers, strict=True)):
@@ -88,12 +89,12 @@ class Search:
         for k, g in enumerate(f.free):
             count = g.columns.shape[1]
             own = f.weights[sum(x.columns.shape[1] for x in f.free[:k]) :][:count]
-            blocks.append(_free_block(g, f.jacobian[:, at : at + count], -own, len(f.charts) + k))
+            blocks.append(free_block(g, f.jacobian[:, at : at + count], -own, len(f.charts) + k))
             at += count
         return blocks
 
     def _bank(self, f: Fit) -> Bank:
-        blocks = self._own(f)
+        blocks = self.own(f)
         if f.token not in self.found:
             self.found[f.token] = list(candidates(f))
         found = self.found[f.token]
@@ -108,7 +109,7 @@ class Search:
         for c in found:
             odds, name = odds_of(c.chart.term, self.variants[c.chart.term.name]), c.chart.term.name
             blocks.append(Block(name, whites[id(c.columns)], c.precision, c.mean, c.low, c.high, odds, c))
-        blocks += [_free_block(g, whites[id(g.columns)], np.zeros(g.columns.shape[1]), g) for g in curves]
+        blocks += [free_block(g, whites[id(g.columns)], np.zeros(g.columns.shape[1]), g) for g in curves]
         bank = Bank(f, blocks)
         here = self.whole(bank)
         worth = {n: bank.nuisances[n] + bank.under(here, n)[0] for n in bank.nuisances}
@@ -169,7 +170,7 @@ class Search:
 
     def descend(self, start: Fit, rounds: int = ROUNDS) -> Fit:
         """Search from a fit on; return the likeliest hypothesis."""
-        best = self.keep(self._settled(start))
+        best = self.keep(self.renewed(start))
         poor: set[frozenset[str]] = set()
         for _ in range(rounds):
             if len(poor) >= POOR:
@@ -189,7 +190,7 @@ class Search:
                 best = better
         return best
 
-    def _settled(self, f: Fit) -> Fit:
+    def renewed(self, f: Fit) -> Fit:
         """The same hypothesis under the nuisance that is likeliest for it."""
         likeliest = self.weighed(f).nuisance
         if likeliest == f.nuisance:
@@ -218,9 +219,10 @@ class Search:
         return here
 
 
-def _free_block(g: Free, white: np.ndarray, mean: np.ndarray, source: Free | int) -> Block:
+def free_block(g: Free, white: np.ndarray, mean: np.ndarray, source: Free | int, odds: float = FREE_ODDS) -> Block:
+    """The block of a free function, from its whitened columns and the mean of its amounts."""
     inf = np.full(len(mean), np.inf)
-    return Block(f"free {g.signal}", white, np.eye(len(mean)) / g.size**2, mean, -inf, inf, FREE_ODDS, source)
+    return Block(f"free {g.signal}", white, np.eye(len(mean)) / g.size**2, mean, -inf, inf, odds, source)
 
 
 def _label(bank: Bank, k: int) -> str:
@@ -331,3 +333,11 @@ def root(world: World, nuisance: Nuisance) -> Fit:
 def moved(f: Fit, world: World) -> Fit:
     """Refit the same hypothesis in another world."""
     return fit(world, f.nuisance, f.charts, list(f.numbers), [replace(g) for g in f.free], f.amounts)
+
+
+def without(found: Search, f: Fit, k: int) -> Fit:
+    """Refit without the k-th effect and the effects that need it; a declared effect stays with its declared values."""
+    gone = f.charts[k].term
+    charts = [c for i, c in enumerate(f.charts) if i != k and (gone.declared or gone.name not in c.term.kind.needs)]
+    kept = [z for c, z in zip(f.charts, f.numbers, strict=True) if c in charts]
+    return found.fitted(charts, kept, list(f.free), f.nuisance, f.amounts)

@@ -24,13 +24,11 @@ from energy_opt.diagnosis.claims import (
     is_a_step,
     is_beyond_bounds,
     only,
-    other_drives,
     plain_fit,
     shaped_otherwise,
     structures,
     trifling,
     widened,
-    without,
     written,
 )
 from energy_opt.diagnosis.clusters import FEWEST, clusters
@@ -40,11 +38,12 @@ from energy_opt.diagnosis.evidence import links_odds, noise_of
 from energy_opt.diagnosis.fit import Fit, Nuisance, Stopped, World
 from energy_opt.diagnosis.hypothesis import Measured, Scale
 from energy_opt.diagnosis.judge import Judge, by_chance_least, contradicted, scattered
+from energy_opt.diagnosis.kinks import other_drives, settled
 from energy_opt.diagnosis.links import links_of
 from energy_opt.diagnosis.noise import Noise, by_chance, standing_noise, weighted
 from energy_opt.diagnosis.predict import predict
 from energy_opt.diagnosis.residual import follows
-from energy_opt.diagnosis.search import Search, moved, root
+from energy_opt.diagnosis.search import Search, moved, root, without
 from energy_opt.power import PowerModel
 from energy_opt.robot import Limits
 
@@ -166,10 +165,13 @@ def infer(
 def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tried: list[Search]) -> Inference:
     """Search and judge; `tried` holds the search in progress."""
     found, best, noise = _searched(world, nothing, tried)
-    judge.drifts = best
-    declared = judge.of_model(world.declared, nothing)
     log.info("evidence for each effect", extra={"share": 0.65})
     sure, claims = claimed(found, best)
+    unsure = [c.term.kind for c in best.charts if c.term.name not in sure.names]
+    # an uncertain warm-up stands for the meter's drift
+    drifting = sure if all(kind.drifts and kind.overhead for kind in unsure) else best
+    judge.drifts = drifting
+    declared = judge.of_model(world.declared, nothing)
     accepted, claims = _borne_out(found, judge, sure, claims)
     log.info("alternatives", extra={"share": 0.8})
     rivals: tuple[Fit, ...] = (accepted,)
@@ -187,7 +189,9 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
         best = max((best, *rivals), key=found.score)
     start = root(found.world, best.nuisance)
     if claims:
-        rivals = _as_good(found, judge, accepted) if misspecified else left_open(found, judge, rivals)
+        # an error above the noise may be noise, which then decides less between the alternatives
+        weigher = judge.under_most_noise() if unknown else judge
+        rivals = _as_good(found, judge, accepted) if misspecified else left_open(found, weigher, rivals)
         borne = {
             id(f): _borne_out(found, judge, *claimed(found, f), shaped=not unknown) for f in rivals if f is not accepted
         }
@@ -210,8 +214,8 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
         if not world.given:
             model, after = world.declared, declared
     # the residual may be noise alone: judge with the largest plausible noise
-    if not claims and not best.names and not best.free:
-        judge = replace(judge.under_most_noise(), drifts=best)
+    if not claims and not drifting.names and not drifting.free:
+        judge = replace(judge.under_most_noise(), drifts=drifting)
         declared, after = judge.of_model(world.declared, nothing), judge.of_model(model, accepted)
     linked = _links_are_off(found, judge, start, declared) if not claims else False
     if linked:
@@ -240,7 +244,7 @@ def _searched(world: World, nothing: Fit, tried: list[Search]) -> tuple[Search, 
         log.info("effects, round %d of at most %d", turn + 1, TURNS, extra={"share": 0.05 + 0.06 * turn})
         tried[:] = [found]
         best = found.descend(best, EARLY)
-        best = max([best, *other_drives(found, best)], key=found.score)
+        best = settled(found, max([best, *other_drives(found, best)], key=found.score))
         noise = noise_of(best)
         if alike(noise, found.world.whiten.noise):
             break
@@ -256,7 +260,7 @@ def _searched(world: World, nothing: Fit, tried: list[Search]) -> tuple[Search, 
         named = best = without(found, best, k)
     if trifling(found, named, best):
         best = named
-    return found, max([best, *other_drives(found, best)], key=found.score), noise
+    return found, settled(found, max([best, *other_drives(found, best)], key=found.score)), noise
 
 
 def _links_are_off(found: Search, judge: Judge, start: Fit, declared: Quality) -> bool:

@@ -23,6 +23,12 @@ RESEMBLING = [
     (World("z1", 8330002, (0.0, 0.0), "white", "payload"), {"payload"}),  # links can stand for it
     (World("z1", 220002, (0.03, 0.05), "ar1", "payload"), {"payload"}),
     (World("panda", 220004, (0.03, 0.05), "ar1", "armature"), {"armature"}),
+    # heat of the runs that are held out warms the windings, too
+    (World("xarm7", 620046, (0.03, 0.05), "ar1", "winding_self_heating"), {"winding_self_heating"}),
+    # noise of encoders during a dwell is no motion
+    (World("xarm7", 320027, (0.03, 0.05), "ar1", "idle_hold"), {"idle_hold"}),
+    # where more than the noise is left, held-out motions decide under the largest plausible noise
+    (World("panda", 300054, (0.0, 0.05), "ar1", unlisted="coupled_friction"), {"coulomb_friction"}),
 ]
 MORE = [  # of the same kinds
     (World("xarm7", 10110026, (0.0, 0.05), "ar1", "viscous_friction", unlisted="dahl"), {"viscous_friction"}),
@@ -37,6 +43,8 @@ MORE = [  # of the same kinds
     (World("z1", 420002, (0.03, 0.05), "ar1", "payload"), {"payload"}),
     # no deviation of a link is significant alone
     (World("xarm7", 320054, (0.03, 0.05), "ar1", "dc_link"), {"dc_link"}),
+    (World("xarm7", 420054, (0.03, 0.05), "ar1", "dc_link"), {"dc_link"}),  # one motion alone fills the store
+    (World("xarm7", 520042, (0.03, 0.05), "ar1", "standby_drift"), {"standby_drift"}),
 ]
 
 

@@ -223,11 +223,14 @@ def test_positions_in_steps_of_a_milliradian_are_no_lag_of_the_meter(tmp_path):
 
 
 @pytest.mark.parametrize(("soak", "sure", "line"), [(60.0, 20.0, False), (900.0, 100.0, True), (200.0, 90.0, True)])
-def test_a_warm_up_that_may_be_longer_than_the_set_is_drift_of_the_meter(soak, sure, line):
+def test_a_warm_up_that_may_be_longer_than_the_set_is_drift_of_the_meter(soak, sure, line, monkeypatch):
+    """How long it may be, a prior that is wide enough for its level tells."""
     model = PowerModel("", (Standby(power=10.0), StandbyDrift(power=5.0, time_constant=soak)))
     world = SimpleNamespace(samples=SimpleNamespace(n=6, t=np.array([0.0, 300.0])))
-    f = SimpleNamespace(names=("standby_drift",), model=model, world=world, deviations=[np.array([0.5, sure])])
-    assert is_a_line(f, SimpleNamespace(without=SimpleNamespace(names=()))) is line
+    narrow = SimpleNamespace(names=("standby_drift",), model=model, world=world, deviations=[np.array([0.1, 1.0])])
+    wide = SimpleNamespace(**{**vars(narrow), "deviations": [np.array([0.5, sure])]})
+    monkeypatch.setattr("energy_opt.diagnosis.claims.widened", lambda f: wide)
+    assert is_a_line(narrow, SimpleNamespace(without=SimpleNamespace(names=()))) is line
 
 
 def test_the_density_of_errors_counts_what_numbers_leave_open():
@@ -246,8 +249,8 @@ def test_motions_held_out_do_not_speak_against_a_law_for_what_its_numbers_leave_
     truth = write_world(world, tmp_path / "set")
     found = diagnose(read_set(truth.folder), load_model(truth.folder / "declared.toml"))
     assert found.verdict == "ambiguous"
-    said = sorted(found.document["alternatives"])  # a loss of the supply is the same law but for its square
-    assert said == [["meter_gain"], ["psu_loss"], ["supply_efficiency"]]
+    said = {name for names in found.document["alternatives"] for name in names}
+    assert said >= {"meter_gain", "psu_loss", "supply_efficiency"}  # psu_loss has the same law but for a square
 
 
 @pytest.mark.slow

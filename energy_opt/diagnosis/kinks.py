@@ -1,0 +1,123 @@
+"""Numbers in which a law has steps or kinks: they are searched over their range, as a descent along slopes gets stuck.
+
+These are durations after which the power jumps, and the size of a store: each motion that fills it adds a kink. Here
+also: laws of negative power that single steps of the search do not reach.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from energy_opt.diagnosis.candidates import candidates, sized_store
+from energy_opt.diagnosis.fit import Fit, columns_of, fit, linearised
+from energy_opt.diagnosis.hypothesis import Chart, entries
+from energy_opt.diagnosis.search import Search, root, without
+from energy_opt.effects import StoreEffect
+
+TRIED = 30  # values over the whole range of a number that are tried
+AROUND, COUNTS, FEW = 1.5, (17, 5, 5), 3  # first range around the best, over and below it; values in each; iterations
+# as -2 log likelihood: difference within which values are alike; least gain by another value, as single readings at the
+# edge of a hold may be off
+FLAT, LEAST = 1.0, 15.0
+
+
+def settled(found: Search, f: Fit) -> Fit:
+    """The hypothesis with such numbers at their likeliest values, with the others fitted again at each value."""
+    if f.token in found.settled:
+        return f
+    for k, (c, z) in enumerate(zip(f.charts, f.numbers, strict=True)):
+        at = _kinked(c)
+        if at is None or c.term.declared:
+            continue
+        low, high = (x[at] for x in c.term.kind.chart_bounds(c.n))
+
+        def badness(value: float, iterations: int = FEW, f: Fit = f, k: int = k, at: int = at) -> float:
+            charts, numbers = _with(f, k, at, value)
+            if at in charts[k].kept:
+                charts[k] = replace(charts[k], lower=numbers[k], upper=numbers[k])
+            new = fit(found.world, f.nuisance, charts, numbers, f.free, f.amounts, iterations)
+            off = new.theta - new.mean
+            return round(float(np.sum(found.world.whiten(new.residual) ** 2) + off @ new.precision @ off), 1)
+
+        given = float(c.values(z)[at])
+        best, factor = min([given, *_sizes(low, high)], key=lambda x: badness(x, 0)), AROUND
+        for count in COUNTS:
+            tried = np.clip(best * np.geomspace(1 / factor, factor, count), low, high).tolist()
+            best = min(tried, key=lambda x: (badness(x), abs(np.log(x / given))))
+            factor **= 2 / (count - 1)
+        here = badness(given)
+        if badness(best) >= here - LEAST:  # of values that the data cannot tell apart, the middle one
+            alike = sorted({given, *(x for x in _trials(c) if abs(badness(x) - here) < FLAT)})
+            best = alike[(len(alike) - 1) // 2]
+        if best != given:
+            f = found.keep(found.renewed(fit(found.world, f.nuisance, *_with(f, k, at, best), f.free, f.amounts)))
+    found.settled.add(f.token)
+    return f
+
+
+def _kinked(c: Chart) -> int | None:
+    """Index of the chart value with steps or kinks that a single number [s or J] of an effect has, or None."""
+    if issubclass(c.term.kind, StoreEffect):
+        return 0
+    own = entries(c.term.kind, c.n, len(c.base))
+    return next((k for k, (p, *_) in enumerate(own) if p.steps and p.unit == "s"), None)
+
+
+def _trials(c: Chart) -> tuple[float, ...]:
+    """The values of such a number that the search starts from."""
+    return next(p.trials for p in c.term.kind.parameters if p.steps or issubclass(c.term.kind, StoreEffect))
+
+
+def _with(f: Fit, k: int, at: int, value: float) -> tuple[list[Chart], list[np.ndarray]]:
+    """Charts and numbers of a fit, with another value of the k-th effect at an index of its chart values."""
+    charts, numbers, c = list(f.charts), list(f.numbers), f.charts[k]
+    if at in c.kept:
+        charts[k], numbers[k] = sized_store(c, value), np.array([value])
+    else:
+        base = np.where(np.arange(len(c.base)) == at, value, c.base)
+        charts[k] = replace(c, base=base, term=replace(c.term, trial=tuple(base.tolist())))
+    return charts, numbers
+
+
+def _sizes(low: float, high: float) -> list[float]:
+    """`TRIED` values over a range of a positive number."""
+    return list(np.geomspace(max(low, 1e-3 * high), high, TRIED).tolist())
+
+
+def other_drives(found: Search, f: Fit) -> list[Fit]:
+    """Fits with each other law of negative power: in place of the present one, and as the only effect.
+
+    The search does not reach these fits by single steps, because other effects may compensate for a wrong law. The
+    readings are nonlinear in the size of a store. So the fit starts at the likeliest of many sizes, also for a store
+    of the present fit, whose size may be a local optimum. The law alone starts with the URDF's links, because links
+    that were fitted without it also compensate for it.
+    """
+    at = next((k for k, c in enumerate(f.charts) if c.term.kind.stage == "drive"), None)
+    if at is None or f.charts[at].term.declared:
+        return []
+    bases = [(without(found, f, at), f.amounts), (root(found.world, f.nuisance), np.zeros_like(f.amounts))]
+    own = f.charts[at].term.name
+    drives = [c for c in candidates(bases[0][0]) if c.chart.term.kind.stage == "drive"]
+    stores = {c.chart.term.name: c.chart for c in drives if issubclass(c.chart.term.kind, StoreEffect)}
+    others = [c for c in drives if c.chart.term.name != own]
+    laws = [(c.chart, c.start(np.where(np.isfinite(c.low), c.low, c.high) / 2)) for c in others]
+    out = []
+    for base, amounts in bases:
+        tried = [row for row in laws if row[0].term.name not in stores]
+        tried += [(c, _likeliest_size(base, c, amounts)) for c in stores.values()]
+        for c, start in tried:
+            out.append(found.fitted([*base.charts, c], [*base.numbers, start], list(base.free), f.nuisance, amounts))
+    return out
+
+
+def _likeliest_size(base: Fit, c: Chart, amounts: np.ndarray) -> np.ndarray:
+    """The size (1,) of a store, of `TRIED`, beside a fit with these amounts of links, by the white residual."""
+    world, charts = base.world, [*base.charts, c]
+
+    def squares(size: float) -> float:
+        theta = np.concatenate([*base.numbers, [size], base.weights, amounts, base.levels])
+        return float(np.sum(linearised(world, charts, columns_of(world, base.free), theta)[3][:, 0] ** 2))
+
+    return np.array([min(_sizes(c.lower[0], c.upper[0]), key=squares)])

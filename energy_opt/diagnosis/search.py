@@ -337,7 +337,7 @@ def moved(f: Fit, world: World) -> Fit:
 
 def without(found: Search, f: Fit, k: int) -> Fit:
     """Refit without the k-th effect and the effects that need it; a declared effect stays with its declared values."""
-    gone = f.charts[k].term
-    charts = [c for i, c in enumerate(f.charts) if i != k and (gone.declared or gone.name not in c.term.kind.needs)]
+    left = f.charts[k].term
+    charts = [c for i, c in enumerate(f.charts) if i != k and (left.declared or left.name not in c.term.kind.needs)]
     kept = [z for c, z in zip(f.charts, f.numbers, strict=True) if c in charts]
     return found.fitted(charts, kept, list(f.free), f.nuisance, f.amounts)

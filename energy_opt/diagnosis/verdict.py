@@ -168,7 +168,7 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
     log.info("evidence for each effect", extra={"share": 0.65})
     sure, claims = claimed(found, best)
     unsure = [c.term.kind for c in best.charts if c.term.name not in sure.names]
-    # an uncertain warm-up stands for the meter's drift
+    # an uncertain warm-up is as likely the meter's drift
     drifting = sure if all(kind.drifts and kind.overhead for kind in unsure) else best
     judge.drifts = drifting
     declared = judge.of_model(world.declared, nothing)

@@ -8,9 +8,11 @@ time costs the power of waiting. So the best shares solve, for one price [W] of 
 (if the price reaches that power, the arm waits for the remaining time). Each solve of a leg at a price is one convex
 program. By weak duality, the sum of their bounds plus price times the shared time is a bound of the job's energy.
 
-Between solves the price is found on a model of each leg: slowing down by a little saves k / T^4 (losses of a motion are
-proportional to T^-3) and costs its holding power h, E'(T) = h - k / T^4. So T^-4 is linear in the price: between two
-solved prices, one too high and one too low, it is interpolated.
+The search ends once a bound shows that no other shares can save more than a small part of the energy. The first price
+between one that is too high and one that is too low is found on a model of each leg: slowing down by a little saves
+k / T^4 (losses of a motion are proportional to T^-3) and costs its holding power h, E'(T) = h - k / T^4. So T^-4 is linear
+in the price, and is interpolated. Legs with dry friction hardly save by slowing: E is nearly a line, and the model fails.
+Then the next price is the slope of the line between the energies on both sides.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ import numpy as np
 ROUNDS = 9  # most prices to try; three are usual
 SLOW = 5.0  # times the shortest duration: longer durations are not used to fit k
 INSIDE = 0.02  # share of the distance between two prices that a new price keeps from both
+ENOUGH = 3e-5  # share of the energy: ends once no other shares can save more
 NEAR = 1e-3  # relative: durations whose sum is this close to the shared time are scaled to it
 # [W] least distance of a price from a leg's holding power: nearer to it the leg's duration would be infinite
 FLAT = 1e-3
@@ -102,8 +105,12 @@ def allocate(fronts: Sequence[Front], time: float, waiting: float, guess: float 
         total = durations.sum()
         if (price == waiting and total <= time) or abs(total / time - 1) < NEAR:
             break
+        mixed = _mixed(seen, time)
+        if mixed is not None and _gap(seen, mixed, time) < ENOUGH * abs(mixed.energies.sum()):
+            break
         price = _next(seen, holding, low, high, time, waiting)
     best = min(seen, key=lambda s: abs(s.total / time - 1))
+    best = best if abs(best.total / time - 1) < NEAR else _mixed(seen, time) or best
     ended = next((s for s in seen if s.price == waiting and s.total <= time), None)
     best = ended or best
     left = time - best.total if ended is not None else 0.0
@@ -112,12 +119,33 @@ def allocate(fronts: Sequence[Front], time: float, waiting: float, guess: float 
     return Shares(durations, left, None if np.isinf(bound) else bound, saved, holding, best.energies)
 
 
+def _sides(seen: Sequence[_Seen], time: float) -> tuple[_Seen | None, _Seen | None]:
+    """The solutions of the highest price that leaves time, and of the lowest that takes all of it; None if unknown."""
+    short = max((s for s in seen if s.total < time), key=lambda s: s.price, default=None)
+    return short, min((s for s in seen if s.total >= time), key=lambda s: s.price, default=None)
+
+
+def _mixed(seen: Sequence[_Seen], time: float) -> _Seen | None:
+    """Durations between those of both sides whose sum is `time`; as E is convex, energies are at most these."""
+    short, long = _sides(seen, time)
+    if short is None or long is None:
+        return None
+    share = (time - short.total) / (long.total - short.total)
+    durations = short.durations + share * (long.durations - short.durations)
+    energies = short.energies + share * (long.energies - short.energies)
+    return _Seen((long.energies.sum() - short.energies.sum()) / (long.total - short.total), durations, energies)
+
+
+def _gap(seen: Sequence[_Seen], mixed: _Seen, time: float) -> float:
+    """Most energy [J] that is lost with these durations: by duality, every price gives a bound of the least energy."""
+    return float(mixed.energies.sum() - max(s.energies.sum() + s.price * (time - s.total) for s in seen))
+
+
 def _next(
     seen: Sequence[_Seen], holding: np.ndarray, low: np.ndarray, high: np.ndarray, time: float, waiting: float
 ) -> float:
     """The next price to try."""
-    short = max((s for s in seen if s.total < time), key=lambda s: s.price, default=None)
-    long = min((s for s in seen if s.total >= time), key=lambda s: s.price, default=None)
+    short, long = _sides(seen, time)
     if short is None or long is None:
         only = short or long
         assert only is not None
@@ -128,6 +156,9 @@ def _next(
         if short is not None:
             return waiting if price >= waiting - FLAT else max(price, (only.price + waiting) / 2)
         return min(price, only.price - FLAT)
+    before = _mixed(seen[:-1], time)
+    if before is not None:  # the model has been tried between two prices: the price at which both cost the same
+        return (_mixed(seen, time) or before).price
     a, b = short.durations**-4.0, long.durations**-4.0
     below, above = INSIDE, 1 - INSIDE
     for _ in range(60):

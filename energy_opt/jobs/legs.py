@@ -171,16 +171,19 @@ def front_of(leg: Leg, timing: Timing, scorer: Scorer, limits: Sequence[Limit], 
     """The front of a leg up to a duration of `most` [s]; `timing` is its fastest; `compile`: see numerics.compile."""
     robot, model = scorer.robot, scorer.model
     shortest, longest = max(timing.duration, leg.least), min(leg.most, LONGEST * timing.duration, most)
-    held = float(holding([scorer], leg.path(np.linspace(0, 1, SAMPLES))).mean())
+    power = holding([scorer], leg.path(np.linspace(0, 1, SAMPLES)))
+    held = float(power.mean())
     if not leg.path.moves:
         return Front(shortest, shortest, held, lambda price: Solved(shortest, held * shortest, None))
     work = Retiming(robot, model, timing, limits, compile)
     last = [timing]
 
     def at_price(price: float) -> Solved:
-        found = work.optimise(last[0], price=price, longest=longest, floor=FLOOR)
+        # from this price on, standing at the cheapest place pays: only the longest duration ends the slowing
+        bounded = bool(price >= power.min())
+        found = work.optimise(last[0], price=price, longest=longest, floor=FLOOR, bounded=bounded)
         if not found.solved and last[0] is not timing:
-            found = work.optimise(timing, price=price, longest=longest, floor=FLOOR)
+            found = work.optimise(timing, price=price, longest=longest, floor=FLOOR, bounded=bounded)
         if not found.solved:
             slowed = timing.slowed(float(np.clip(last[0].duration, shortest, longest)))
             return Solved(slowed.duration, work.energy(slowed), None)

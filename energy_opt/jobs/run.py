@@ -206,9 +206,7 @@ def shares_of(
     """
     time, shortest = job.cycle_time - job.waiting, _shortest(job, legs, timings)
     spare = time - float(shortest.sum())  # time that one leg may take beyond its shortest duration
-    # the shortest duration times a power of two, at least 8: equal for similar cycles
-    most = (least * 2 ** max(3, np.ceil(np.log2(1 + spare / max(least, 1e-6)))) for least in shortest)
-    fronts = [work.front(*each) for each in zip(legs, timings, most, strict=True)]
+    fronts = [work.front(*each) for each in zip(legs, timings, shortest + spare, strict=True)]
     scorers = [work.scorers.of(leg.step) for leg in legs]
     guess = slope_of_slowing(legs, timings, scorers, time / shortest.sum()) if legs else None
     return fronts, allocate(fronts, time, rest.power, guess)

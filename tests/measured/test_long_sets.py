@@ -91,7 +91,7 @@ def test_of_too_many_runs_some_are_left_out_evenly_and_long_ones_are_cut(whole, 
         assert (run.power == of.power[: len(run.power)]).all()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_memory_of_a_diagnosis_is_bounded(tmp_path):
     """As many readings as are fitted without averaging, five minutes at 1 kHz, where it takes most (0.9 GB here)."""
     folder = recorded(tmp_path, 299_000)

@@ -145,7 +145,7 @@ def test_arms_keep_half_of_what_their_poses_leave_where_that_is_less_than_the_de
     assert (arms.at_rest_in(np.array([touching, far])).wanted == 0.002).all()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_an_arm_makes_way_where_both_must_move_at_once(tmp_path: Path) -> None:
     def robot(name: str, base: list[float], *ends: list[float]) -> dict:
         steps = [{"name": step, "to": q} for step, q in zip(("there", "back"), ends, strict=True)]

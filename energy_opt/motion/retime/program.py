@@ -219,8 +219,11 @@ class Retiming:
         exactly: bool = False,
         energy: bool = True,
         only_bound: bool = False,
+        bounded: bool = False,
     ) -> Solved:
         """Minimise energy - price * duration from `start`, in at most (`exactly`: in) `longest` seconds.
+
+        `bounded`: the longest duration probably binds; else it is left out first.
 
         No control value falls below `floor` times the start's largest, and less near the ends. With `energy` False, the
         energy is left out. With `only_bound`, limits between the grid's points are not checked and the solver stops
@@ -229,7 +232,7 @@ class Retiming:
         drifts = energy and any(effect.drifts for effect in self.model.effects)
 
         def attempt(start: Timing) -> Solved:
-            for timed in (False, True)[exactly or only_bound :]:
+            for timed in (False, True)[exactly or only_bound or bounded :]:
                 found = self._optimise(start, price, longest, floor, timed, exactly, energy, only_bound)
                 if found.solved and found.timing.duration <= longest:
                     break

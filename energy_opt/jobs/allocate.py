@@ -10,9 +10,9 @@ program. By weak duality, the sum of their bounds plus price times the shared ti
 
 The search ends once a bound shows that no other shares can save more than a small part of the energy. The first price
 between one that is too high and one that is too low is found on a model of each leg: slowing down by a little saves
-k / T^4 (losses of a motion are proportional to T^-3) and costs its holding power h, E'(T) = h - k / T^4. So T^-4 is linear
-in the price, and is interpolated. Legs with dry friction hardly save by slowing: E is nearly a line, and the model fails.
-Then the next price is the slope of the line between the energies on both sides.
+k / T^4 (losses of a motion are proportional to T^-3) and costs its holding power h, E'(T) = h - k / T^4. So T^-4 is
+linear in the price, and is interpolated. Legs with dry friction hardly save by slowing: E is nearly a line, and the
+model fails. Then the next price is the slope of the line between the energies at both prices.
 """
 
 from __future__ import annotations
@@ -119,15 +119,15 @@ def allocate(fronts: Sequence[Front], time: float, waiting: float, guess: float 
     return Shares(durations, left, None if np.isinf(bound) else bound, saved, holding, best.energies)
 
 
-def _sides(seen: Sequence[_Seen], time: float) -> tuple[_Seen | None, _Seen | None]:
+def _nearest(seen: Sequence[_Seen], time: float) -> tuple[_Seen | None, _Seen | None]:
     """The solutions of the highest price that leaves time, and of the lowest that takes all of it; None if unknown."""
     short = max((s for s in seen if s.total < time), key=lambda s: s.price, default=None)
     return short, min((s for s in seen if s.total >= time), key=lambda s: s.price, default=None)
 
 
 def _mixed(seen: Sequence[_Seen], time: float) -> _Seen | None:
-    """Durations between those of both sides whose sum is `time`; as E is convex, energies are at most these."""
-    short, long = _sides(seen, time)
+    """Durations between those of both prices whose sum is `time`; as E is convex, energies are at most these."""
+    short, long = _nearest(seen, time)
     if short is None or long is None:
         return None
     share = (time - short.total) / (long.total - short.total)
@@ -145,7 +145,7 @@ def _next(
     seen: Sequence[_Seen], holding: np.ndarray, low: np.ndarray, high: np.ndarray, time: float, waiting: float
 ) -> float:
     """The next price to try."""
-    short, long = _sides(seen, time)
+    short, long = _nearest(seen, time)
     if short is None or long is None:
         only = short or long
         assert only is not None

@@ -25,7 +25,7 @@ import numpy as np
 ROUNDS = 9  # most prices to try; three are usual
 SLOW = 5.0  # times the shortest duration: longer durations are not used to fit k
 INSIDE = 0.02  # share of the distance between two prices that a new price keeps from both
-ENOUGH = 3e-5  # share of the energy: ends once no other shares can save more
+ENOUGH = 1e-5  # share of the energy: ends once no other shares can save more
 NEAR = 1e-3  # relative: durations whose sum is this close to the shared time are scaled to it
 # [W] least distance of a price from a leg's holding power: nearer to it the leg's duration would be infinite
 FLAT = 1e-3

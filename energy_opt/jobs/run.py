@@ -168,7 +168,7 @@ def run_job(
             if stopped():
                 out.append(work.slowed(leg, timing, duration))
                 continue
-            out.append(work.solved(leg, timing, duration, known(leg, duration)))
+            out.append(work.solved(leg, timing, duration, known(leg, duration), alone=worker is None))
             answered(leg, duration, out[-1].trajectory)
         return Plan(legs, tuple(out), rest, time - sum(answer.trajectory.duration for answer in out))
 

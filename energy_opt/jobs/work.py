@@ -134,11 +134,13 @@ class Worker:
         energy = self.scorers.of(leg.step).energy(trajectory)
         return Answer(trajectory, energy, source, "solved" if valid else "infeasible")
 
-    def solved(self, leg: Leg, timing: Timing, duration: float, known: Trajectory | None = None) -> Answer:
+    def solved(
+        self, leg: Leg, timing: Timing, duration: float, known: Trajectory | None = None, alone: bool = False
+    ) -> Answer:
         """The leg in `duration` s with the least energy found.
 
-        The first time it is a single move; later it continues the optimum of the nearest known duration, in a fifth of
-        the time.
+        The first time, or if `alone`, it is a single move; else it continues the optimum of the nearest known duration,
+        in a fifth of the time.
         """
         planner = self.planner(leg)
         if known is not None and planner.certify(known).valid:
@@ -148,7 +150,8 @@ class Worker:
             key = leg.points.tobytes(), leg.mode, leg.step.payload, leg.step.scene
             if key not in self._steps:
                 self._steps[key] = Neighbours(planner.single(leg.move(None)))
-            found = self._steps[key].near(duration)
+            steps = self._steps[key]
+            found = steps.single_move(duration) if alone else steps.near(duration)
         except Infeasible as error:
             return self._slowed_or(error, leg, timing, duration)
         if found is None:

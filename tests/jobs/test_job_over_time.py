@@ -64,12 +64,12 @@ def test_a_stopped_front_of_a_job_is_continued(tmp_path, monkeypatch):
     words += ["--durations", "3:4:2", "--out", str(tmp_path / "front"), "--resume"]
     solved, usual, most = [], Worker.solved, [1]
 
-    def counted(worker, leg, timing, duration, known):
+    def counted(worker, leg, timing, duration, known, alone):
         if known is None:
             if len(solved) == most[0]:
                 raise RuntimeError("the machine stops here")
             solved.append(leg)
-        return usual(worker, leg, timing, duration, known)
+        return usual(worker, leg, timing, duration, known, alone)
 
     monkeypatch.setattr(Worker, "solved", counted)
     assert main(words) != 0 and len(list((tmp_path / "front" / ".answers").glob("*.csv"))) == 1

@@ -9,6 +9,7 @@ import pytest
 
 from energy_opt.effects import BY_NAME
 from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.standing import standstills
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel, source_method_2
 from energy_opt.robot import PointMass, load_robot
@@ -240,3 +241,14 @@ def test_energy_follows_samples_that_are_changed_in_place() -> None:
     again = Trajectory(robot.joints, time[:, 0].copy(), 0.25 * time**2, 0.5 * time, np.full_like(time, 0.5))
     after = scorer.energy_of(scorer.dense(motion)).total
     assert after == scorer.energy(again).total != before
+
+
+def test_a_gentle_start_is_no_standstill() -> None:
+    """Its first 0.2 s are slower than a thousandth of the top speed; a wait before it ends where it begins."""
+    t = np.linspace(0, 2, 401)
+    u, wait = t / 2, np.linspace(0, 0.5, 101)[:-1]
+    q, v, a = (x[:, None] for x in (u**4, 2 * u**3, 3 * u**2))
+    assert len(standstills(Trajectory(("a",), t, q, v, a))) == 0
+    still = np.zeros((len(wait), 1))
+    both = Trajectory(("a",), np.r_[wait, 0.5 + t], *(np.vstack([still, x]) for x in (q, v, a)))
+    assert standstills(both) == pytest.approx(np.array([[0.0, 0.5]]))

@@ -156,9 +156,10 @@ def _next(
         if short is not None:
             return waiting if price >= waiting - FLAT else max(price, (only.price + waiting) / 2)
         return min(price, only.price - FLAT)
-    before = _mixed(seen[:-1], time)
-    if before is not None:  # the model has been tried between two prices: the price at which both cost the same
-        return (_mixed(seen, time) or before).price
+    mixed = _mixed(seen, time)
+    # the model has been tried between two prices: the price at which both cost the same
+    if mixed is not None and _mixed(seen[:-1], time) is not None:
+        return float(np.clip(mixed.price, min(short.price, long.price), max(short.price, long.price)))
     a, b = short.durations**-4.0, long.durations**-4.0
     below, above = INSIDE, 1 - INSIDE
     for _ in range(60):

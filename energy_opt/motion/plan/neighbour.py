@@ -35,6 +35,7 @@ from energy_opt.motion.reshape.search import Reshaper
 from energy_opt.motion.reshape.starts import joined
 from energy_opt.motion.reshape.task import FEASIBLE, Line, Task
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.numerics.threads import one_thread
 
 ONLY_ONE = 1e-6  # relative: so close to the minimum time, only that timing is used
 PROMISING = 0.01  # share of the cost: a trial that costs more than the known optimum by this share is given up
@@ -73,6 +74,7 @@ class Neighbours:
     def _reshaper(self) -> Reshaper:
         return self._context.reshaper("energy")
 
+    @one_thread
     def at(self, duration: float, neighbour: Optimum) -> Optimum | None:
         """The optimum at exactly `duration` s, from the usual starts and a neighbour's; None if none is valid.
 

@@ -20,7 +20,7 @@ def standstills(trajectory: Trajectory) -> np.ndarray:
     edges = np.flatnonzero(np.diff(still.astype(int)))
     spans = np.stack([time[edges[::2]], time[edges[1::2] - 1]], axis=1)
     rest = trajectory.time[np.abs(trajectory.velocity).max(axis=1) <= 1e-9]
-    for span in spans:  # from rest to rest, if the interval contains samples at rest; a single one is a gentle start
+    for span in spans:  # from rest to rest, if it contains samples at rest; a single one is a gentle start or stop
         inside = rest[(rest >= span[0]) & (rest <= span[1])]
         if len(inside):
             span[:] = inside[[0, -1]]

@@ -1,5 +1,7 @@
 """Functions compiled for several points at once give what CasADi's virtual machine gives for each point alone."""
 
+import time
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -57,3 +59,26 @@ def test_every_kind_of_statement(count, tmp_path, monkeypatch):
         for found, wanted in zip(Batch(fast, count)(*arguments), Batch(slow, count)(*arguments), strict=True):
             assert np.isfinite(wanted).all() and found.shape == wanted.shape
             assert np.allclose(found, wanted, rtol=1e-14, atol=0)
+
+
+def seconds(batch, points):
+    """The least processor time of ten calls."""
+    times = []
+    for _ in range(10):
+        begin = time.process_time()
+        batch(points)
+        times.append(time.process_time() - begin)
+    return min(times)
+
+
+def test_calls_of_the_mathematics_library_do_not_wait_for_the_processor(tmp_path, monkeypatch):
+    """NumPy computes several `tanh` at once: 5 times as fast; 80 times where wide registers are not cleared."""
+    monkeypatch.setenv("ENERGY_OPT_CACHE", str(tmp_path))
+    x = ca.SX.sym("x", 8)
+    sums = [sum(ca.tanh(0.3 * (i + 1) * x[j]) * x[(i + j) % 8] for i in range(8)) for j in range(8)]
+    function = ca.Function("tanhs", [x], [ca.vertcat(*sums)])
+    built, _ = compiled([function], "always")
+    points = np.random.default_rng(0).normal(size=(2000, 8))
+    fast, slow = Batch(built[0], 2000), Batch(function, 2000)
+    assert np.allclose(fast(points)[0], slow(points)[0], rtol=1e-12, atol=1e-14)
+    assert seconds(fast, points) < 20 * seconds(slow, points)

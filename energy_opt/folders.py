@@ -133,6 +133,27 @@ def no_other_verb(out: Path, own: str) -> None:
             raise BadInput(f"{out} holds the results of {verb} ({name}); choose another --out, or add --force")
 
 
+def no_foreign_files(out: Path, own: str) -> None:
+    """Refuse a folder with files that a new result would replace, although no earlier result there lists them.
+
+    Where an earlier result has no list, all files with the names of its files count as its own.
+
+    Raises:
+        BadInput: names one of these files.
+    """
+    out = Path(out)
+    lists = [listed_files(out / name) for name in ANSWERS if (out / name).is_file()]
+    if None in lists:
+        return
+    known = {*ANSWERS, *(name for files in lists for name in files or ())}
+    for path in sorted(files_of_earlier_runs(out, own)):
+        if path.parent == out and path.name not in known:
+            raise BadInput(
+                f"{path}: would be replaced, and no result in {out} lists it; move it, choose another --out, or add "
+                "--force"
+            )
+
+
 ASIDE = ".writing-"  # prefix of temporary folders, before the number of the process that writes there
 
 

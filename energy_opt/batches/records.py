@@ -13,7 +13,7 @@ from typing import IO, Any, TypedDict
 from energy_opt.batches.task import Task
 from energy_opt.errors import BadInput
 from energy_opt.files import plain, replacing
-from energy_opt.folders import files_of_earlier_runs, no_folder_in_the_way, no_other_verb
+from energy_opt.folders import files_of_earlier_runs, no_folder_in_the_way, no_foreign_files, no_other_verb
 
 # Column: type. Energies in J, durations and seconds in s, savings in percent against "scaled" (the same duration);
 # energy_<baseline> is the total of a baseline, loss_<baseline> its loss; max_violation a fraction of the bound.
@@ -190,6 +190,7 @@ class Journal:
         no_folder_in_the_way(self.path.parent, NAME)
         if not force:
             no_other_verb(self.path.parent, NAME)
+            no_foreign_files(self.path.parent, NAME)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._stream: IO[bytes] = self.path.open("ab")

@@ -18,7 +18,14 @@ from typing import Any, ParamSpec, TypeVar, cast
 from energy_opt import __version__
 from energy_opt.errors import BadInput, Infeasible, suggest
 from energy_opt.files import plain, read_json, write_json
-from energy_opt.folders import files_of_earlier_runs, no_folder_in_the_way, no_other_verb, take_folder, written_whole
+from energy_opt.folders import (
+    files_of_earlier_runs,
+    no_folder_in_the_way,
+    no_foreign_files,
+    no_other_verb,
+    take_folder,
+    written_whole,
+)
 from energy_opt.requests.option import Request, options_of
 from energy_opt.results import Found
 
@@ -35,8 +42,8 @@ def guard(file: Path, request: Mapping[str, Any], force: bool) -> None:
 
     Raises:
         BadInput: the file holds the answer to another request (the message says what differs), another verb's results
-            are in the folder, a file that the request names would be replaced, the folder cannot be written, or another
-            run writes there.
+            are in the folder, a file that the request names or that no result lists would be replaced, the folder
+            cannot be written, or another run writes there.
     """
     take_folder(file.parent)
     no_folder_in_the_way(file.parent, file.name)
@@ -48,6 +55,7 @@ def guard(file: Path, request: Mapping[str, Any], force: bool) -> None:
         for word in value if isinstance(value, list) else [value]:
             if isinstance(word, str) and os.path.realpath(word) in replaced:
                 raise BadInput(f"{word}: would be replaced by a result; choose another --out, or add --force")
+    no_foreign_files(file.parent, file.name)
     if not file.is_file():
         return
     try:

@@ -77,6 +77,27 @@ def test_a_second_run_leaves_files_of_one_motion_only(written: Path, tmp_path: P
     assert "trajectory.mcap" not in listed(out) and faults_of_results(out) == []
 
 
+@pytest.mark.parametrize("name", ["trajectory.csv", "plot.png", "trajectory_500hz.csv"])
+def test_files_that_no_result_lists_are_kept(
+    name: str, written: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In an empty folder, and beside an earlier result that does not list them; `--force` replaces them."""
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / name).write_text("mine")
+    assert run(out, "1.5") == 2
+    assert f"{name}: would be replaced, and no result in" in capsys.readouterr().err
+    assert {path.name: path.read_text() for path in out.iterdir()} == {name: "mine"}
+    beside = copied(written, tmp_path / "beside")
+    (beside / "trajectory_500hz.csv").write_text("mine")
+    request = ("--write", "yaml", "--write", "mcap", "--write", "follow-joint-trajectory")
+    assert run(beside, "1.5", *request) == 2
+    assert (beside / "trajectory_500hz.csv").read_text() == "mine"
+    (beside / "trajectory_500hz.csv").unlink()
+    assert run(beside, "1.5", *request) == 0
+    assert run(out, "1.5", "--force") == 0
+
+
 @pytest.mark.parametrize("words", [("evaluate", "--robot", "panda"), ("optimize", "--robot", "panda", "--path")])
 def test_a_file_that_is_read_is_not_replaced(
     words: tuple[str, ...], written: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]

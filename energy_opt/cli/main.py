@@ -16,7 +16,17 @@ from pathlib import Path
 from typing import Any
 
 from energy_opt import __version__
-from energy_opt.cli.faults import as_error, flushed, of_output, one_line, opened, stdout_for_json, view, was_pressed
+from energy_opt.cli.faults import (
+    Unforeseen,
+    as_error,
+    flushed,
+    of_output,
+    one_line,
+    opened,
+    stdout_for_json,
+    view,
+    was_pressed,
+)
 from energy_opt.cli.options import Help, Parser, add_options, request_of
 from energy_opt.cli.terminal import Terminal
 from energy_opt.errors import BadInput, EnergyOptError, speaking_of_options, suggest
@@ -65,9 +75,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except Exception as fault:
             if was_pressed() and not isinstance(fault, EnergyOptError):
                 return _interrupted(words)  # a library that was being imported raised an error of its own
-            if "-v" in words:
-                traceback.print_exc()
             error = of_output(fault) or as_error(fault)
+            if "-v" in words and isinstance(error, Unforeseen):
+                traceback.print_exception(fault)
             return _failed(error.document(), words, error.exit_code)
         finally:
             leave_folders()

@@ -113,7 +113,10 @@ def add_options(parser: argparse.ArgumentParser, name: str, verb: Verb) -> None:
         "--effects", action="append", default=[], metavar="FILE.py", help="Python file that defines your own effects"
     )
     group.add_argument(
-        "-v", dest="verbose", action="store_true", help="print each step of the solver, and the traceback of a fault"
+        "-v",
+        dest="verbose",
+        action="store_true",
+        help="print each step of the solver, and the traceback of an unforeseen fault",
     )
     parser.add_argument("--help-all", nargs=0, action=_HelpAll, help="show all options, and exit")
 

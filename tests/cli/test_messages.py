@@ -95,5 +95,13 @@ def test_one_document_in_every_case(capsys, monkeypatch):
     monkeypatch.setattr("energy_opt.front.robots.run", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
     assert main(["robots", "--json"]) == 130
     assert json.loads(capsys.readouterr().out)["status"] == "interrupted"
+
+
+def test_a_traceback_only_of_unforeseen_faults_and_on_request(capsys, monkeypatch):
     assert main(["optimize", "--robot", "nowhere", "--start", "0", "--goal", "1", "-v"]) == 2
+    assert "Traceback" not in capsys.readouterr().err
+    monkeypatch.setattr("energy_opt.front.robots.run", lambda *_: 1 / 0)
+    assert main(["robots", "-v"]) == 2
     assert "Traceback" in capsys.readouterr().err
+    assert main(["robots"]) == 2
+    assert "Traceback" not in capsys.readouterr().err

@@ -116,7 +116,7 @@ def add_options(parser: argparse.ArgumentParser, name: str, verb: Verb) -> None:
         "-v",
         dest="verbose",
         action="store_true",
-        help="print each step of the solver, and the traceback of an unforeseen fault",
+        help="print each step of the solver, and the traceback of an unknown fault",
     )
     parser.add_argument("--help-all", nargs=0, action=_HelpAll, help="show all options, and exit")
 

@@ -25,7 +25,7 @@ from energy_opt.motion.retime.solve import RetimeSolution
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 
-OPTIMA = 5  # most optima found without bodies to start from
+OPTIMA = 3  # most optima found without bodies to start from
 WORTH = 1.25  # an optimum of a larger cost relative to the least is not mixed with the first path
 NEARLY = 0.0015  # [m] an optimum whose clearance is short by less is continued first
 DEEP = 0.1  # [m] a start is at most this deep in a body
@@ -35,8 +35,8 @@ CLOSE, LEFT = 0.6, 0.12
 BOLD = 0.25  # [rad, m] first step from such a mixture
 # scaled cost with violations: a trial below it came free of bodies; a second step is tried if at most one trial does
 FREED = 2.0
-ITERATIONS, DONE = 30, 1e-4  # iterations of a search, and the relative change of cost at which it ends
-FINISHED = 2  # most trials to continue
+ITERATIONS, DONE = 30, 4e-4  # iterations of a search, and the relative change of cost at which it ends
+FINISHED = 2  # most trials to continue, until a result is known
 APART = 0.3  # [rad, m] curves whose control points differ by less lead to the same optimum
 HOPES = (1.3, 1.1)  # largest merit relative to the best after the first and second trial, to be continued
 HALF = 0.05  # share of the cost: if the optimum without bodies saves more, a search starts half-way to it
@@ -203,8 +203,8 @@ class Clearing:
             trials.append(search.trial(starts[0].curve, BOLD))
         done: list[Descent] = []
         for trial in sorted(trials, key=search.merit):
-            if len(done) == FINISHED or (self.context.stopped() and self.best is not None):
-                return
+            if len(done) == FINISHED or (self.best is not None and (done or self.context.stopped())):
+                break
             if any(np.abs(trial.point.points - other.point.points).max() < APART for other in done):
                 continue
             done.append(trial)

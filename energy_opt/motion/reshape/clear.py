@@ -25,7 +25,7 @@ from energy_opt.motion.reshape.task import FEASIBLE, SLACK, Level, Task
 log = logging.getLogger(__name__)
 PLACES, DENSE = 60, 240  # places along a curve, evenly in time, at which pairs are looked at; and before a proof
 CLOSE = 0.05  # share of the places' spacing: least distance between places, for a corner that is passed fast
-REACH = 0.06  # [m] nearer pairs get constraints
+REACH = 0.04  # [m] nearer pairs get constraints
 MARGIN = 0.002  # [m] constraints keep this much more than is to be proven
 BESIDE = 0.005  # [m] pairs farther apart are not measured when a curve's clearance is checked
 HAIR = 2e-4  # [m] the dense places keep this much more than is to be proven

@@ -40,7 +40,7 @@ NEAR_KINKS = 0.02  # [rad, m] first step of descents with kinked laws
 WIDTHS, ROUGHLY = (3.0, 1.7), 20  # decreasing factors of that width before the final solve, and most iterations of each
 RUNG = 1.5  # ratio of the durations at which starts are solved
 # most valleys compared at the move's own duration, and their largest cost relative to the best
-KEPT, WORTH_KEEPING = 5, 2.0
+KEPT, WORTH_KEEPING = 3, 2.0
 REFINED, WORTH_REFINING = 2, 1.03  # most of these solved in full, and their largest cost relative to the best
 EXACT = 1e-6  # share of a bound: accepted excess while searching the answer
 REPAIRABLE = 0.05  # share of a bound: an excess that more control points, or IPOPT, may still repair

@@ -199,7 +199,7 @@ def functions(now: Fit) -> Iterator[Free]:
         columns = [s.shown(h * (by_tau[:, j] * usual[j])[:, None]) for j, h in enumerate(hats) if h.shape[1]]
         if columns:
             whole = np.column_stack(columns)
-            yield from (Free(signal, -1, whole, size) for size in SIZES)
+            yield from (Free(signal, whole, size) for size in SIZES)
 
     moving = s.v != 0
     yield from torques("position", [_hats(s.q[:, j], moving[:, j], HATS) for j in range(s.n)])
@@ -219,7 +219,7 @@ def functions(now: Fit) -> Iterator[Free]:
     ):  # fmt: skip
         if columns.shape[1]:
             whole = s.shown(columns) * power
-            yield from (Free(signal, -1, whole, size) for size in SIZES)
+            yield from (Free(signal, whole, size) for size in SIZES)
 
 
 def _hats(x: np.ndarray, where: np.ndarray, count: int) -> np.ndarray:

@@ -141,7 +141,7 @@ def test_a_model_beside_which_a_law_is_likely_that_nobody_knows_cannot_plan(weak
     held = {"energy_percent": 0.1}
 
     def of(*signals: str, noise: Noise | None, samples: Samples = samples) -> Foreseen:
-        best = replace(f, free=tuple(Free(signal, -1, np.zeros((1, 1)), 1.0) for signal in signals))
+        best = replace(f, free=tuple(Free(signal, np.zeros((1, 1)), 1.0) for signal in signals))
         return foreseen(weakened.model, samples, noise, 0 * level, 0.0, f, best)
 
     shown = reading_of(weakened.model, samples)

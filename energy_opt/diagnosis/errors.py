@@ -63,8 +63,8 @@ class Quality:
 def mostly_explained(before: Quality, after: Quality, unknown: bool) -> bool:
     """True if `SHARE` of the squares above the noise is removed, over all motions and without any one of three or more.
 
-    Effects that resemble an unknown law follow most of it, or all of it in a single motion. It must be removed in watts,
-    too: whitened squares hardly contain slow errors.
+    Effects that resemble an unknown law follow most of it, or all of it in a single motion. `SHARE` must be removed in
+    watts, too: whitened squares hardly contain slow errors.
 
     Args:
         unknown: True if a free function is likelier; otherwise `OPEN_NOISE` of the residual may be noise.

@@ -18,7 +18,7 @@ from energy_opt.diagnosis.search import FREE_ODDS, Search, buildable, free_block
 from energy_opt.power import PowerModel
 
 CLAIM = 7.0  # least log odds for claiming an effect: a thousand to one
-DETAIL = 0.01  # share of the largest log odds, added to CLAIM: a law with an error of 10 % leaves 1 % of its evidence
+DETAIL = 0.01  # share of the largest log odds, added to CLAIM and RIVAL: a law off by 10 % leaves 1 % of its evidence
 RIVAL = 3.0  # log odds within which another set explains the data equally well: twenty to one
 TURNS = 3
 SURE = 2.0  # standard deviations added to a time constant to get the longest plausible one

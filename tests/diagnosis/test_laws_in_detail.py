@@ -75,6 +75,12 @@ def test_a_law_that_no_effect_has_is_not_claimed_as_another(tmp_path, world):
     assert {e.name for e in diagnose(read_set(truth.folder), truth.declared).effects} <= {world.cause}
 
 
+def test_the_form_of_a_law_is_tested_as_the_meter_shows_it(tmp_path):
+    """A load that a signal switches, of which a meter's lag is likely: its edges are those of the lagging power."""
+    truth = write_world(World("panda", 11830020, (0.0, 0.0), "white", "signal_power"), tmp_path)
+    assert "signal_power" in {e.name for e in diagnose(read_set(truth.folder), truth.declared).effects}
+
+
 def test_travel_counts_from_the_begin_of_a_run_and_from_each_reversal():
     """A swing of amplitude 1 rad from its end: the path from one end, |1 - cos t| and |1 + cos t|."""
     t = np.linspace(0, 3 * np.pi, 3001)

@@ -67,11 +67,12 @@ def mostly_explained(before: Quality, after: Quality, unknown: bool) -> bool:
     watts, too: whitened squares hardly contain slow errors.
 
     Args:
-        unknown: True if a free function is likelier; otherwise `OPEN_NOISE` of the residual may be noise.
+        unknown: True if a free function is likelier; otherwise `OPEN_NOISE` of the residual may be noise, and in watts as
+            much as the noise, as few standstills show how large slow noise is.
     """
-    spread, left = 0.0 if unknown else OPEN_NOISE, 1 - SHARE
-    spare = left * (before.squares - 1) - (after.squares - 1 - spread)
-    watts = left * (before.rmse**2 - before.noise**2) - (after.rmse**2 - (1 + spread) * after.noise**2)
+    left = 1 - SHARE
+    spare = left * (before.squares - 1) - (after.squares - 1 - (0.0 if unknown else OPEN_NOISE))
+    watts = left * (before.rmse**2 - before.noise**2) - (after.rmse**2 - (1 if unknown else 2) * after.noise**2)
     return watts >= 0 and bool(np.sum(spare) >= (max(np.max(spare), 0.0) if len(spare) > 2 else 0.0))
 
 

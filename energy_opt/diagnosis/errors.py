@@ -67,8 +67,8 @@ def mostly_explained(before: Quality, after: Quality, unknown: bool) -> bool:
     watts, too: whitened squares hardly contain slow errors.
 
     Args:
-        unknown: True if a free function is likelier; otherwise `OPEN_NOISE` of the residual may be noise, and in watts as
-            much as the noise, as few standstills show how large slow noise is.
+        unknown: True if a free function is likelier; otherwise `OPEN_NOISE` of the residual may be noise, and in watts
+            as much as the noise, as few standstills show how large slow noise is.
     """
     left = 1 - SHARE
     spare = left * (before.squares - 1) - (after.squares - 1 - (0.0 if unknown else OPEN_NOISE))

@@ -249,10 +249,8 @@ def travel(v: np.ndarray, t: np.ndarray, slices: Sequence[slice]) -> np.ndarray:
     for samples in slices:
         step = np.gradient(t[samples]) if samples.stop - samples.start > 1 else np.ones(1)
         for j, own in enumerate(v[samples].T):
-            length, at = np.cumsum(np.abs(own) * step), np.arange(len(own))
-            last = np.maximum.accumulate(np.where(own != 0, at, -1))
-            heading = np.where(last >= 0, np.sign(own[last]), 0.0)
-            turned = np.concatenate([[False], heading[1:] * heading[:-1] < 0])
-            since = np.maximum.accumulate(np.where(turned, at, 0))
-            out[samples, j] = length - length[since] + (np.abs(own) * step)[since]
+            steps, at = np.abs(own) * step, np.arange(len(own))
+            heading = np.sign(own[np.maximum.accumulate(np.where(own != 0, at, 0))])
+            turned = np.diff(heading, prepend=heading[0]) * heading == 2
+            out[samples, j] = np.cumsum(steps) - np.maximum.accumulate(np.where(turned, np.cumsum(steps) - steps, 0.0))
     return out

@@ -14,7 +14,7 @@ from energy_opt.diagnosis.hypothesis import Chart
 from energy_opt.diagnosis.kinks import other_drives
 from energy_opt.diagnosis.noise import Noise
 from energy_opt.diagnosis.predict import predict
-from energy_opt.diagnosis.search import FREE_ODDS, Search, buildable, free_block, moved, rarity, root, without
+from energy_opt.diagnosis.search import FREE_ODDS, Search, buildable, free_block, moved, rarity, without
 from energy_opt.power import PowerModel
 
 CLAIM = 7.0  # least log odds for claiming an effect: a thousand to one
@@ -26,7 +26,6 @@ LAGS = 1.5  # a meter lag is claimed only above this multiple of the time uncert
 MOST = 6  # most alternatives that are fitted
 LIKE = 0.1  # largest share of an effect's squares that a free function of the same signal may fail to represent
 BENT = 0.2  # least change of the power of an effect's watts that makes it another law
-TRIFLE = 0.02  # share of the explained squares up to which free functions are ignored
 WIDE_ENOUGH = 1.1  # priors stay if the numbers ask for less than this multiple of their present width
 
 
@@ -200,15 +199,6 @@ def bent(found: Search, f: Fit) -> list[bool]:
     least = bank.weigh(here).value + RIVAL
     weighed = [bank.weigh(here | {k}) for k in range(len(own), len(bank.blocks))]
     return [x.value > least and abs(float(x.amounts[-1][0])) > BENT for x in weighed]
-
-
-def trifling(found: Search, named: Fit, best: Fit) -> bool:
-    """True if free functions explain little compared with the effects. They then represent smoothing errors."""
-    if not best.free or not named.charts:
-        return False
-    start = root(found.world, best.nuisance)
-    sizes = [float(np.mean(found.world.whiten(f.residual) ** 2)) for f in (start, named, best)]
-    return sizes[1] - sizes[2] < TRIFLE * (sizes[0] - sizes[2])
 
 
 def alternatives(found: Search, accepted: Fit, reach: float) -> tuple[Fit, ...]:

@@ -28,7 +28,6 @@ from energy_opt.diagnosis.claims import (
     plain_fit,
     shaped_otherwise,
     structures,
-    trifling,
     widened,
     written,
 )
@@ -254,14 +253,12 @@ def _searched(world: World, nothing: Fit, tried: list[Search]) -> tuple[Search, 
         best = moved(best, found.world)
     log.info("effects under the noise that was found", extra={"share": 0.35})
     tried[:] = [found]
-    named = found.descend(best)
+    best = found.descend(best)
     log.info("structures that no effect has", extra={"share": 0.5})
     found.open()
-    best = found.descend(named)
+    best = found.descend(best)
     while (k := shaped_otherwise(found, best)) is not None:
-        named = best = without(found, best, k)
-    if trifling(found, named, best):
-        best = named
+        best = without(found, best, k)
     return found, settled(found, max([best, *other_drives(found, best)], key=found.score)), noise
 
 

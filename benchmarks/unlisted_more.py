@@ -1,4 +1,4 @@
-"""Nine more laws that `energy_opt` has no effect for; none of its numbers was chosen on them (`unlisted.py --more`)."""
+"""Nine more laws that `energy_opt` has no effect for, from books on physics (`unlisted.py --more`)."""
 
 from __future__ import annotations
 

@@ -17,7 +17,8 @@ from misfit_drives import ARMS, CAUSES, LAWS, MORE, Motors
 from misfit_motions import STEP, hand_torque, session
 from misfit_urdf import with_urdf, write_changed, write_loaded
 from unlisted_law import Limits, Part
-from unlisted_laws import KINDS, bending
+from unlisted_laws import bending
+from unlisted_more import EVERY
 
 from energy_opt.effects import CopperLoss, Standby
 from energy_opt.files import write_toml
@@ -41,7 +42,7 @@ class World:
         noise: one of NOISES. cause: one of CAUSES, LAWS or MORE, or "" for none.
         stronger: the cause adds at least this many times the misfit's RMS.
         currents: the joints' currents are logged. metered: the power is. pushed: runs in which a hand pushes the arm.
-        unlisted: one of `unlisted_laws.KINDS`, or "" for none. repeats: how often every motion is recorded.
+        unlisted: one of `unlisted_more.EVERY`, or "" for none. repeats: how often every motion is recorded.
     """
 
     arm: str
@@ -104,7 +105,7 @@ def write_world(world: World, folder: Path, fresh: bool = False) -> Truth:
     weighed = with_urdf(robot, write_loaded(urdf, robot, mass, com)) if mass else None
     law = Motors(world, drives, robot, body, MujocoArm(weighed, Plant(PowerModel("", ()))) if weighed else None, rng)
     limits = Limits(robot.limits.velocity, robot.limits.effort)
-    wild = KINDS[world.unlisted](drives, limits, np.random.default_rng([world.seed, 10])) if world.unlisted else None
+    wild = EVERY[world.unlisted](drives, limits, np.random.default_rng([world.seed, 10])) if world.unlisted else None
     moments = bending(body.model, body.data, body.mujoco) if world.unlisted == "bearing_load" else None
 
     def part(motion: Motion, begin: float, arm: MujocoArm = body) -> Part:

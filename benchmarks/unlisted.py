@@ -1,7 +1,7 @@
 """The examination of `diagnose` on arms that are not the library's, also where laws rule that it does not know.
 
     python benchmarks/unlisted.py --out examined.json [--seed 0] [--jobs 1] [--share 1.0] [--only unlisted,clean]
-        [--small]
+        [--small] [--more]
 
 Kinds of sets (their number at --share 1):
     unlisted  a law of `unlisted_laws.py` alone, links off by up to 5 %, white noise or noise with memory (60)
@@ -14,7 +14,7 @@ Each set is diagnosed from Python, as the command line does it but for the motio
 is worth; it is judged from the files that this leaves. A crash counts as a false claim,
 a miss and a contradiction; `ambiguous` with the truth among its alternatives is no false claim. What --out holds
 already is kept: the examination goes on where it was stopped. Seeds 0 to 9 are for development; a final look takes a
-seed of 90 or more, that nothing was tuned on.
+seed of 90 or more, that nothing was tuned on. --more takes the laws of `unlisted_more.py` instead.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ import json
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
@@ -36,6 +36,7 @@ from misfit_world import ARMS, CAUSES, LAWS, MORE, NOISES, World, write_world
 from scipy.stats import beta
 from unlisted_judge import beyond_motion, contradictions, difference_error, energy_error, held_out
 from unlisted_laws import KINDS
+from unlisted_more import EVERY, MORE_KINDS
 
 from energy_opt.diagnosis import diagnose
 from energy_opt.files import write_json
@@ -52,9 +53,9 @@ ENERGY = 0.03  # of held-out energies, the default of `diagnose --tolerance`, wi
 LEFT = 1.3  # times the best possible error: more is not explained
 
 
-def worlds(category: str, count: int, seed: int) -> Iterator[World]:
+def worlds(category: str, count: int, seed: int, laws: Iterable[str] = KINDS) -> Iterator[World]:
     """The sets of a kind; arms, noises and laws take turns, each with a period of its own."""
-    arms, kinds, causes = list(ARMS), list(KINDS), CAUSES + MORE + LAWS
+    arms, kinds, causes = list(ARMS), list(laws), CAUSES + MORE + LAWS
     number = 100_000 * (seed + 1) + 10_000 * list(COUNTS).index(category)
     for k in range(count):
         arm, noise = arms[(k + k // len(kinds)) % len(arms)], ("white", "ar1")[k // 2 % 2]
@@ -92,7 +93,7 @@ def run(job: tuple[str, World]) -> dict[str, Any]:
         row["seconds"] = time.process_time() - begun
         named = [e["name"] for e in d["effects"]]
         cause = {world.cause, *SAME.get(world.cause, ())} if world.cause else set()
-        allowed = cause | (KINDS[world.unlisted].kin if world.unlisted else set())
+        allowed = cause | (EVERY[world.unlisted].kin if world.unlisted else set())
         allowed |= {"link_inertia"} if any(world.spread) else set()
         open_ = d["verdict"] == "ambiguous" and any(set(a) <= allowed for a in d["alternatives"])
         false = [] if open_ else [name for name in named if name not in allowed]
@@ -207,9 +208,11 @@ def main() -> int:
     parser.add_argument("--share", type=float, default=1.0, help="of the number of sets")
     parser.add_argument("--only", default=",".join(COUNTS), help="kinds of sets, with commas between")
     parser.add_argument("--small", action="store_true", help="a few sets of each kind; no target is judged")
+    parser.add_argument("--more", action="store_true", help="other unlisted laws")
     args = parser.parse_args()
+    laws = MORE_KINDS if args.more else KINDS
     counts = SMALL if args.small else {kind: max(1, round(args.share * COUNTS[kind])) for kind in COUNTS}
-    asked = [(kind, world) for kind in args.only.split(",") for world in worlds(kind, counts[kind], args.seed)]
+    asked = [(kind, world) for kind in args.only.split(",") for world in worlds(kind, counts[kind], args.seed, laws)]
     wanted = {world.seed for _, world in asked}
     kept = json.loads(args.out.read_text())["rows"] if args.out.is_file() else []
     rows = [row for row in kept if row["seed"] in wanted]

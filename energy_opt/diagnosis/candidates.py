@@ -181,14 +181,15 @@ def _metered(kind: type[Effect], now: Fit, value: float) -> np.ndarray:
 HATS, FEW_HATS = 32, 12  # knots of a free function of position or speed; of another signal
 FASTEST_CHANGE = 1.0  # [s] shortest distance of the knots of a free function of time
 MOST_KNOTS = 160
+PRESLIDING = 0.1  # [`Samples.unit`] travel within which friction builds up after a reversal, as in gears
 SIZES = (0.3, 1.5)  # prior standard deviations of a free function, over a usual friction torque or a usual power
 
 
 def functions(now: Fit) -> Iterator[Free]:
     """Free functions of one signal.
 
-    Torque of position, of speed, or of travel since the last reversal. Power of time, of time since the motion ended,
-    of joint torque, or of joint temperature.
+    Torque of position, of speed, or of travel since the last reversal (Dahl's presliding). Power of time, of time since
+    the motion ended, of joint torque (also in proportion to it), of the whole power, or of joint temperature.
     """
     w, s = now.world, now.world.samples
     by_tau = now.prediction.by_tau
@@ -198,26 +199,27 @@ def functions(now: Fit) -> Iterator[Free]:
         columns = [s.shown(h * (by_tau[:, j] * usual[j])[:, None]) for j, h in enumerate(hats) if h.shape[1]]
         if columns:
             whole = np.column_stack(columns)
-            yield from (Free(signal, -1, whole, size) for size in SIZES)
+            yield from (Free(signal, whole, size) for size in SIZES)
 
     moving = s.v != 0
     yield from torques("position", [_hats(s.q[:, j], moving[:, j], HATS) for j in range(s.n)])
     yield from torques("velocity", [_hats(s.v[:, j], moving[:, j], HATS) for j in range(s.n)])
-    way = travel(s.v, s.t, s.slices)
-    turned = [_hats(np.log10(np.clip(way[:, j], 1e-3, 1.0)), moving[:, j] & (way[:, j] < 1), 6) for j in range(s.n)]
-    yield from torques("way since reversal", [h * np.sign(s.v[:, [j]]) for j, h in enumerate(turned)])
+    presliding = np.exp(-travel(s.v, s.t, s.slices) / (PRESLIDING * s.unit)) * np.sign(s.v)
+    yield from torques("way since reversal", [presliding[:, [j]] for j in range(s.n)])
     power = 0.05 * w.scale.level
     always = np.ones(len(s.t), dtype=bool)
     for signal, columns in (
         ("time", _in_time(s.t, s.slices)),
         ("time since motion ended", _hats(s.idle, s.idle >= 0, FEW_HATS)),
         ("torque", np.column_stack([_hats(x, always, FEW_HATS) for x in now.prediction.tau.T])),
+        ("power", _hats(now.prediction.power, always, FEW_HATS)),
+        ("signed torque", now.prediction.tau / np.maximum(np.abs(now.prediction.tau).max(axis=0), 1e-9)),
         *([("temperature", np.column_stack([_hats(x, always, 6) for x in s.temperature.T]))]
           if np.isfinite(s.temperature).all() else []),
     ):  # fmt: skip
         if columns.shape[1]:
             whole = s.shown(columns) * power
-            yield from (Free(signal, -1, whole, size) for size in SIZES)
+            yield from (Free(signal, whole, size) for size in SIZES)
 
 
 def _hats(x: np.ndarray, where: np.ndarray, count: int) -> np.ndarray:
@@ -242,17 +244,13 @@ def _in_time(t: np.ndarray, slices: Sequence[slice]) -> np.ndarray:
 
 
 def travel(v: np.ndarray, t: np.ndarray, slices: Sequence[slice]) -> np.ndarray:
-    """Travel [rad] since each joint last reversed within its run (K, n); 1000 before the first reversal."""
-    out = np.full_like(v, 1e3)
+    """Travel (rad or m) of each joint since it last reversed, or since its run began (K, n)."""
+    out = np.empty_like(v)
     for samples in slices:
         step = np.gradient(t[samples]) if samples.stop - samples.start > 1 else np.ones(1)
-        for j in range(v.shape[1]):
-            own = v[samples, j]
-            heading = np.sign(own)
-            last = np.maximum.accumulate(np.where(heading != 0, np.arange(len(own)), -1))
-            heading = np.where(last >= 0, heading[np.maximum(last, 0)], 0.0)
-            turned = np.flatnonzero((heading[1:] * heading[:-1]) < 0) + 1
-            length = np.cumsum(np.abs(own) * step)
-            for a, b in zip(turned, np.append(turned[1:], len(own)) if turned.size else turned, strict=True):
-                out[samples.start + a : samples.start + b, j] = length[a:b] - length[a] + abs(own[a]) * step[a]
+        for j, own in enumerate(v[samples].T):
+            steps, at = np.abs(own) * step, np.arange(len(own))
+            heading = np.sign(own[np.maximum.accumulate(np.where(own != 0, at, 0))])
+            turned = np.diff(heading, prepend=heading[0]) * heading == 2
+            out[samples, j] = np.cumsum(steps) - np.maximum.accumulate(np.where(turned, np.cumsum(steps) - steps, 0.0))
     return out

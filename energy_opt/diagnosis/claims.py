@@ -14,11 +14,11 @@ from energy_opt.diagnosis.hypothesis import Chart
 from energy_opt.diagnosis.kinks import other_drives
 from energy_opt.diagnosis.noise import Noise
 from energy_opt.diagnosis.predict import predict
-from energy_opt.diagnosis.search import FREE_ODDS, Search, buildable, free_block, moved, rarity, root, without
+from energy_opt.diagnosis.search import FREE_ODDS, Search, buildable, free_block, moved, rarity, without
 from energy_opt.power import PowerModel
 
 CLAIM = 7.0  # least log odds for claiming an effect: a thousand to one
-DETAIL = 0.01  # share of the largest log odds, added to CLAIM: a law with an error of 10 % leaves 1 % of its evidence
+DETAIL = 0.01  # share of the largest log odds, added to CLAIM and RIVAL: a law off by 10 % leaves 1 % of its evidence
 RIVAL = 3.0  # log odds within which another set explains the data equally well: twenty to one
 TURNS = 3
 SURE = 2.0  # standard deviations added to a time constant to get the longest plausible one
@@ -26,7 +26,6 @@ LAGS = 1.5  # a meter lag is claimed only above this multiple of the time uncert
 MOST = 6  # most alternatives that are fitted
 LIKE = 0.1  # largest share of an effect's squares that a free function of the same signal may fail to represent
 BENT = 0.2  # least change of the power of an effect's watts that makes it another law
-TRIFLE = 0.02  # share of the explained squares up to which free functions are ignored
 WIDE_ENOUGH = 1.1  # priors stay if the numbers ask for less than this multiple of their present width
 
 
@@ -191,24 +190,15 @@ def bent(found: Search, f: Fit) -> list[bool]:
     for c in f.charts:
         declared = w.declared.get(c.term.name)
         less = f.model.without(c.term.name) if declared is None else f.model.replaced(declared)
-        watts = f.prediction.power - predict(less, w.samples, push).power
+        watts = f.prediction.metered - predict(less, w.samples, push).metered
         share = np.abs(watts) / max(float(np.sqrt(np.mean(watts**2))), 1e-9)
         column = w.samples.shown(watts * np.log(np.maximum(share, 1e-9)))
-        bends.append(Free(f"power of {c.term.name}", -1, column[:, None], 1.0))
+        bends.append(Free(f"power of {c.term.name}", column[:, None], 1.0))
     blocks = [free_block(g, w.whiten(g.columns), np.zeros(1), g, 0.0) for g in bends]
     bank = Bank(f, [*own, *blocks])
     least = bank.weigh(here).value + RIVAL
     weighed = [bank.weigh(here | {k}) for k in range(len(own), len(bank.blocks))]
     return [x.value > least and abs(float(x.amounts[-1][0])) > BENT for x in weighed]
-
-
-def trifling(found: Search, named: Fit, best: Fit) -> bool:
-    """True if free functions explain little compared with the effects. They then represent smoothing errors."""
-    if not best.free or not named.charts:
-        return False
-    start = root(found.world, best.nuisance)
-    sizes = [float(np.mean(found.world.whiten(f.residual) ** 2)) for f in (start, named, best)]
-    return sizes[1] - sizes[2] < TRIFLE * (sizes[0] - sizes[2])
 
 
 def alternatives(found: Search, accepted: Fit, reach: float) -> tuple[Fit, ...]:

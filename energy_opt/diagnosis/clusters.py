@@ -17,7 +17,7 @@ from energy_opt.measured import MeasuredSet, Run
 from energy_opt.measured.run import cut_at_standstill, nodes, pieces
 
 POINTS = 24  # points of a run's path at which motions are compared
-SAME = 0.05  # [rad] runs whose paths differ by less at all points are repeats of one motion
+SAME = 0.05  # [`Samples.unit`] runs whose paths differ by less at all points are repeats of one motion
 PACE = 0.1  # relative difference of durations up to which runs are repeats
 SHARE = 0.25  # share of the motions of each kind that is held out
 DRAWS = 100  # number of random selections of held-out motions
@@ -36,7 +36,7 @@ def clusters(samples: Samples) -> list[list[int]]:
     keys = []
     for span, kind in zip(samples.slices, samples.kinds, strict=True):
         at = np.linspace(span.start, span.stop - 1, POINTS).round().astype(int)
-        keys.append((kind, samples.q[at], float(samples.t[span.stop - 1] - samples.t[span.start])))
+        keys.append((kind, samples.q[at] / samples.unit, float(samples.t[span.stop - 1] - samples.t[span.start])))
     out: list[list[int]] = []
     for k, (kind, path, lasts) in enumerate(keys):
         for group in out:

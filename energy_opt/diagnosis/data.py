@@ -132,6 +132,13 @@ class Samples:
         return np.asarray(self.shown((self.v != 0).any(axis=1).astype(float)) > 1e-6)
 
     @cached_property
+    def unit(self) -> np.ndarray:
+        """Unit (n,) of each joint's position: 1 rad; for joints that slide half the widest motion of one [m]."""
+        slides = np.array(self.body.slides)
+        spans = np.ptp(self.q[:, slides & (self.v != 0).any(axis=0)], axis=0)
+        return np.where(slides, float(spans.max(initial=0.0)) / 2 or 1.0, 1.0)
+
+    @cached_property
     def warmth(self) -> np.ndarray:
         """Temperature rise of each joint relative to its largest rise (K, n) [1]; nan if none of 0.5 K is logged."""
         first = self.temperature[np.argmin(self.t)]

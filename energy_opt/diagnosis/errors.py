@@ -63,13 +63,17 @@ class Quality:
 def mostly_explained(before: Quality, after: Quality, unknown: bool) -> bool:
     """True if `SHARE` of the squares above the noise is removed, over all motions and without any one of three or more.
 
-    Effects that resemble an unknown law follow most of it, or all of it in a single motion.
+    Effects that resemble an unknown law follow most of it, or all of it in a single motion. `SHARE` must be removed in
+    watts, too: whitened squares hardly contain slow errors.
 
     Args:
-        unknown: True if a free function is likelier; otherwise `OPEN_NOISE` of the residual may be noise.
+        unknown: True if a free function is likelier; otherwise `OPEN_NOISE` of the residual may be noise, and in watts
+            as much as the noise, as few standstills show how large slow noise is.
     """
-    spare = (1 - SHARE) * (before.squares - 1) - (after.squares - 1 - (0.0 if unknown else OPEN_NOISE))
-    return bool(np.sum(spare) >= (max(np.max(spare), 0.0) if len(spare) > 2 else 0.0))
+    left = 1 - SHARE
+    spare = left * (before.squares - 1) - (after.squares - 1 - (0.0 if unknown else OPEN_NOISE))
+    watts = left * (before.rmse**2 - before.noise**2) - (after.rmse**2 - (1 if unknown else 2) * after.noise**2)
+    return watts >= 0 and bool(np.sum(spare) >= (max(np.max(spare), 0.0) if len(spare) > 2 else 0.0))
 
 
 def quality(model: PowerModel, samples: Samples, noise: Noise, drift: np.ndarray) -> Quality:

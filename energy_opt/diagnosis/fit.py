@@ -59,14 +59,8 @@ class Free:
     """A free function: columns (M, c) [W per unit weight], weights ~ N(0, size^2)."""
 
     signal: str
-    joint: int
     columns: np.ndarray
     size: float
-
-    @property
-    def key(self) -> tuple[str, int]:
-        """Signal and joint (-1: none) of the function."""
-        return self.signal, self.joint
 
 
 class Recent:

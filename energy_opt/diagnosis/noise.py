@@ -149,8 +149,6 @@ def standing_noise(*sets: Samples) -> tuple[Noise, Noise]:
         return value, white**0.5
 
     found = weighed(worth, LESS * single, count - len(times), FINE_WAVES, FINE_MEMORIES)
-    # white noise gets the prior probability of all noises with memory together
-    found = [(v + np.log(len(found)) * (n.wave == 0), n) for v, n in found]
     value, best = max(found, key=lambda row: row[0])
     odds = np.exp([v - value for v, _ in found])
     size = np.log([np.hypot(n.white, n.wave) for _, n in found])
@@ -190,7 +188,10 @@ def weighed(
     waves: Sequence[float],
     memories: Sequence[float] = MEMORIES,
 ) -> list[tuple[float, Noise]]:
-    """Noises on a grid of the wave over white noise and its memory, and the logarithm of the evidence for each.
+    """Noises on a grid of the wave over white noise and its memory, and the logarithm of evidence times odds of each.
+
+    White noise is as likely before the data as all noises with memory together. Otherwise the best of these represents
+    chance, which widens every interval.
 
     Args:
         worth: logarithm of the evidence and the white noise [W] that is likeliest, of wave and memory.
@@ -201,7 +202,7 @@ def weighed(
         if wave or memory == memories[0]:
             value, white = no_less(*worth(wave, memory), least, count)
             found.append((value, Noise(white, wave * white, memory)))
-    return found
+    return [(value + float(np.log(len(found))) * (noise.wave == 0), noise) for value, noise in found]
 
 
 def no_less(value: float, white: float, least: float, count: int) -> tuple[float, float]:

@@ -37,7 +37,7 @@ class Search:
 
     world: World
     closed: bool = True
-    fits: dict[tuple[frozenset[Term], frozenset[tuple[str, int]]], Fit] = field(default_factory=dict)
+    fits: dict[tuple[frozenset[Term], frozenset[str]], Fit] = field(default_factory=dict)
     banks: dict[int, Bank] = field(default_factory=dict)
     scores: dict[int, tuple[Fit, Weighed]] = field(default_factory=dict)
 
@@ -132,7 +132,7 @@ class Search:
             elif isinstance(source, int):
                 free.append(f.free[source - len(f.charts)])
             elif isinstance(source, Free):
-                free.append(next(g for g in functions(f) if (g.key, g.size) == (source.key, source.size)))
+                free.append(next(g for g in functions(f) if (g.signal, g.size) == (source.signal, source.size)))
             else:
                 charts.append(source.chart)
                 starts.append(source.start(x))
@@ -150,14 +150,14 @@ class Search:
 
     def keep(self, f: Fit) -> Fit:
         """Register a fit from elsewhere."""
-        self.fits.setdefault((frozenset(c.term for c in f.charts), frozenset(g.key for g in f.free)), f)
+        self.fits.setdefault((frozenset(c.term for c in f.charts), frozenset(g.signal for g in f.free)), f)
         return f
 
     def fitted(
         self, charts: list[Chart], starts: list[np.ndarray], free: list[Free], nuisance: Nuisance, amounts: np.ndarray
     ) -> Fit:
         """Fit a hypothesis from `starts`; return its best fit so far."""
-        key = frozenset(c.term for c in charts), frozenset(g.key for g in free)
+        key = frozenset(c.term for c in charts), frozenset(g.signal for g in free)
         self.world.go_on()
         new = fit(self.world, nuisance, charts, starts, free, amounts)
         likeliest = self.weighed(new).nuisance

@@ -14,6 +14,7 @@ import numpy as np
 
 from energy_opt.diagnosis.claims import (
     CLAIM,
+    DETAIL,
     RIVAL,
     Claim,
     alike,
@@ -27,7 +28,6 @@ from energy_opt.diagnosis.claims import (
     plain_fit,
     shaped_otherwise,
     structures,
-    trifling,
     widened,
     written,
 )
@@ -185,13 +185,14 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
         accepted = plain_fit(found, accepted)
         claims = tuple(Claim(c.odds, plain_fit(found, c.without)) for c in claims)
     if claims:
-        rivals = alternatives(found, accepted, 2 * RIVAL)  # held-out motions may change the likeliest set
+        reach = RIVAL + DETAIL * max(c.odds for c in claims)
+        rivals = alternatives(found, accepted, RIVAL + reach)  # held-out motions may change the likeliest set
         best = max((best, *rivals), key=found.score)
     start = root(found.world, best.nuisance)
     if claims:
         # an error above the noise may be noise, which then decides less between the alternatives
         weigher = judge.under_most_noise() if unknown else judge
-        rivals = _as_good(found, judge, accepted) if misspecified else left_open(found, weigher, rivals)
+        rivals = _as_good(found, judge, accepted) if misspecified else left_open(found, weigher, rivals, reach)
         borne = {
             id(f): _borne_out(found, judge, *claimed(found, f), shaped=not unknown) for f in rivals if f is not accepted
         }
@@ -252,14 +253,12 @@ def _searched(world: World, nothing: Fit, tried: list[Search]) -> tuple[Search, 
         best = moved(best, found.world)
     log.info("effects under the noise that was found", extra={"share": 0.35})
     tried[:] = [found]
-    named = found.descend(best)
+    best = found.descend(best)
     log.info("structures that no effect has", extra={"share": 0.5})
     found.open()
-    best = found.descend(named)
+    best = found.descend(best)
     while (k := shaped_otherwise(found, best)) is not None:
-        named = best = without(found, best, k)
-    if trifling(found, named, best):
-        best = named
+        best = without(found, best, k)
     return found, settled(found, max([best, *other_drives(found, best)], key=found.score)), noise
 
 
@@ -288,8 +287,8 @@ def _as_good(found: Search, judge: Judge, accepted: Fit) -> tuple[Fit, ...]:
     return tuple(sorted(rivals, key=found.odds, reverse=True))
 
 
-def left_open(found: Search, judge: Judge, rivals: tuple[Fit, ...]) -> tuple[Fit, ...]:
-    """Alternatives that held-out motions do not exclude, the likeliest first.
+def left_open(found: Search, judge: Judge, rivals: tuple[Fit, ...], reach: float) -> tuple[Fit, ...]:
+    """Alternatives whose log odds, with those of held-out motions, are within `reach` of the best, the likeliest first.
 
     The lower prior odds of rare effects exclude none of them. Laws that agree to first order, as load friction and gear
     efficiency, have equal evidence before they are fitted: rounding decides which of them the search finds.
@@ -297,7 +296,7 @@ def left_open(found: Search, judge: Judge, rivals: tuple[Fit, ...]) -> tuple[Fit
     gains = [0.0 if judge.held is None else float(np.sum(judge.gains(f, rivals[0]))) for f in rivals]
     scores = [np.array([found.score(f), found.level_score(f)]) + gain for f, gain in zip(rivals, gains, strict=True)]
     order = sorted(range(len(rivals)), key=lambda k: -scores[k][0])
-    return tuple(rivals[k] for k in order if (scores[k] > scores[order[0]] - RIVAL).any())
+    return tuple(rivals[k] for k in order if (scores[k] > scores[order[0]] - reach).any())
 
 
 def _borne_out(

@@ -28,6 +28,18 @@ def test_what_is_mostly_explained_is_so_without_its_best_motion():
     assert not mostly_explained(of(1.1, 2.2, 2.3, 3.7), of(1.1, 1.3, 1.2, 1.3), unknown=True)
 
 
+def test_what_is_mostly_explained_is_so_in_watts():
+    """White squares hardly contain slow errors: of 24 W^2 above the noise, 3 are left, or 2."""
+
+    def of(rmse: float, square: float) -> Quality:
+        return Quality(rmse, rmse, 1.0, 1.0, rmse, 1.0, np.full(4, square), np.full(4, 100.0))
+
+    assert not mostly_explained(of(5.0, 9.0), of(2.0, 1.0), unknown=True)
+    assert mostly_explained(of(5.0, 9.0), of(1.7, 1.0), unknown=True)
+    assert mostly_explained(of(5.0, 9.0), of(2.0, 1.0), unknown=False)
+    assert not mostly_explained(of(5.0, 9.0), of(2.2, 1.0), unknown=False)
+
+
 def test_an_error_is_lower_in_watts_and_with_each_motion_counted_once():
     def of(rmse: float, *squares: float) -> Quality:
         return Quality(rmse, rmse, 1.0, 1.0, rmse, 1.0, np.array(squares), np.array([900.0, 10.0, 10.0]))

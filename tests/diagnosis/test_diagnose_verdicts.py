@@ -63,7 +63,7 @@ def test_motions_held_out_resemble_the_others():
     samples = SimpleNamespace(
         q=np.repeat(np.arange(12.0), rows)[:, None], v=v, a=0 * v, t=np.tile(np.linspace(0, 1, rows), 12), n=1,
         slices=[slice(rows * k, rows * (k + 1)) for k in range(12)], kinds=("motion",) * 12,
-        body=SimpleNamespace(torque=lambda q, v, a: v),
+        body=SimpleNamespace(torque=lambda q, v, a: v), unit=np.ones(1),
     )  # fmt: skip
     for seed in range(10):
         _, holdout = clusters.split(samples, seed)

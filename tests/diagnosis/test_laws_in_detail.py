@@ -1,4 +1,7 @@
-"""What a law's effect depends on beside the motion: the set's other runs, the form of the law, numbers with steps."""
+"""What a law's effect depends on beside the motion: the set's other runs, the form of the law, numbers with steps.
+
+Also the signals that free functions follow, and the noise beside them.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,11 @@ import numpy as np
 import pytest
 
 from energy_opt.diagnosis import diagnose
+from energy_opt.diagnosis.candidates import travel
+from energy_opt.diagnosis.clusters import clusters
+from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.hypothesis import Term
+from energy_opt.diagnosis.noise import weighed
 from energy_opt.diagnosis.predict import predict
 from energy_opt.diagnosis.recordings import take_samples
 from energy_opt.diagnosis.search import without
@@ -51,6 +58,71 @@ def test_heat_that_grows_faster_than_the_square_of_torque_is_no_copper_loss(tmp_
     """A saturated motor's: a larger resistance explains nine tenths of it."""
     truth = write_world(World("xarm7", 300007, (0.0, 0.05), "ar1", unlisted="saturation"), tmp_path)
     assert not diagnose(read_set(truth.folder), truth.declared).effects
+
+
+@pytest.mark.parametrize(
+    "world",
+    [
+        World("z1", 12000010, (0.0, 0.05), "ar1", unlisted="current_offset"),  # a loss in proportion to signed torque
+        World("panda", 12000042, (0.0, 0.05), "ar1", unlisted="dahl"),  # friction that builds up over some travel
+        # a supply that switches by its load
+        World("xarm7", 12010011, (0.0, 0.05), "ar1", "viscous_friction", unlisted="phases"),
+    ],
+    ids=lambda world: world.unlisted,
+)
+def test_a_law_that_no_effect_has_is_not_claimed_as_another(tmp_path, world):
+    truth = write_world(world, tmp_path)
+    assert {e.name for e in diagnose(read_set(truth.folder), truth.declared).effects} <= {world.cause}
+
+
+def test_the_form_of_a_law_is_tested_as_the_meter_shows_it(tmp_path):
+    """A load that a signal switches, of which a meter's lag is likely: its edges are those of the lagging power."""
+    truth = write_world(World("panda", 11830020, (0.0, 0.0), "white", "signal_power"), tmp_path)
+    assert "signal_power" in {e.name for e in diagnose(read_set(truth.folder), truth.declared).effects}
+
+
+def test_travel_counts_from_the_begin_of_a_run_and_from_each_reversal():
+    """A swing of amplitude 1 rad from its end: the path from one end, |1 - cos t| and |1 + cos t|."""
+    t = np.linspace(0, 3 * np.pi, 3001)
+    way = travel(np.sin(t)[:, None], t, [slice(0, 2001), slice(2001, 3001)])[:, 0]
+    expected = np.concatenate([1 - np.cos(t[:1001]), 1 + np.cos(t[1001:2001]), 1 - np.cos(t[2001:])])
+    assert way == pytest.approx(expected, abs=0.01)
+
+
+def test_paths_of_slides_are_compared_by_how_far_slides_move():
+    """Two motions of 40 mm that differ by 15 mm midway are no repeats; two that differ by 0.3 mm are."""
+    s, rows = np.linspace(0, 1, 51), 51
+    paths = [0.04 * s, 0.04 * s + 0.015 * np.sin(np.pi * s), 0.04 * s + 0.0003 * np.sin(np.pi * s)]
+    q = np.concatenate([np.column_stack([path, s]) for path in paths])
+    samples = SimpleNamespace(
+        q=q, v=np.ones_like(q), t=np.tile(s, 3), slices=[slice(rows * k, rows * (k + 1)) for k in range(3)],
+        kinds=("motion",) * 3, body=SimpleNamespace(slides=(True, False)),
+    )  # fmt: skip
+    samples.unit = Samples.unit.func(samples)
+    assert clusters(samples) == [[0, 2], [1]]
+    samples.v[:, 0] = 0.0  # a slide that stands still
+    assert Samples.unit.func(samples).tolist() == [1.0, 1.0]
+
+
+def test_white_noise_is_seldom_taken_for_noise_with_memory():
+    """Evidence of first-order noise beside white noise, by the dense covariance of 150 readings at 10 Hz."""
+    count, rng = 150, np.random.default_rng(0)
+    lag = 0.1 * np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
+    waves = (0.0, 0.3, 0.6, 1.0)
+    dense = {(w, m): np.eye(count) + w**2 * np.exp(-lag / m) for w in waves for m in (0.08, 0.25, 0.7, 2.0)}
+    taken = {key: (np.linalg.inv(c), np.linalg.slogdet(c)[1]) for key, c in dense.items()}
+
+    def remembered(x: np.ndarray) -> bool:
+        def worth(wave: float, memory: float) -> tuple[float, float]:
+            inverse, determinant = taken[wave, memory]
+            white = float(x @ inverse @ x) / count
+            return -0.5 * count * np.log(white) - 0.5 * determinant, white**0.5
+
+        return max(weighed(worth, 0.0, count, waves), key=lambda row: row[0])[1].wave > 0
+
+    assert np.mean([remembered(rng.normal(size=count)) for _ in range(200)]) < 0.05
+    slow = np.linalg.cholesky(dense[1.0, 0.7])
+    assert np.mean([remembered(slow @ rng.normal(size=count)) for _ in range(20)]) > 0.9
 
 
 def test_of_durations_that_no_dwell_tells_apart_the_middle_one_is_taken(tmp_path):

@@ -27,6 +27,8 @@ RESEMBLING = [
     (World("xarm7", 620046, (0.03, 0.05), "ar1", "winding_self_heating"), {"winding_self_heating"}),
     # noise of encoders during a dwell is no motion
     (World("xarm7", 320027, (0.03, 0.05), "ar1", "idle_hold"), {"idle_hold"}),
+    # of log odds of 319, 3 do not decide between laws that are the same to first order
+    (World("xarm7", 11820011, (0.03, 0.05), "ar1", "gear_efficiency"), {"gear_efficiency"}),
     # where more than the noise is left, held-out motions decide under the largest plausible noise
     (World("panda", 300054, (0.0, 0.05), "ar1", unlisted="coupled_friction"), {"coulomb_friction"}),
 ]

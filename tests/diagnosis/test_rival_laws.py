@@ -12,7 +12,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from energy_opt.diagnosis import diagnose
-from energy_opt.diagnosis.claims import is_a_line
+from energy_opt.diagnosis.claims import RIVAL, is_a_line
 from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.errors import reading_of
 from energy_opt.diagnosis.evidence import density
@@ -141,7 +141,7 @@ def test_a_model_beside_which_a_law_is_likely_that_nobody_knows_cannot_plan(weak
     held = {"energy_percent": 0.1}
 
     def of(*signals: str, noise: Noise | None, samples: Samples = samples) -> Foreseen:
-        best = replace(f, free=tuple(Free(signal, -1, np.zeros((1, 1)), 1.0) for signal in signals))
+        best = replace(f, free=tuple(Free(signal, np.zeros((1, 1)), 1.0) for signal in signals))
         return foreseen(weakened.model, samples, noise, 0 * level, 0.0, f, best)
 
     shown = reading_of(weakened.model, samples)
@@ -177,14 +177,14 @@ def test_held_out_motions_settle_which_alternative_stays(gains, left):
     a, b = SimpleNamespace(name="a"), SimpleNamespace(name="b")
     judge = SimpleNamespace(held=1, gains=lambda more, _: np.array([gains[0] if more is a else gains[1]]))
     found = SimpleNamespace(score=lambda f: 5.0, level_score=lambda f: 5.0)
-    assert "".join(f.name for f in left_open(found, judge, (a, b))) == left
+    assert "".join(f.name for f in left_open(found, judge, (a, b), RIVAL)) == left
 
 
 def test_without_motions_held_out_the_likelier_alternative_is_claimed():
     """The search may end at either of two laws that are the same to first order."""
     a, b = SimpleNamespace(score=5.0), SimpleNamespace(score=6.0)
     found = SimpleNamespace(score=lambda f: f.score, level_score=lambda f: f.score)
-    assert left_open(found, SimpleNamespace(held=None), (a, b)) == (b, a)
+    assert left_open(found, SimpleNamespace(held=None), (a, b), RIVAL) == (b, a)
 
 
 def test_the_prior_odds_of_a_rare_law_exclude_no_alternative():
@@ -192,10 +192,10 @@ def test_the_prior_odds_of_a_rare_law_exclude_no_alternative():
     usual, rare = SimpleNamespace(score=9.0, level=9.0), SimpleNamespace(score=5.5, level=7.5)
     found = SimpleNamespace(score=lambda f: f.score, level_score=lambda f: f.level)
     judge = SimpleNamespace(held=None)
-    assert left_open(found, judge, (rare, usual)) == (usual, rare)
+    assert left_open(found, judge, (rare, usual), RIVAL) == (usual, rare)
     rare.score, rare.level, usual.level = 9.5, 11.5, 8.0
     usual.score = 8.0  # within odds of twenty to one by evidence and prior, not by evidence alone
-    assert left_open(found, judge, (rare, usual)) == (rare, usual)
+    assert left_open(found, judge, (rare, usual), RIVAL) == (rare, usual)
 
 
 def test_the_headline_states_no_share_of_nothing():

@@ -267,7 +267,7 @@ def _links_are_off(found: Search, judge: Judge, start: Fit, declared: Quality) -
     if declared.ratio < NOISE or not (np.abs(start.amounts) > 3 * np.sqrt(np.diag(start.link_covariance))).any():
         return False
     after = judge.of_model(written(start, links=True), start, True)
-    better = bool(np.sum((declared.squares - after.squares) * after.counts) > 0)
+    better = float(np.sum((declared.squares - after.squares) * after.counts)) > 0 and after.rmse < declared.rmse
     return after.ratio < NOISE and better and links_odds(found.bank(start)) > CLAIM
 
 

@@ -38,7 +38,7 @@ GIVE = 0.1  # share of a bound: smaller excesses are accepted in the first desce
 NEARBY = 0.06  # [rad, m] first step of each descent but the first
 FINE = 1e-3  # relative: such a descent ends if it can save less
 MET = 1e-7  # [rad] allowed error of via points: a tenth of that of poses
-TRIAL, ROUGH = 7, 3e-3  # iterations of a trial, and the relative change of cost at which it ends
+TRIAL, ROUGH = 5, 3e-3  # iterations of a trial, and the relative change of cost at which it ends
 SOON, STUCK = 2, 5.0  # it ends after so many iterations if the sum of its violations is larger [0.1 m]
 RESOLVED, EXACT = 15, 1e-6  # iterations after limits changed slightly, and the accepted excess over them
 

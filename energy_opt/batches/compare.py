@@ -108,6 +108,8 @@ def _energy(pairs: Sequence[tuple[Row, Row]]) -> dict[str, Any]:
 
 def _times(pairs: Sequence[tuple[Row, Row]]) -> list[dict[str, Any]]:
     """Median ratio new/old of the solve times of each robot and mode, and whether it is beyond noise."""
+    from scipy.stats import binomtest
+
     out = []
     old_of = {tuple(b[name] for name in IDENTITY): a for a, b in pairs}
     for (robot, mode), records in grouped([b for _, b in pairs], ("robot", "mode")).items():
@@ -119,7 +121,7 @@ def _times(pairs: Sequence[tuple[Row, Row]]) -> list[dict[str, Any]]:
         if not ratios:
             continue
         median, slower = float(np.median(ratios)), sum(ratio > 1 for ratio in ratios)
-        p_value = sign_test(slower, len(ratios))
+        p_value = float(binomtest(slower, len(ratios)).pvalue)  # if slower and faster were equally likely
         beyond = abs(math.log(median)) > math.log(1 + TIME_NOISE) and p_value < SIGNIFICANCE
         verdict = "same" if not beyond else "worse" if median > 1 else "better"
         out.append(
@@ -133,19 +135,6 @@ def _times(pairs: Sequence[tuple[Row, Row]]) -> list[dict[str, Any]]:
             }
         )
     return out
-
-
-def sign_test(above: int, count: int) -> float:
-    """Two-sided p-value of `above` of `count` changes having one sign, if both signs are equally likely (binomial
-    test).
-
-    >>> round(sign_test(8, 8), 6)
-    0.007812
-    >>> sign_test(4, 8)
-    1.0
-    """
-    tail = min(above, count - above)
-    return min(1.0, 2 * sum(math.comb(count, k) for k in range(tail + 1)) / 2**count)
 
 
 def comparison_text(found: dict[str, Any]) -> str:

@@ -51,7 +51,7 @@ from energy_opt.batches.tables import (
 )
 from energy_opt.batches.task import Duration, RobotSource, Surroundings, Task
 from energy_opt.cell.request import CellRequest
-from energy_opt.cell.scene_files import carried, read_scene
+from energy_opt.cell.scene_files import read_scene
 from energy_opt.effects import loaded_sources
 from energy_opt.errors import BadInput
 from energy_opt.files import inside, read_text, read_toml, to_json
@@ -264,7 +264,7 @@ class _Reading:
         with self.at("scene"):
             if table.scene is not None:
                 file, bounds = self.inside(table.scene, "scene"), (self.allow_outside, self.allow_large)
-                scene = carried.to_text(read_scene(file, allow_outside=bounds[0], allow_large=bounds[1]))
+                scene = read_scene(file, allow_outside=bounds[0], allow_large=bounds[1]).to_text()
         with self.at("srdf"):
             srdf = "" if table.srdf is None else read_text(self.inside(table.srdf, "srdf"))
         return Surroundings(request, scene, srdf)

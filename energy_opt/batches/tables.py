@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, StrictBool, StrictStr, field_validator, model_validator
 
 from energy_opt.batches.task import MODES, OBJECTIVES, Duration, Surroundings
-from energy_opt.cell.scene_files import carried
+from energy_opt.cell.scene import Scene
 from energy_opt.effects import Payload as PointLoad
 from energy_opt.errors import BadInput, suggest
 from energy_opt.files import is_number
@@ -215,7 +215,7 @@ def posed_move(name: str, row: MoveTable, robot: Robot, folder: Path, around: Su
     Raises:
         BadInput: no such pose, or a frame that is not in the scene.
     """
-    scene = carried.from_text(around.scene) if around.scene else None
+    scene = Scene.from_text(around.scene) if around.scene else None
     reader = Given(folder, poses_of_scene(scene))
 
     def pose(value: Any, what: str, axes: Any = ()) -> Any:

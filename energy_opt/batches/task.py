@@ -9,6 +9,7 @@ import json
 import re
 import shutil
 import tempfile
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
@@ -16,7 +17,7 @@ from typing import Any, Literal
 
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
-from energy_opt.cell.scene_files import carried
+from energy_opt.cell.scene import Scene
 from energy_opt.effects import Payload, load_source
 from energy_opt.errors import BadInput
 from energy_opt.files import is_number, plain, read_text
@@ -31,7 +32,7 @@ class Surroundings:
 
     Attributes:
         request: the request without its files.
-        scene, srdf: the content of these files (see `carried`); empty if there is none.
+        scene, srdf: the content of these files (see `Scene.to_text`); empty if there is none.
     """
 
     request: CellRequest = field(default_factory=CellRequest)
@@ -43,7 +44,7 @@ class Surroundings:
         request = self.request
         if request.payload_size is not None:
             request = replace(request, payload_at=payload[1:]) if payload else replace(request, payload_size=None)
-        scene = carried.from_text(self.scene) if self.scene else None
+        scene = Scene.from_text(self.scene) if self.scene else None
         with tempfile.TemporaryDirectory(prefix="energy-opt-") as folder:
             if self.srdf:
                 file = Path(folder) / f"{robot.name}.srdf"
@@ -74,13 +75,11 @@ class Duration:
         """
         if value == "free":
             return cls()
-        try:
-            if is_number(value):
-                return cls(seconds=_above_zero(float(value)))
-            if isinstance(value, str) and (match := _MULTIPLE.fullmatch(value)):
-                return cls(multiple=_above_zero(float(match[1])))
-        except ValueError:
-            pass
+        match = _MULTIPLE.fullmatch(value) if isinstance(value, str) else None
+        with suppress(ValueError):
+            number = float(match[1]) if match else float(value) if is_number(value) else 0.0
+            if 0 < number < float("inf"):
+                return cls(multiple=number) if match else cls(seconds=number)
         raise BadInput(f'{value!r} is not a duration; expected seconds above 0, a multiple such as "1.5x", or "free"')
 
     def of(self, fastest: float) -> float | None:
@@ -93,13 +92,6 @@ class Duration:
         if self.seconds is not None:
             return f"{self.seconds:g}"
         return "free" if self.multiple is None else f"{self.multiple:g}x"
-
-
-def _above_zero(number: float) -> float:
-    """The number itself; ValueError unless it is finite and above 0."""
-    if not 0 < number < float("inf"):
-        raise ValueError
-    return number
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,16 @@ base⁻¹ · object.pose · shape.pose · p, with `base` the pose of the robot's
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
-from typing import Literal, get_args
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from energy_opt.errors import BadInput, suggest
+from energy_opt.files import plain
 
 Kind = Literal["box", "sphere", "cylinder", "cone", "plane", "mesh"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -134,6 +137,26 @@ class Scene:
     warnings: tuple[str, ...] = ()
     poses: Mapping[str, object] = field(default_factory=dict)
 
+    def to_text(self) -> str:
+        """The scene as JSON with the meshes of its files, for worker processes; the same scene gives the same text."""
+        entries = [[a, b, may] for (a, b), may in sorted(self.allowed.entries.items())]
+        document = {
+            "objects": [asdict(thing) for thing in self.objects],
+            "allowed": [entries, dict(sorted(self.allowed.defaults.items()))],
+            **{name: getattr(self, name) for name in ("floor", "warnings", "poses")},
+            "source": Path(self.source).name,
+        }
+        return json.dumps(plain(document))
+
+    @classmethod
+    def from_text(cls, text: str) -> Scene:
+        """The scene that `to_text` wrote."""
+        document = json.loads(text)
+        entries, defaults = document.pop("allowed")
+        allowed = AllowedPairs({(a, b): may for a, b, may in entries}, defaults)
+        objects, warnings = tuple(map(_object, document.pop("objects"))), tuple(document.pop("warnings"))
+        return cls(objects, allowed, warnings=warnings, **document)
+
     def with_object_at(self, name: str, place: np.ndarray) -> Scene:
         """The scene with an object's frame at `place` (4, 4) of the scene's frame.
 
@@ -165,6 +188,17 @@ class Scene:
             ground = np.eye(4)
             ground[2, 3] = self.floor
             yield PlacedShape(FLOOR, Shape("plane"), into @ ground)
+
+
+def _object(thing: dict[str, Any]) -> SceneObject:
+    """An object of a scene from its document."""
+    shapes = []
+    for shape in thing["shapes"]:
+        vertices = np.array(shape["vertices"], dtype=float).reshape(-1, 3)
+        triangles = np.array(shape["triangles"], dtype=np.int64).reshape(-1, 3)
+        shapes.append(Shape(shape["kind"], tuple(shape["size"]), np.array(shape["pose"]), vertices, triangles))
+    known = {"shapes": tuple(shapes), "pose": np.array(thing["pose"]), "touch_links": tuple(thing["touch_links"])}
+    return SceneObject(**{**thing, **known})
 
 
 def out_of_scale(scene: Scene, base: np.ndarray | None, reach: float) -> list[str]:

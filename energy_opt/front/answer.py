@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -79,7 +79,6 @@ class Answer(Result, Answered):
 
     def text(self, out: Path) -> str:
         """The short table for a terminal, of an answer that was saved into `out`."""
-
         return table(self, out, self.arm, self.year)
 
     def kept(self, out: Path) -> Answer:
@@ -87,46 +86,25 @@ class Answer(Result, Answered):
 
         Beside them the files for controllers that the request asks for.
         """
-
         with written_whole(out, ANSWER) as aside:
             files = () if self.controllers is None else tuple(self.controllers(self, aside))
             bad = "; ".join(f"{Path(row.file).name}: {row.broken}" for row in files if not row.valid)
             message = self.message or (bad and f"not every file keeps the limits; {bad}")
             found = replace(self, files=files, written=tuple(row.document() for row in files), message=message)
-            put(found, self.arm, found.document(), aside, self.cell)
+            own = []
+            for name in ("csv", "yaml"):
+                form = formats.FORMATS[name]
+                path = aside / f"trajectory{form.suffix}"
+                form.write(self.trajectory, path)
+                own.append(unchanged(path, form, self.trajectory, self.certificate).document())
+            document = {**found.document(), "written": [*own, *found.written]}
+            motions = {b.name: b.trajectory for b in self.baselines}
+            bodies, scene = drawn(self.cell or own_body(self.arm))
+            lost = _lost(self, self.arm, document)
+            report = page(document, self.trajectory, motions, self.arm, bodies, scene, lost)
+            report.write(aside / "report.html", aside / "plot.png")
+            write_json(aside / ANSWER, document)
         return found
-
-
-def answer_of(result: Result, **known: Any) -> Answer:
-    """The result as an answer; `known` are the answer's further fields.
-
-    A warning says if self-collision was not checked.
-    """
-    of_result = {f.name: getattr(result, f.name) for f in fields(Result)}
-    if known["request"].self_collision is False:
-        of_result["warnings"] = (*result.warnings, UNCHECKED)
-    return Answer(**{**of_result, **known})
-
-
-def put(result: Result, robot: Robot, document: Mapping[str, Any], out: Path, cell: Cell | None = None) -> None:
-    """Write result.json (`document`), trajectory.csv, trajectory.yaml, plot.png and report.html into a folder.
-
-    Args:
-        out: a temporary folder, whose files are moved to their places together.
-        cell: bodies for drawing the moving arm in the report; the robot's own if None.
-    """
-    own = []
-    for name in ("csv", "yaml"):
-        form = formats.FORMATS[name]
-        path = out / f"trajectory{form.suffix}"
-        form.write(result.trajectory, path)
-        own.append(unchanged(path, form, result.trajectory, result.certificate).document())
-    document = {**document, "written": [*own, *result.written]}
-    motions = {b.name: b.trajectory for b in result.baselines}
-    bodies, scene = drawn(cell or own_body(robot))
-    lost = _lost(result, robot, document)
-    page(document, result.trajectory, motions, robot, bodies, scene, lost).write(out / "report.html", out / "plot.png")
-    write_json(out / "result.json", document)
 
 
 def _lost(result: Result, robot: Robot, document: Mapping[str, Any]) -> dict[str, dict[str, np.ndarray]]:

@@ -10,24 +10,32 @@ from typing import Any
 
 import numpy as np
 
+from energy_opt.batches.suite import load_suite
+from energy_opt.cell.load import inspected, load_cell
+from energy_opt.cell.scene_files import check_scene, is_scene, read_scene
 from energy_opt.errors import BadInput, EnergyOptError
 from energy_opt.files import KINDS, read_json, read_toml, read_yaml_documents
 from energy_opt.folders import faults_of_results
+from energy_opt.formats import read
+from energy_opt.formats.messages import trajectories
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, model_from, payload_from, refuse_degrees, robot_from, robot_of
+from energy_opt.jobs.file import load_job
+from energy_opt.jobs.legs import wrong_frames
 from energy_opt.measured import inspect_set
 from energy_opt.motion.judge.certificate import ALLOWED, certify
 from energy_opt.motion.judge.clearance import clearance_of
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.trajectory import Trajectory
-from energy_opt.power import PowerModel
+from energy_opt.poses.given import poses_of_request, poses_of_scene
 from energy_opt.power.model import model_from_document
 from energy_opt.requests.verbs import CheckRequest
 from energy_opt.results import Found
 from energy_opt.robot import Robot, known_robots, load_robot
 from energy_opt.robot.limits_file import names_in
 from energy_opt.robot.srdf import read_srdf
+from energy_opt.workcell.as_job import check_workcell
 
 
 @dataclass(frozen=True)
@@ -87,16 +95,6 @@ def run(request: CheckRequest, desk: Desk) -> Checked:
 check = verb(CheckRequest, run)
 
 
-def _model(request: CheckRequest, robot: Robot) -> PowerModel:
-    """The model with the payload, on its base: gravity is the scene's -z."""
-    model = model_from(request.model, robot)
-    if request.payload is not None:
-        model = model.for_move(payload_from(request.payload))
-    model = model if request.base is None else model.standing(*cell_of(request).base[3:5])
-    model.check(robot.n)
-    return model
-
-
 def _faults(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
     """Faults of a file or folder; further remarks go to `notes`."""
     if file.is_dir() and (file / "metadata.yaml").is_file():
@@ -116,8 +114,6 @@ def _faults(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
         read_srdf(file)
         return []
     if file.suffix in (".urdf", ".xml", ".xacro"):
-        from energy_opt.cell.load import inspected
-
         robot = load_robot(str(file), limits=request.limits, lock=request.locked, prefix=request.joint_prefix)
         notes += inspected(robot, cell_of(request))
         return []
@@ -126,10 +122,6 @@ def _faults(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
 
 def _document(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
     """A scene, a message with a planned trajectory, or joint limits."""
-    from energy_opt.cell.scene_files import check_scene, is_scene, read_scene
-    from energy_opt.formats.messages import trajectories
-    from energy_opt.poses.given import poses_of_scene
-
     if file.suffix == ".scene":
         return check_scene(file, allow_outside=request.allow_outside, allow_large=request.allow_large)
     documents = [read_json(file)] if file.suffix == ".json" else read_yaml_documents(file)
@@ -170,18 +162,11 @@ def _toml(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
     if kind.startswith("energy-opt/log/"):
         return _set(file, request, notes)
     if kind.startswith("energy-opt/job/"):
-        from energy_opt.jobs.file import load_job
-        from energy_opt.jobs.frames import wrong_frames
-        from energy_opt.poses.given import poses_of_request
-        from energy_opt.workcell.as_job import check_workcell
-
         robot, cell = partial(robot_of, request), cell_of(request)
         if kind == "energy-opt/job/2":
             return check_workcell(file, robot, cell)
         job = load_job(file, robot, allow_outside=cell.allow_outside, named=poses_of_request(cell))
         return [f"{file}: {fault}" for fault in wrong_frames(job, cell)]
-    from energy_opt.batches.suite import load_suite
-
     load_suite(file, allow_outside=request.allow_outside, allow_large=request.allow_large)
     return []
 
@@ -199,8 +184,6 @@ def _limits(file: Path, request: CheckRequest) -> list[str]:
 
 def _trajectory(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
     """Waypoints and trajectories: readable, and a trajectory within the robot's limits."""
-    from energy_opt.formats import read
-
     samples = read(file)
     notes += samples.notes
     if request.robot is None:
@@ -217,7 +200,11 @@ def _trajectory(file: Path, request: CheckRequest, notes: list[str]) -> list[str
     if samples.time is None:
         return []
     trajectory = samples.trajectory()
-    model = _model(request, robot)
+    model = model_from(request.model, robot)
+    if request.payload is not None:
+        model = model.for_move(payload_from(request.payload))
+    model = model if request.base is None else model.standing(*cell_of(request).base[3:5])
+    model.check(robot.n)
     certificate = certify(trajectory, Scorer(robot, model), joint_limits(robot.limits))
     faults = _touches(file, request, robot, trajectory, notes)
     for found in certificate.found:
@@ -233,8 +220,6 @@ def _trajectory(file: Path, request: CheckRequest, notes: list[str]) -> list[str
 
 def _touches(file: Path, request: CheckRequest, robot: Robot, trajectory: Trajectory, notes: list[str]) -> list[str]:
     """Where a trajectory touches the arm's own body or its cell, or comes too near."""
-    from energy_opt.cell.load import load_cell
-
     cell = load_cell(robot, cell_of(request))
     notes += [f"{file}: {warning}" for warning in ([] if cell is None else cell.warnings)]
     if cell is None or not cell.checks:

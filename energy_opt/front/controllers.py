@@ -39,13 +39,6 @@ def check_rate_of(request: WriteGroup) -> None:
         check_rate(request.rate)
 
 
-def check_controllers(request: OptimizeRequest, joints: int) -> None:
-    """Refuse impossible requests before anything is solved."""
-    check_written(request, joints)
-    if request.vias is not None and request.standard is None:
-        raise BadInput("--vias belongs to --as moves; give --as moves, too")
-
-
 @dataclass(frozen=True)
 class Controllers:
     """Writes a plan for controllers, as a request asks for it.

@@ -44,26 +44,14 @@ class Suggested(Found):
 
     def kept(self, out: Path) -> Suggested:
         """Write suggested_poses.csv into the folder `out`."""
-        write_table(out / "suggested_poses.csv", *self._table)
+        write_table(out / "suggested_poses.csv", *self.table)
         return self
 
     @property
-    def _table(self) -> tuple[list[str], list[np.ndarray]]:
+    def table(self) -> tuple[list[str], list[np.ndarray]]:
+        """Headers and columns of suggested_poses.csv."""
         header = [*(f"{joint}.position" for joint in self.robot.joints), "gravity_torque_squared"]
         return header, [*self.found.poses.T, self.found.load]
-
-    def refuse_others(self, path: Path) -> None:
-        """Refuse to overwrite other poses.
-
-        Raises:
-            BadInput: `path` holds them.
-        """
-        if not path.is_file():
-            return
-        header, columns = self._table
-        held = read_table(path)
-        if list(held) != header or any(list(held[name]) != list(x) for name, x in zip(header, columns, strict=True)):
-            raise BadInput(f"{path} holds other poses; choose another --out, or overwrite it with --force")
 
     def __repr__(self) -> str:
         return f"Suggested({self.robot.name!r}, {len(self.found.poses)} poses)"
@@ -109,8 +97,10 @@ def _suggest(
     cell = load_cell(robot, cell_of(request))
     found = suggest(robot, count, request.seed, mass, None if cell is None else cell.free)
     answer, path = Suggested(robot, found), (desk.out or Path()) / "suggested_poses.csv"
-    if desk.out is not None and not desk.force:
-        answer.refuse_others(path)
+    if desk.out is not None and not desk.force and path.is_file():
+        held, (header, columns) = read_table(path), answer.table
+        if list(held) != header or any(list(held[name]) != list(x) for name, x in zip(header, columns, strict=True)):
+            raise BadInput(f"{path} holds other poses; choose another --out, or overwrite it with --force")
     desk.keep(answer)
     desk.say(
         f"{path}: {count} poses, |gravity torque|^2 from {found.load.min():.4g} to {found.load.max():.4g} "

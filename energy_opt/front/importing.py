@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tempfile
 from dataclasses import dataclass
-from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -63,7 +62,12 @@ def run(request: ImportRequest, desk: Desk) -> Set:
             raise BadInput(f"--joint {word}: JOINT=COLUMN")
     hand = ByHand(request.time, request.power, {joint: column for joint, _, column in pairs.values()})
     with tempfile.TemporaryDirectory(prefix="energy-opt-") as folder:
-        files = _unpacked(request, Path(folder), desk)
+        files: list[Path] = []
+        for file in map(Path, request.files):
+            tables, notes = unpack(file, Path(folder)) if is_bag(file) else ([file], [])
+            files += tables
+            if notes:
+                desk.say("\n".join(notes))
         with desk.showing() as show:
             show("columns, clocks and robot of each file")
             try:
@@ -78,16 +82,3 @@ def run(request: ImportRequest, desk: Desk) -> Set:
 
 
 import_logs = verb(ImportRequest, run)
-
-
-def _unpacked(request: ImportRequest, folder: str | PathLike[str], desk: Desk) -> list[Path]:
-    """The files, each bag among them as its table of joints and its table of power."""
-    out: list[Path] = []
-    for file in map(Path, request.files):
-        if is_bag(file):
-            tables, notes = unpack(file, Path(folder))
-            out += tables
-            desk.say("\n".join(notes))
-        else:
-            out.append(file)
-    return out

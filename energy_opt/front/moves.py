@@ -12,7 +12,7 @@ import numpy as np
 
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput
-from energy_opt.front.given import named_robot, positions, refuse_degrees
+from energy_opt.front.given import named_robot, payload_document, positions, refuse_degrees
 from energy_opt.motion import Move, Settings, Trajectory
 from energy_opt.motion.path import JointPath, of_trajectory, through
 from energy_opt.motion.plan.rivals import Rival
@@ -100,21 +100,21 @@ def move_of(
         source = path.source
         start, goal = (path.start, path.goal) if source is None else (source.position[0], source.position[-1])
     elif ends is not None:
-        start = robot.limits.near_zero if ends.start else _end(request, robot, "start")
+        start = robot.limits.near_zero if ends.start else _end(request, request.start, robot, "start")
         goal = start
     else:
         for option in ("start", "goal"):
             if getattr(request, option) is None:
                 raise BadInput(f"--{option} is missing; give --start and --goal, or --path")
-        start, goal = _end(request, robot, "start"), _end(request, robot, "goal")
+        start, goal = (_end(request, getattr(request, option), robot, option) for option in ("start", "goal"))
     points = () if ends is not None and ends.via else request.via
     via = tuple(positions(point, robot, "via") for point in points)
     return Move(start, goal, request.mode, path=path, via=via, input=source, **duration)  # type: ignore[arg-type]
 
 
-def _end(request: MoveRequest, robot: Robot, name: str) -> np.ndarray:
-    """One end of a move, (n,) [rad, m]."""
-    q = positions(getattr(request, name), robot, name, None if request.srdf is None else Path(request.srdf))
+def _end(request: MoveRequest, given: Any, robot: Robot, name: str) -> np.ndarray:
+    """One end of a move, (n,) [rad, m]; `name` is that of its option."""
+    q = positions(given, robot, name, None if request.srdf is None else Path(request.srdf))
     refuse_degrees(robot, q, f"--{name}")
     return q
 
@@ -138,16 +138,17 @@ def resolved(
     known: dict[str, Any] = {
         "robot": named_robot(robot, request.robot),
         "start": None if ends is not None and ends.start is not None else move.start.tolist(),
-        "goal": move.goal.tolist() if ends is None else _alternatives(ends),
+        "goal": move.goal.tolist(),
         "path": str(path) if isinstance(path, (str, PathLike)) else _path(move.path),
         "via": tuple(q.tolist() for q in move.via),
         "model": documents(rivals),
         "robust": kind,
-        "payload": None if payload is None else {name: value.tolist() for name, value in payload.values.items()},
+        "payload": payload_document(payload),
     }
     if ends is not None:
         begin = None if ends.start is None else ends.start.document()
-        known |= {"start_pose": begin, "goal_pose": None, "free": (), "pose_tolerance": None}
+        goals = [goal.tolist() if isinstance(goal, np.ndarray) else goal.document() for goal in ends.goals]
+        known |= {"goal": {"any_of": goals}, "start_pose": begin, "goal_pose": None, "free": (), "pose_tolerance": None}
         known["via_pose"] = tuple(pose.document() for pose in ends.via)
     return replace(request, **known)
 
@@ -155,11 +156,6 @@ def resolved(
 def documents(rivals: list[Rival]) -> tuple[dict[str, Any], ...]:
     """Models as documents with their names, without those that follow from the first one's covariance and rivals."""
     return tuple({"name": r.name, **r.model.to_document()} for r in rivals if not r.name.startswith(DERIVED))
-
-
-def _alternatives(ends: Ends) -> dict[str, Any]:
-    """A goal of several alternatives as a document."""
-    return {"any_of": [goal.tolist() if isinstance(goal, np.ndarray) else goal.document() for goal in ends.goals]}
 
 
 def _path(path: JointPath | None) -> Any:
@@ -207,14 +203,9 @@ def ends_of(request: MoveRequest, robot: Robot, around: CellRequest) -> Ends | N
             return given
         return written(given, name) if _is_pose(given) else reader.pose(given, name, free, allowed)
 
-    ends: list[Any] = []
-    for goal in goals:
-        if _is_pose(goal):
-            ends.append(pose(goal, "--goal-pose"))
-            continue
-        q = positions(goal, robot, "goal", None if request.srdf is None else Path(request.srdf))
-        refuse_degrees(robot, q, "--goal")
-        ends.append(q)
+    ends: list[Any] = [
+        pose(goal, "--goal-pose") if _is_pose(goal) else _end(request, goal, robot, "goal") for goal in goals
+    ]
     if request.goal_pose is not None:
         ends.append(pose(request.goal_pose, "--goal-pose", request.free))
     if not ends:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 from energy_opt.cell.load import load_cell
-from energy_opt.errors import Infeasible
-from energy_opt.front.answer import ANSWER, Answer, answer_of
-from energy_opt.front.controllers import Controllers, check_controllers, kept_words
+from energy_opt.errors import BadInput, Infeasible
+from energy_opt.front.answer import ANSWER, UNCHECKED, Answer
+from energy_opt.front.controllers import Controllers, check_written, kept_words
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, robot_of
 from energy_opt.front.moves import ends_of, move_of, resolved, settings_of, with_goals
@@ -22,23 +22,11 @@ from energy_opt.power.assumptions import assumptions_line
 from energy_opt.requests.moves import OptimizeRequest
 
 
-def at_input_time(move: Move, objective: str = "energy") -> Move:
-    """The move at the duration of the given trajectory, if the request asks for no duration.
-
-    Args:
-        move: as asked. objective: "time" keeps the duration free.
-    """
-    free = move.duration is None and move.max_duration is None
-    if move.input is None or not free or objective == "time" or not SHORTEST <= move.input.duration <= LONGEST:
-        return move
-    return replace(move, duration=move.input.duration)
-
-
 def solved(solve: Callable[[Move], Result], move: Move, asked: Move) -> tuple[Result, Move]:
     """Solve a move. If the given trajectory is too fast for the limits, the duration becomes free.
 
     Args:
-        solve: the planner. move: see `at_input_time`. asked: the move as asked for.
+        solve: the planner. move: at the duration of the given trajectory. asked: the move as asked for.
 
     Returns:
         The result, and the move that was solved.
@@ -64,12 +52,16 @@ def run(request: OptimizeRequest, desk: Desk) -> Answer:
         Infeasible: no motion keeps the limits; the message names the limit, the place, and what would work.
     """
     robot, _ = robot_of(request), request.worth
-    check_controllers(request, robot.n)
+    check_written(request, robot.n)
+    if request.vias is not None and request.standard is None:
+        raise BadInput("--vias belongs to --as moves; give --as moves, too")
     rivals, kind = rivals_of(request, robot, desk)
     settings, around = settings_of(request), cell_of(request)
     ends = ends_of(request, robot, around)
     given = move_of(request, robot, ends, desk.say, duration=request.duration, max_duration=request.max_duration)
-    move = at_input_time(given, settings.objective)
+    move, free = given, given.duration is None and given.max_duration is None and settings.objective != "time"
+    if free and given.input is not None and SHORTEST <= given.input.duration <= LONGEST:
+        move = replace(given, duration=given.input.duration)
     asked = resolved(request, robot, rivals, kind, given, ends)
     document = desk.take(ANSWER, asked)
     with desk.working() as (stopped, _):
@@ -87,8 +79,12 @@ def run(request: OptimizeRequest, desk: Desk) -> Answer:
                 )
                 found, move = chosen.result, chosen.move
             found, moves = controllers.with_room(move, *controllers.moves(move, found))
-            answer = answer_of(
-                compared(found, rivals, robot), arm=robot, move=move, request=asked, stamp=desk.stamped({}), cell=cell,
+            found = compared(found, rivals, robot)
+            if request.self_collision is False:
+                found = replace(found, warnings=(*found.warnings, UNCHECKED))
+            answer = Answer(
+                **{f.name: getattr(found, f.name) for f in fields(Result)},
+                arm=robot, move=move, request=asked, stamp=desk.stamped({}), cell=cell,
                 controllers=lambda result, out: controllers.write(move, result, moves, out),
             )  # fmt: skip
             if ends is not None and chosen is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from energy_opt.errors import Infeasible
 from energy_opt.folders import written_whole
@@ -14,11 +14,12 @@ from energy_opt.front.given import cell_of
 from energy_opt.front.jobs import job_from, job_settings, resolved_job
 from energy_opt.front.rivals import rivals_of
 from energy_opt.jobs.models import mean_of
+from energy_opt.placement import Placement
+from energy_opt.placement import PlaceRequest as Box
+from energy_opt.placement import place as placed
+from energy_opt.placement.placement import headline, write
 from energy_opt.requests.moves import PlaceRequest
 from energy_opt.results import exit_of
-
-if TYPE_CHECKING:
-    from energy_opt.placement import Placement
 
 ANSWER = "place.json"
 
@@ -49,14 +50,10 @@ class PlaceAnswer(Answered):
 
     def text(self, out: Path) -> str:
         """A line for a terminal, of a placement that was saved into `out`."""
-        from energy_opt.placement.placement import headline
-
         return f"{headline(self.saved or self.document())}\nfiles in {out}"
 
     def kept(self, out: Path) -> PlaceAnswer:
         """Write place.json, map.png, report.html and the job solved at the answer into the folder `out`."""
-        from energy_opt.placement.placement import write
-
         with written_whole(out, ANSWER) as aside:
             saved = write(self.placement, self.asked, aside)
         return replace(self, saved=saved)
@@ -71,9 +68,6 @@ def run(request: PlaceRequest, desk: Desk) -> PlaceAnswer:
     Raises:
         BadInput: a fault of the job or of the box. Infeasible: the job cannot be done from anywhere in the box.
     """
-    from energy_opt.placement import PlaceRequest as Box
-    from energy_opt.placement import place as placed
-
     given = request.base_box
     words = given if isinstance(given, str) else ",".join(map(str, given if hasattr(given, "__iter__") else [given]))
     counts = {name: getattr(request, name) for name in ("looked_at", "seeds", "steps", "fixture")}

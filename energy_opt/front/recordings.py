@@ -67,24 +67,19 @@ def _states(bag: Bag, path: Path) -> tuple[str, tuple[str, ...], list[Any], list
     if left:
         notes.append(f"{path}: joint states that are left out: {'; '.join(left[:5])}")
     time, chosen = _rising(usable[topic, names])
-    orders = [_order(tuple(message.name)) for message in chosen]
+    order = cache(np.argsort)  # names may have another order in each message
+    orders = [order(tuple(message.name)) for message in chosen]
     blocks = []
     for field in FIELDS:
         given = [getattr(message, field) for message in chosen]
         pairs = zip(given, orders, strict=True)
         whole = [len(row) == len(names) and bool(np.isfinite(row).all()) for row in given]
-        blocks.append(np.array([row[order] for row, order in pairs]) if all(whole) else None)
+        blocks.append(np.array([row[places] for row, places in pairs]) if all(whole) else None)
         if any(whole) and not all(whole):
             notes.append(f"{path}: {field} is left out: no number for each joint at {whole.count(False)} stamps")
     if blocks[0] is None:
         raise BadInput(f"{path}: {topic}: messages without a finite position for each joint")
     return topic, names, [time, *blocks], notes
-
-
-@cache
-def _order(names: tuple[str, ...]) -> np.ndarray:
-    """Indices that sort the names, which may have another order in each message."""
-    return np.argsort(names)
 
 
 def _power(bag: Bag, path: Path, near: str) -> tuple[Series, list[str]]:

@@ -106,8 +106,11 @@ def run(request: SimulateRequest, desk: Desk) -> Simulation:
         runs = simulated(references, plant, robot, aside, seed=request.seed, instruments=instruments, truth=truth)
         if declared is not None:
             declared.save(aside / "declared.toml")
-    for line in _remarks(runs, robot):
-        desk.say(line)
+    for j, joint in enumerate(robot.joints):
+        worst, limit = max(float(abs(r.played.torque[:, j]).max()) for r in runs), robot.limits.effort[j]
+        if worst > limit:
+            unit = robot.unit("effort", joint)
+            desk.say(f"warning: {joint}: needed {worst:.3g} {unit}, its limit is {limit:.3g} {unit}")
     used, duration = sum(r.energy for r in runs), sum(r.duration for r in runs)
     desk.say(f"{out}: {len(runs)} runs, {duration:.1f} s, {used:.1f} J true energy")
     return Simulation(out, robot, plant, tuple(runs), tuple(sources), request)
@@ -190,14 +193,3 @@ def _check_clear(request: SimulateRequest, robot: Robot, files: list[tuple[Traje
             )  # fmt: skip
         if not found.proven:
             desk.say(f"warning: {path}: {found}")
-
-
-def _remarks(runs: list[Run], robot: Robot) -> list[str]:
-    """A warning for every joint whose motor needed more than its effort limit."""
-    out = []
-    for j, joint in enumerate(robot.joints):
-        worst = max(float(abs(r.played.torque[:, j]).max()) for r in runs)
-        if worst > robot.limits.effort[j]:
-            unit = robot.unit("effort", joint)
-            out.append(f"warning: {joint}: needed {worst:.3g} {unit}, its limit is {robot.limits.effort[j]:.3g} {unit}")
-    return out

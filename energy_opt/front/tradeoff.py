@@ -79,12 +79,18 @@ def run(request: TradeoffRequest, desk: Desk) -> Tradeoff:
             # the goal that is cheapest at a free duration; the whole front is computed for it
             chosen = solve_to(ends, move, robot, members(rivals), mean_of(planner).cell, settings, planner)
             move, goals = chosen.move, chosen.document()
-        cycle = cycle_for(robot, rivals[0].model, move, request.cycle, request.idle_power)
-        front = traced(
-            planner, move, cycle, durations=durations, longest=request.max_duration, progress=progress, stopped=stopped
-        )
+        cycle = over = cycle_for(robot, rivals[0].model, move, request.cycle, request.idle_power)
+        mean = mean_of(planner)
+        if cycle is not None and mean is not planner:
+            over = cycle_for(robot, mean.model, move, cycle.length, cycle.idle_power)
+        front = trace(
+            mean, move, cycle=over, durations=durations, longest=request.max_duration, progress=progress,
+            stopped=stopped,
+        )  # fmt: skip
+        if isinstance(planner, RobustPlanner):
+            front = stated(planner, move, front, cycle)
         found = {**document_of(planner, rivals, move, front, cycle, document, worth), **goals}
-        bodies, scene = drawn(mean_of(planner).cell or own_body(robot))
+        bodies, scene = drawn(mean.cell or own_body(robot))
         report = partial(page, motions=motions_of(front), robot=robot, bodies=bodies, scene=scene)
         answer = desk.keep(Tradeoff(found, asked, report, text, robot, front, move))
     desk.report((), assumed([Assumption(**row) for row in found["assumptions"]]), found["warnings"])
@@ -135,19 +141,6 @@ def durations_of(request: TradeoffRequest) -> list[float] | None:
 def mean_of(planner: Planner | RobustPlanner) -> Planner:
     """The planner itself; for several models, the planner of their mean."""
     return planner.planner if isinstance(planner, RobustPlanner) else planner
-
-
-def traced(planner: Planner | RobustPlanner, move: Move, cycle: Cycle | None, **more: Any) -> Front:
-    """The front of a move, as `fronts.front.trace` makes it; of several models stated under the first.
-
-    Args:
-        cycle: under the first model; more: further arguments of `trace`.
-    """
-    if isinstance(planner, Planner):
-        return trace(planner, move, cycle=cycle, **more)
-    mean = planner.planner
-    over = None if cycle is None else cycle_for(mean.robot, mean.model, move, cycle.length, cycle.idle_power)
-    return stated(planner, move, trace(mean, move, cycle=over, **more), cycle)
 
 
 def document_of(

@@ -115,8 +115,9 @@ def asked_in(given: Any) -> Request:
     if name not in VERBS or name == "run":
         others = [each for each in VERBS if each != "run"]
         raise BadInput(f"{where}: no verb {name!r} to run{suggest(name, others)}; verbs are {', '.join(others)}")
-    version = document.get("version")
-    if version is not None and not _is_known(version):
+    version = __version__ if document.get("version") is None else document["version"]
+    numbered = isinstance(version, str) and re.fullmatch(r"[0-9]{1,9}(\.[0-9]{1,9}){0,3}", version)
+    if not numbered or [int(n) for n in version.split(".")] > [int(n) for n in __version__.split(".")]:
         raise BadInput(
             f"{where}: version = {version!r:.40}; expected {__version__} or an earlier version of energy-opt"
         )
@@ -124,13 +125,6 @@ def asked_in(given: Any) -> Request:
         return VERBS[name].request.from_document(document)
     except BadInput as error:
         raise BadInput(f"{where}: {error}") from None
-
-
-def _is_known(version: object) -> bool:
-    """True for this version of the program and for all earlier ones, such as "0.1.0"."""
-    if not isinstance(version, str) or not re.fullmatch(r"[0-9]{1,9}(\.[0-9]{1,9}){0,3}", version):
-        return False
-    return [int(n) for n in version.split(".")] <= [int(n) for n in __version__.split(".")]
 
 
 def run(request: RunRequest, desk: Desk) -> Any:

@@ -34,15 +34,13 @@ DRIFT = 2e-3  # [s/s] largest drift of a clock
 
 @dataclass(frozen=True)
 class Activity:
-    """Features of a motion, and their integrals, on an even grid.
+    """Integrals of a motion's features over an even grid.
 
     Attributes:
-        t: (K,) [s]. values: (K, F), each feature scaled to a standard deviation of 1. integrals: (K, F) from the first
-            time on.
+        t: (K,) [s]. integrals: (K, F) from the first time on; each feature has a standard deviation of 1.
     """
 
     t: np.ndarray
-    values: np.ndarray
     integrals: np.ndarray
 
     def at(self, stamps: np.ndarray, window: np.ndarray) -> np.ndarray:
@@ -58,11 +56,8 @@ class Activity:
         end, begin = np.clip(stamps, self.t[0], self.t[-1]), np.clip(stamps - short, self.t[0], self.t[-1])
         shift = np.where(window < short, (short - window) / 2, 0.0)
         end, begin = np.clip(end + shift, self.t[0], self.t[-1]), np.clip(begin + shift, self.t[0], self.t[-1])
-        length = np.maximum(end - begin, 1e-9)[:, None]
-        columns = range(self.integrals.shape[1])
-        high = np.column_stack([np.interp(end, self.t, self.integrals[:, k]) for k in columns])
-        low = np.column_stack([np.interp(begin, self.t, self.integrals[:, k]) for k in columns])
-        return (high - low) / length
+        means = [(np.interp(end, self.t, x) - np.interp(begin, self.t, x)) for x in self.integrals.T]
+        return np.column_stack(means) / np.maximum(end - begin, 1e-9)[:, None]
 
 
 @dataclass(frozen=True)
@@ -90,13 +85,17 @@ def activity(robot: Robot, time: np.ndarray, position: np.ndarray) -> Activity:
     Args:
         robot: for the rigid body's torque. time: (N,) [s]. position: (N, n) [rad]; smoothed over a tenth of a second.
     """
+    from scipy.integrate import cumulative_trapezoid
+    from scipy.ndimage import uniform_filter1d
+
     span = float(time[-1] - time[0])
     count = int(np.clip(np.ceil(span / GRID), 8, MOST)) + 1
     t = np.linspace(time[0], time[-1], count)
     step = t[1] - t[0]
     q = np.column_stack([np.interp(t, time, column) for column in position.T])
     width = max(1, round(0.1 / step)) | 1
-    q = _smooth(_smooth(q, width), width)
+    for _ in range(2):
+        q = uniform_filter1d(q, width, axis=0, mode="nearest")
     v = np.gradient(q, step, axis=0)
     a = np.gradient(v, step, axis=0)
     tau = robot.body.torque(q, v, a)
@@ -105,15 +104,7 @@ def activity(robot: Robot, time: np.ndarray, position: np.ndarray) -> Activity:
         [drive, np.maximum(drive, 0), np.sum(tau**2, axis=1), np.abs(v).sum(axis=1), np.sum(v**2, axis=1)]
     )
     values /= np.maximum(values.std(axis=0), 1e-9)
-    mean = (values[1:] + values[:-1]) / 2 * step
-    return Activity(t, values, np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(mean, axis=0)]))
-
-
-def _smooth(x: np.ndarray, width: int) -> np.ndarray:
-    """Moving mean over `width` samples along the first axis."""
-    from scipy.ndimage import uniform_filter1d
-
-    return uniform_filter1d(x, width, axis=0, mode="nearest")
+    return Activity(t, cumulative_trapezoid(values, dx=step, axis=0, initial=0.0))
 
 
 def evidence(motion: Activity, stamps: np.ndarray, window: np.ndarray, power: np.ndarray) -> tuple[float, float]:

@@ -181,20 +181,14 @@ def given_names(table: Table) -> dict[int, str]:
 
 def _stamps(table: Table) -> dict[str, Rule]:
     """Rules for time and, if there is one, power."""
-    names = ("__time", "%time", "time", "Time", "timestamp", "rosbagTimestamp", "_time", "t")
+    names = ("__time", "time", "Time", "timestamp", "rosbagTimestamp", "_time", "t")
     bare = {re.sub(r"^[%#]\s*", "", name): name for name in table.header}
-    name = next((bare[n] for n in (re.sub(r"^[%#]\s*", "", m) for m in names) if n in bare), "time")
-    rules = {"time": Rule((name,), AUTO)}
-    power = power_column(table.header)
-    if power is not None:
-        rules["power"] = Rule((power,))
-    return rules
+    name, power = next((bare[n] for n in names if n in bare), "time"), power_column(table.header)
+    return {"time": Rule((name,), AUTO)} | ({} if power is None else {"power": Rule((power,))})
 
 
 PRESETS: Mapping[str, Callable[[Sequence[str], Table], dict[str, Rule]]] = {
-    "ur_rtde": ur_rtde,
-    "franka_state": franka_state,
-    "joint_state": joint_state,
+    reader.__name__: reader for reader in (ur_rtde, franka_state, joint_state)
 }
 
 

@@ -71,7 +71,7 @@ def joint_units(
     slides = np.array(robot.slides)
     named = {signal: _named(table, robot, signal, by) for signal, by in columns.items()}
     out = {"position": _position_units(values["position"], time, robot, named["position"], words)}
-    position = values["position"] * _factors("position", out["position"], robot)
+    position = values["position"] * [UNITS["position"][out["position"][joint] or "rad"] for joint in robot.joints]
     for signal in columns:
         if signal == "velocity":
             rates = _velocity_units(values[signal], position, time, robot, named[signal], out["position"], words)
@@ -118,11 +118,6 @@ def _shared(units: Units, joints: Sequence[str]) -> Units:
     return {joint: units[joint] or first for joint in joints}
 
 
-def _factors(signal: str, units: Units, robot: Robot) -> np.ndarray:
-    """Factors (n,) to SI units."""
-    return np.array([UNITS[signal][units[joint] or next(iter(UNITS[signal]))] for joint in robot.joints])
-
-
 def _rate_of(position: str | None, signal: str, slides: bool) -> str:
     """The unit of a rate beside positions of a unit."""
     known = ("m", "mm") if slides else ("rad", "deg")
@@ -139,17 +134,12 @@ def _position_units(values: np.ndarray, time: np.ndarray, robot: Robot, named: U
         out |= dict.fromkeys(turning, angle)
     for k, joint in enumerate(robot.joints):
         if robot.slides[k] and out[joint] is None:
-            out[joint] = _length_unit(values[:, k], robot.limits.lower[k], robot.limits.upper[k])
+            far = float(np.nanmax(np.abs(values[:, k]), initial=0.0))
+            reach = BEYOND * float(max(abs(robot.limits.lower[k]), abs(robot.limits.upper[k])))
+            out[joint] = "mm" if reach < far < 1000 * reach else "m"
             if out[joint] == "mm":
                 words.append(f"positions of {joint} are mm (as metres they are far outside the limits): converted")
     return out
-
-
-def _length_unit(values: np.ndarray, lower: float, upper: float) -> str:
-    """Millimetres for lengths that are far outside a range [m] as metres and fit it as millimetres, else metres."""
-    far = float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
-    reach = float(max(abs(lower), abs(upper)))
-    return "mm" if far > BEYOND * reach and far / 1000 < BEYOND * reach else "m"
 
 
 def _angle_unit(values: np.ndarray, time: np.ndarray, robot: Robot, named: str | None, words: list[str]) -> str:

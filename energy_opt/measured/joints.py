@@ -34,10 +34,20 @@ class Stamped:
     remarks: tuple[str, ...] = field(default=())
 
 
-def backward(time: np.ndarray) -> int | None:
-    """Index of the first stamp in `time` (N,) that lies before its predecessor, None if there is none."""
+def runs_backward(table: Table, column: str, time: np.ndarray, index: np.ndarray) -> bool:
+    """True if a stamp in `time` (N,) [s] lies before its predecessor, which is added to the table's faults.
+
+    Args:
+        table: the file. column: of the stamps. time: of its samples `index` (N,).
+    """
     back = np.flatnonzero(np.diff(time) < 0)
-    return int(back[0]) + 1 if back.size else None
+    if back.size:
+        k = int(back[0]) + 1
+        table.faults.append(
+            f"{table.path}: row {table.row_number(int(index[k]))}, column {column}: time {time[k]:.10g} s does not "
+            f"come after {time[k - 1]:.10g} s"
+        )
+    return bool(back.size)
 
 
 def clean(time: np.ndarray, values: np.ndarray) -> Stamped:
@@ -256,12 +266,7 @@ def read_joints(table: Table, rules: Mapping[str, Rule], robot: Robot, kind: str
         return None
     spike = spikes(time[index], signals["position"][index], robot)
     spiked, index = index[spike], index[~spike]
-    back = backward(time[index])
-    if back is not None:
-        table.faults.append(
-            f"{table.path}: row {table.row_number(int(index[back]))}, column {rules['time'].columns[0]}: time "
-            f"{time[index[back]]:.10g} s does not come after {time[index[back - 1]]:.10g} s"
-        )
+    if runs_backward(table, rules["time"].columns[0], time[index], index):
         return None
     samples = clean(time[index], np.column_stack([values[index] for values in signals.values()]))
     dropped, index = np.concatenate([spiked, np.delete(index, samples.kept)]), index[samples.kept]

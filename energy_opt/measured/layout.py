@@ -251,16 +251,13 @@ def _lines(head: bytes, cut: bool) -> tuple[list[str], list[int]]:
     """Lines of the head and where each begins; an incomplete last one is left out."""
     text_lines, starts = [], []
     for match in re.finditer(rb"([^\r\n]*)(\r\n|\r|\n|$)", head):
-        if match.start() == len(head):
-            break
-        if cut and match.end() == len(head):
+        if match.start() == len(head) or (cut and match.end() == len(head)):
             break
         text_lines.append(match.group(1))
         starts.append(match.start())
     if not text_lines and head:
         text_lines, starts = [head], [0]
-    decoded = text(b"\n".join(text_lines)).split("\n") if text_lines else []
-    return decoded, starts
+    return text(b"\n".join(text_lines)).split("\n") if text_lines else [], starts
 
 
 def split(row: str, delimiter: str) -> list[str]:
@@ -309,9 +306,7 @@ def _header(path: Path, cells: Sequence[Sequence[str]]) -> int:
     first = next((k for k in filled if 2 * values[k] > len(cells[k])), None)
     if found is None or (first is not None and found > first):
         row = filled[0]
-        if values[row] == 0 or (first is not None and first > row):
-            return row
-        if values[row] < len(cells[row]) / 2:
+        if values[row] == 0 or (first is not None and first > row) or values[row] < len(cells[row]) / 2:
             return row
         raise BadInput(
             f"{path}: row {row + 1}: no header, numbers from the first row on; "
@@ -331,8 +326,5 @@ def _is_unit_row(row: Sequence[str]) -> bool:
 def _decimal(sample: Sequence[Sequence[str]]) -> str:
     """Decimal sign: a comma if more numbers have one than a point (in quotes if the delimiter is a comma too)."""
     cells = [cell for row in sample for cell in row if "," in cell or "." in cell]
-    commas = sum("," in cell and is_number(cell) for cell in cells)
-    if not commas:
-        return "."
-    points = sum("." in cell and is_number(cell) for cell in cells)
+    points, commas = (sum(sign in cell and is_number(cell) for cell in cells) for sign in ".,")
     return "," if commas > points else "."

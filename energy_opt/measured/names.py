@@ -131,19 +131,14 @@ def cut(text: str) -> Header:
     if not unit and len(parts) > 1:
         tail = re.search(r"[_ ./-]((?:rad|deg|°|mm|m|rev)_?(?:per_?|/|_)?s(?:2|\^2)?|[A-Za-zµμ°]+)$", rest)
         word = tail.group(1) if tail else ""
-        if word and len(word) > 0 and _unit_of_tail(word):
+        # the only single letters that are units are s, W, A, V, J and °
+        telling = word in "sWAVJ°" if len(word) == 1 else word.lower() not in ("min", "h", "rev", "turn", "n")
+        if word and telling and any(known_unit(kind, word) for kind in UNITS):
             rest, unit = rest[: tail.start()] if tail else rest, word
             parts = re.findall(r"[A-Za-zµμ°À-ÿ]+|\d+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", rest))
     words = tuple(part.lower() for part in parts if not part.isdigit())
     numbers = tuple(int(part) for part in parts if part.isdigit() and len(part) < 5)
     return Header(text, words, numbers, unit)
-
-
-def _unit_of_tail(word: str) -> bool:
-    """True if the last word is a unit; the only single letters are s, W, A, V, J and °."""
-    if len(word) == 1 and word not in "sWAVJ°":
-        return False
-    return word.lower() not in ("min", "h", "rev", "turn", "n") and any(known_unit(kind, word) for kind in UNITS)
 
 
 def unit_in(kind: str, header: str) -> str | None:
@@ -169,14 +164,8 @@ def joint_columns(
     Args:
         header: of a file. joints: the robot's. given: joint name by number, where the file itself says.
     """
-    by_name = _by_name(header, joints)
-    by_number = _by_number(header, joints, given or {})
-    out = {}
-    for signal in SIGNALS:
-        found = by_name.get(signal) or by_number.get(signal)
-        if found is not None:
-            out[signal] = found
-    return out
+    found = _by_number(header, joints, given or {}) | _by_name(header, joints)
+    return {signal: found[signal] for signal in SIGNALS if signal in found}
 
 
 def _by_name(header: Sequence[str], joints: Sequence[str]) -> dict[str, dict[str, str]]:

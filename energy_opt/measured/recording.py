@@ -16,10 +16,10 @@ import numpy as np
 
 from energy_opt.measured.clock import activity, align
 from energy_opt.measured.columns import AUTO, LOGGED, PRESETS, Rule, plain_rules
-from energy_opt.measured.joints import EPOCH, FEWEST, Joints, backward, quantity, read_joints, update_indices
+from energy_opt.measured.joints import EPOCH, FEWEST, Joints, quantity, read_joints, runs_backward, update_indices
 from energy_opt.measured.log import LogFile, RunEntry
 from energy_opt.measured.names import energy_column, power_column, time_columns
-from energy_opt.measured.run import Run, cut_at_standstill, pieces
+from energy_opt.measured.run import JOINT_SIGNALS, Run, cut_at_standstill, pieces
 from energy_opt.measured.table import Table
 from energy_opt.robot import Robot
 
@@ -36,10 +36,6 @@ class Readings:
     kind: str
     dated: bool = False
     remarks: tuple[str, ...] = ()
-
-    def subset(self, which: np.ndarray) -> Readings:
-        """The readings of the indices or the mask `which` (M,)."""
-        return replace(self, time=self.time[which], power=self.power[which], window=self.window[which])
 
 
 def read_meter(table: Table, rules: Mapping[str, Rule], joints: Joints | None, window: float | None) -> Readings | None:
@@ -67,14 +63,9 @@ def read_meter(table: Table, rules: Mapping[str, Rule], joints: Joints | None, w
         names = [" * ".join(rule.columns) for rule in (stamps, rules[name])]
         table.faults.append(f"{table.path}: columns {names[0]} and {names[1]}: no row that is used has both")
         return None
-    back = backward(time[there]) if own else None
-    if back is not None:
-        table.faults.append(
-            f"{table.path}: row {table.row_number(int(there[back]))}, column {stamps.columns[0]}: time "
-            f"{time[there[back]]:.10g} s does not come after {time[there[back - 1]]:.10g} s"
-        )
-        return None
     time, values = time[there], values[there]
+    if own and runs_backward(table, stamps.columns[0], time, there):
+        return None
     if len(values) and values.max() <= 0 and not (energy and values.any()):
         what = "is never above 0; is its sign reversed?" if values.any() else "is 0 throughout; is the meter connected?"
         table.faults.append(
@@ -115,12 +106,6 @@ def _counter(time: np.ndarray, energy: np.ndarray, dated: bool) -> Readings:
     return Readings(time[1:][good], (step / span)[good], span[good], "energy", dated, tuple(remarks))
 
 
-def total(time: np.ndarray, energy: float) -> Readings:
-    """One reading over a whole run of samples at `time` (N,) [s], from its total energy [J]."""
-    span = float(time[-1] - time[0])
-    return Readings(time[-1:], np.array([energy / span]), np.array([span]), "total")
-
-
 DIGIT = re.compile(r"[01]([.,]0*)?")
 
 
@@ -133,7 +118,11 @@ def further_signals(table: Table, rules: Mapping[str, Rule], samples: np.ndarray
     named = {_name(key): rule.columns[0] for key, rule in rules.items() if key.partition(".")[0] == LOGGED}
     named |= {_name(header): header for header in table.header if header.partition(".")[0] == LOGGED}
     used = {*named.values(), *(column for rule in rules.values() for column in rule.columns)}
-    digital = [name for k, name in enumerate(table.header) if name and name not in used and _binary(table, k)]
+    digital = []
+    for k, name in enumerate(table.header):
+        cells = [row[k].strip() for row in table.layout.sample if k < len(row) and row[k].strip()]
+        if name and name not in used and cells and all(DIGIT.fullmatch(cell) for cell in cells):
+            digital.append(name)
     table.load(named.values(), sparse=True)
     out = {name: _with_gaps_filled(table.column(column))[samples] for name, column in named.items()}
     faults = list(table.faults)
@@ -149,12 +138,6 @@ def further_signals(table: Table, rules: Mapping[str, Rule], samples: np.ndarray
 def _name(key: str) -> str:
     """The name of a signal: `gripper` for the key signal.gripper."""
     return key.partition(".")[2] or LOGGED
-
-
-def _binary(table: Table, k: int) -> bool:
-    """Whether column k contains only 0 and 1, in the first lines of the table."""
-    cells = [row[k].strip() for row in table.layout.sample if k < len(row) and row[k].strip()]
-    return bool(cells) and all(DIGIT.fullmatch(cell) for cell in cells)
 
 
 def _with_gaps_filled(values: np.ndarray) -> np.ndarray:
@@ -207,7 +190,7 @@ def read_recording(log: LogFile, entry: RunEntry, robot: Robot, clock: float) ->
     if moved is None:
         return out
     start = clock if entry.start is None else entry.start
-    signals: dict[str, Any] = {name: joints.signals.get(name) for name in SIGNALS}
+    signals: dict[str, Any] = {name: joints.signals.get(name) for name in JOINT_SIGNALS}
     run = Run(
         entry.file, entry.kind, start, time, power_time=moved.time, power=moved.power, window=moved.window,
         meter=moved.kind, clock=status, lines=joints.index + table.layout.first_row,
@@ -220,15 +203,13 @@ def read_recording(log: LogFile, entry: RunEntry, robot: Robot, clock: float) ->
     return out
 
 
-SIGNALS = ("position", "velocity", "acceleration", "effort", "current", "temperature")
-
-
 def _readings(
     log: LogFile, entry: RunEntry, table: Table, rules: Mapping[str, Rule], joints: Joints, out: Recording
 ) -> Readings | None:
     """The meter's readings with its file's stamps; None after faults."""
-    if entry.energy is not None:
-        return total(joints.time, entry.energy)
+    if entry.energy is not None:  # one reading over the whole run
+        span = float(joints.time[-1] - joints.time[0])
+        return Readings(joints.time[-1:], np.array([entry.energy / span]), np.array([span]), "total")
     own = entry.power_file is not None
     source = table
     if entry.power_file is not None:
@@ -245,7 +226,6 @@ def _readings(
     readings = read_meter(source, rules, None if own else joints, log.window)
     if readings is None:
         out.faults += list(dict.fromkeys(source.faults))
-        return None
     return readings
 
 
@@ -316,7 +296,7 @@ def _one_clock(
             f"{log.path}: [meter] window = {window.min():g} s, but {entry.file} lasts {span:.3g} s; is the window in s?"
         )
         return None, status
-    return replace(readings, time=stamps, window=window).subset(keep), status
+    return replace(readings, time=stamps[keep], power=readings.power[keep], window=window[keep]), status
 
 
 def _overlap(stamps: np.ndarray, time: np.ndarray) -> float:

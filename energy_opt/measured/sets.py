@@ -111,7 +111,9 @@ def collect(log: LogFile, robot: Robot) -> tuple[list[Run], bool, list[str], lis
     clock = len(log.runs) == 1 or all(entry.start is not None for entry in log.runs)
     remarks = [remark for one in found for remark in one.remarks]
     if overlap := _overlap(log, runs):
-        runs, clock = _one_after_another(runs), False
+        starts = [0.0, *np.cumsum([run.time[-1] for run in runs]).tolist()]  # each where the one before ends
+        runs = [dataclasses.replace(run, start=begin) for run, begin in zip(runs, starts, strict=False)]
+        clock = False
         remarks.append(overlap)
     return runs, clock, list(dict.fromkeys(faults)), _merged_remarks(remarks)
 
@@ -130,13 +132,6 @@ def _overlap(log: LogFile, runs: Sequence[Run]) -> str:
                 "an arm makes one run at a time, so no start is used. Correct them, or leave them out"
             )
     return ""
-
-
-def _one_after_another(runs: Sequence[Run]) -> list[Run]:
-    """The runs, each starting where the one before ends."""
-    ends = np.cumsum([run.time[-1] for run in runs])
-    starts = [0.0, *ends.tolist()]
-    return [dataclasses.replace(run, start=begin) for run, begin in zip(runs, starts, strict=False)]
 
 
 def _merged_remarks(remarks: list[str]) -> list[str]:
@@ -168,6 +163,7 @@ def _recordings(log: LogFile, robot: Robot, faults: list[str]) -> list[Recording
     return out
 
 
+MARGIN = 0.05  # [rad, m] by which positions may be outside the limits
 MISMATCH = 0.2  # largest rms difference of logged velocity from the slope of the positions, over the latter's spread
 
 
@@ -207,15 +203,14 @@ def _plausible(run: Run, robot: Robot, where: str) -> list[str]:
         joint = robot.joints[int(np.argmax(moved))]
         unit = robot.unit("position", joint)
         faults.append(f"{where}: column {joint}.position: moves by {moved.max():.3g} {unit} in a run called static")
-    for j, joint in enumerate(robot.joints):
-        margin = 0.05
-        low, high = robot.limits.lower[j] - margin, robot.limits.upper[j] + margin
-        out = np.flatnonzero((run.position[:, j] < low) | (run.position[:, j] > high))
+    for joint, unit, q, low, high in zip(
+        robot.joints, robot.units, run.position.T, robot.limits.lower, robot.limits.upper, strict=True
+    ):
+        out = np.flatnonzero((q < low - MARGIN) | (q > high + MARGIN))
         if out.size:
-            row, value = int(run.lines[out[0]]), run.position[out[0], j]
             faults.append(
-                f"{where}: row {row}, column {joint}.position: {value:.4g} {robot.units[j]} is outside the joint's "
-                f"limits [{low + margin:.4g}, {high - margin:.4g}]; is the unit right?"
+                f"{where}: row {int(run.lines[out[0]])}, column {joint}.position: {q[out[0]]:.4g} {unit} is outside "
+                f"the joint's limits [{low:.4g}, {high:.4g}]; is the unit right?"
             )
     if run.velocity is not None and len(run.time) > 16 and not coarse(run):
         positions = dataclasses.replace(run, velocity=None, acceleration=None)

@@ -217,11 +217,7 @@ class Table:
             cells = split(text(lines[number - self.layout.first_row]), self.layout.delimiter)
             cell = cells[k] if k < len(cells) else ""
             what = "is not a number" if cell.strip() else "is empty"
-            self.faults.append(f"{self.path}: row {number}, column {name}: {shown(cell)} {what}")
+            shown = repr(cell if len(cell) <= SHOWN else cell[:SHOWN] + "...")
+            self.faults.append(f"{self.path}: row {number}, column {name}: {shown} {what}")
         if len(bad) > MAX_FAULTS:
             self.faults.append(f"{self.path}: column {name}: {len(bad) - MAX_FAULTS} more cells are not numbers")
-
-
-def shown(cell: str) -> str:
-    """A faulty cell as a message shows it."""
-    return repr(cell if len(cell) <= SHOWN else cell[:SHOWN] + "...")

@@ -22,8 +22,7 @@ from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.jobs.file import Job
 from energy_opt.jobs.posed import Ends, Posed, run_posed
-from energy_opt.jobs.rough import RoughCycles
-from energy_opt.jobs.run import JobResult
+from energy_opt.jobs.run import JobResult, RoughCycles
 from energy_opt.motion.move import Settings
 from energy_opt.placement.placement import Looked, Placement, Rough
 from energy_opt.placement.request import PlaceRequest, fixture_pose, in_scene

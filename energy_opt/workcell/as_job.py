@@ -14,7 +14,7 @@ from energy_opt.errors import BadInput
 from energy_opt.files import inside
 from energy_opt.jobs.file import Job
 from energy_opt.jobs.file import job_of as read_job
-from energy_opt.jobs.frames import wrong_frames
+from energy_opt.jobs.legs import wrong_frames
 from energy_opt.poses.given import poses_of_request
 from energy_opt.poses.pose import Pose
 from energy_opt.power.known import model_of

@@ -13,7 +13,7 @@ from faults import faults_of
 from energy_opt.batches.suite import load_suite
 from energy_opt.batches.task import Task
 from energy_opt.cell.scene import Scene
-from energy_opt.cell.scene_files import carried, read_scene
+from energy_opt.cell.scene_files import read_scene
 
 CELLS = Path(__file__).parents[2] / "benchmarks" / "suites" / "cells.toml"
 HEAD = 'format = "energy-opt/suite/1"\nrobots = ["panda"]\n'
@@ -62,7 +62,7 @@ def test_a_scene_travels_as_text_with_its_meshes(folder: Path) -> None:
     for file in ("cell.yaml", "part.obj"):
         (folder / file).unlink()
     there: Task = pickle.loads(pickle.dumps(task))
-    again = carried.from_text(there.surroundings.scene)
+    again = Scene.from_text(there.surroundings.scene)
     assert np.array_equal(placed(again), placed(scene)) and again.allowed == scene.allowed
     assert again.objects[1].shapes[0].triangles.tolist() == [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]
     assert (again.objects[2].attached_to, again.objects[2].touch_links) == ("<tool>", ("panda_hand",))

@@ -21,7 +21,7 @@ from energy_opt.errors import BadInput, Infeasible
 from energy_opt.formats import read_trajectory
 from energy_opt.jobs.allocate import Front, Solved, allocate
 from energy_opt.jobs.file import load_job
-from energy_opt.jobs.frames import wrong_frames
+from energy_opt.jobs.legs import wrong_frames
 from energy_opt.jobs.run import run_job
 from energy_opt.motion.judge.clearance import clearance_of
 from energy_opt.motion.path import straight

@@ -170,7 +170,7 @@ def diagnose(
     document["headline"] = headline(document)
     document["next_step"] = next_step(document, found.follows)
     return Diagnosis(
-        measured, declared, model, tuple(effects), tuple(left), document, side, samples, tuple(train), tuple(holdout),
+        measured, declared, model, tuple(effects), document, side, samples, tuple(train), tuple(holdout),
         found,
     )  # fmt: skip
 
@@ -273,4 +273,4 @@ def _of_joints(measured: MeasuredSet, declared: PowerModel) -> Diagnosis:
         "joints": list(joints),
         "next_step": "Next: record the power (a meter's file, or supply voltage and current) beside such motions.",
     }  # fmt: skip
-    return Diagnosis(measured, declared, model, tuple(effects), (), document, side)
+    return Diagnosis(measured, declared, model, tuple(effects), document, side)

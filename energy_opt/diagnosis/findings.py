@@ -13,7 +13,6 @@ from energy_opt.diagnosis.fit import Fit
 from energy_opt.diagnosis.hypothesis import entries
 from energy_opt.diagnosis.joint_side import JointSide
 from energy_opt.diagnosis.predict import predict
-from energy_opt.diagnosis.residual import Attribution
 from energy_opt.diagnosis.verdict import Inference
 from energy_opt.effects import Effect, LinkInertia
 from energy_opt.measured import MeasuredSet
@@ -159,7 +158,7 @@ class Result:
 
     Attributes:
         measured, declared, model: the set, the model handed in, and the calibrated one.
-        effects, attributions: claimed effects, and signals that the rest of the residual follows.
+        effects: claimed effects.
         document: the content of diagnosis.json.
         samples, train, holdout: all runs, and the indices of those fitted and kept; None and none without a meter.
         inference: result of the search, None without a meter.
@@ -170,7 +169,6 @@ class Result:
     declared: PowerModel
     model: PowerModel
     effects: tuple[Finding, ...]
-    attributions: tuple[Attribution, ...]
     document: dict[str, Any]
     side: JointSide | None
     samples: Samples | None = None

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from energy_opt.effects.base import Effect, Signals
 from energy_opt.effects.parameter import Kinks
-
-if TYPE_CHECKING:
-    pass
 
 # Mass [kg], centre of mass (3, 1) [m], inertia (3, 3) [kg m^2] about it: numbers or symbols.
 Link = tuple[Any, Any, Any]

@@ -156,7 +156,6 @@ class Context:
     stopped: Callable[[], bool]
     cell: Cell | None = None
     initial_paths: tuple[JointPath, ...] = ()
-    looked_for: bool = False
     further: Callable[[], tuple[JointPath, ...]] = tuple
     progress: Progress = field(default_factory=lambda: Progress(None))
 

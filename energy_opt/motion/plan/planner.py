@@ -286,7 +286,6 @@ class Planner:
             self.context(started),
             initial_paths=initial_paths,
             further=further,
-            looked_for=first.source in ("own", "ompl"),
         )
         return Single(context, started, first, self.timing)
 

@@ -18,7 +18,7 @@ from energy_opt.motion.reshape.model import Model
 from energy_opt.numerics.quadratic import LEAST_DAMPING, minimise
 
 # last barrier parameter of quadratic programs, at most, and as a share of the tolerance
-BARRIER, CLOSER = 1e-5, 0.05
+BARRIER, CLOSER = 1e-6, 0.01
 PRICE = 30.0  # price of a constraint's excess in a quadratic program, whose cost is of order one
 BOLD, FAIR = 0.7, 0.3  # ratios of actual to expected decrease: above BOLD the trust region grows, below FAIR it shrinks
 LEAST_TRUST = 2e-4  # [rad] smallest trust region

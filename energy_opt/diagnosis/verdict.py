@@ -14,8 +14,8 @@ import numpy as np
 
 from energy_opt.diagnosis.claims import (
     CLAIM,
-    DETAIL,
     RIVAL,
+    RIVAL_DETAIL,
     Claim,
     alike,
     alternatives,
@@ -185,7 +185,7 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
         accepted = plain_fit(found, accepted)
         claims = tuple(Claim(c.odds, plain_fit(found, c.without)) for c in claims)
     if claims:
-        reach = RIVAL + DETAIL * max(c.odds for c in claims)
+        reach = RIVAL + RIVAL_DETAIL * max(c.odds for c in claims)
         rivals = alternatives(found, accepted, RIVAL + reach)  # held-out motions may change the likeliest set
         best = max((best, *rivals), key=found.score)
     start = root(found.world, best.nuisance)

@@ -23,8 +23,8 @@ from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 
-# -O2: at -O1, GCC does not clear the wide registers before it calls `tanh` or `sin`, and each call waits for that: a
-# law of seven joints with friction takes 20 times as long (tests/numerics/test_lanes.py measures it).
+# -O2: at -O1, GCC does not clear the wide registers before it calls `tanh` or `sin`, and each call waits for that: it
+# takes 16 times as long (tests/numerics/test_lanes.py compares it with NumPy).
 FLAGS = ("-O2", "-march=native", "-fPIC", "-shared")
 OWN, TAG = "compiled", ".energy_opt_cache"  # the cache's folder in the named one, and the file that marks it
 PATIENCE = 600.0  # [s] after this time a build without a result counts as failed, and is started again

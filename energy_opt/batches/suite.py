@@ -65,7 +65,7 @@ from energy_opt.schema import faults_of
 FORMAT = "energy-opt/suite/1"
 MEMBERS = ("source-method-2", "careful")  # models of the mean
 NAME = re.compile(r"[^\W_][\w .+-]*")  # it becomes a folder's name
-COMPILE_FROM = 20  # least tasks on one built problem for which compiling pays
+COMPILE_FROM = 300  # least tasks on one built problem for which compiling pays (`benchmarks/compiled.py`)
 
 
 @dataclass(frozen=True)

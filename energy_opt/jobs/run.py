@@ -292,7 +292,7 @@ class RoughCycles:
     def __init__(self, model: PowerModel, settings: Settings, job: Job, stopped: Callable[[], bool]) -> None:
         self._model, self._settings, self._stopped = model, settings, stopped
         quick = replace(settings, solver="sqp")
-        self._planner = Planner(job.robot, unloaded(model), quick, batch=True, stopped=stopped)
+        self._planner = Planner(job.robot, unloaded(model), quick, stopped=stopped)
         self.scorers = Scorers(job.robot, unloaded(model))
 
     def cycle(self, job: Job, cells: Cells, near: Plan | None = None) -> tuple[Plan, float]:

@@ -31,8 +31,6 @@ from energy_opt.motion.trajectory import Trajectory
 from energy_opt.poses.freedom import is_free
 from energy_opt.power import PowerModel
 
-# moves of a job from which compiling first takes less time: it takes 22 s, and saves 3 s a move (Panda, default models)
-MANY = 8
 LOOKS = 40  # samples of a rough motion that are checked for contact
 
 
@@ -65,15 +63,13 @@ class Worker:
 
     def __init__(
         self, job: Job, model: PowerModel, settings: Settings, cells: Cells, stopped: Callable[[], bool],
-        shares: Mapping[str, float] = MappingProxyType({}), planner: Planner | None = None, batch: bool | None = None,
+        shares: Mapping[str, float] = MappingProxyType({}), planner: Planner | None = None,
     ) -> None:  # fmt: skip
-        """`batch`: compile at once, where `auto` may; None: for jobs of `MANY` moves or more."""
         self.job, self.scorers, self.stopped = job, Scorers(job.robot, unloaded(model)), stopped
         self.cells = cells
         # solvers of equal legs at several durations, by points, mode, payload and scene
         self._steps: dict[tuple[bytes, str, Load, Path | None], Neighbours] = {}
-        batch = sum(step.wait is None for step in job.steps) >= MANY if batch is None else batch
-        planner = planner or Planner(job.robot, unloaded(model), settings, batch=batch, stopped=stopped)
+        planner = planner or Planner(job.robot, unloaded(model), settings, stopped=stopped)
         self._planner = planner.within(shares) if shares else planner
 
     def check_poses(self) -> None:

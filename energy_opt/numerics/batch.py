@@ -1,8 +1,8 @@
 """CasADi functions of one point evaluated over many points at once, straight from and into NumPy memory.
 
-A function that is not compiled is built once over a block of points and is shared; it has no memory of its own. NumPy
-evaluates it for many points (see `vectors`). Each batch owns its arrays. So two batches of one function do not disturb
-each other, also in two threads.
+A function that is not compiled runs instruction by instruction for a block of points (see `vectors`). Only functions
+of other instructions, and few points where there is no compiler, take CasADi's virtual machine. Each batch owns its
+arrays. So two batches of one function do not disturb each other, also in two threads.
 """
 
 from __future__ import annotations
@@ -15,11 +15,13 @@ from typing import Literal
 import casadi as ca
 import numpy as np
 
+from energy_opt.numerics import native
 from energy_opt.numerics.lanes import LANES, Compiled, sizes
-from energy_opt.numerics.vectors import program_of
+from energy_opt.numerics.vectors import program_of, width_of
 
-# Points per block: the time and memory to build the function over a block are proportional to it (0.3 ms at 256 for
-# a law of power, several ms for a Hessian); more calls cost almost nothing.
+# Points per block of CasADi's virtual machine, and least points for NumPy: the time and memory to build the function
+# over a block are proportional to it (0.3 ms at 256 for a law of power, several ms for a Hessian); more calls cost
+# almost nothing.
 BLOCK = 256
 
 
@@ -33,27 +35,30 @@ class Batch:
     """A function of dense columns applied to K points: arguments (K, inputs), results (K, entries)."""
 
     def __init__(self, function: ca.Function | Compiled, count: int) -> None:
-        program = program_of(function) if not isinstance(function, Compiled) and count >= BLOCK else None
-        if isinstance(function, Compiled):
-            block, inputs, outputs = LANES, function.inputs, function.outputs
-        elif program is not None:
-            block, (inputs, outputs) = 1, sizes(function)
-        else:
+        ready = isinstance(function, Compiled)
+        c = None if ready else native.library()
+        program = program_of(function) if not ready and (c is not None or count >= BLOCK) else None
+        inputs, outputs = (function.inputs, function.outputs) if ready else sizes(function)
+        if ready:
+            block = LANES
+        elif program is None:
             block = max(1, min(count, BLOCK))
-            inputs, outputs = sizes(function)
+        else:
+            block = 1 if c is None else width_of(count)
         padded = -(-count // block) * block
-        order: Literal["C", "F"] = "C" if program is None else "F"
+        order: Literal["C", "F"] = "F" if program is not None and c is None else "C"
         self._in = [np.zeros((padded, size), order=order) for size in inputs]
         self._out = [np.zeros((padded, size), order=order) for size in outputs]
         self._given = [given[:count] for given in self._in]
         self._answer = [out[:count] for out in self._out]
         self._calls: list[Callable[[], object]] = []
-        if isinstance(function, Compiled):
+        if ready:
             pointers = [(ctypes.c_void_p * len(held))(*(x.ctypes.data for x in held)) for held in (self._in, self._out)]
             self._calls.append(partial(function.many, *pointers, ctypes.c_long(padded // block)))
             return
         if program is not None:
-            self._calls.append(partial(program, self._in, self._out))
+            arrays = [*self._in, *self._out]
+            self._calls.append(partial(program.by_numpy, arrays) if c is None else program.over(arrays, block, c))
             return
         over = _over(function, block)
         for first in range(0, padded, block):

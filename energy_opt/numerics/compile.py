@@ -2,9 +2,9 @@
 
 The cache's key is a hash of the C source, the compiler, the flags and the processor, so a changed robot or model
 structure, or another machine with the same home, never gets an old binary. Two processes at once may build the same
-twice. `auto` never waits for the compiler: it uses what is in the cache, and starts a build in the background when the
-same functions are needed a second time, or builds at once for a batch. If there is no home, or the cache cannot be
-used, `auto` continues without compiling, and `always` compiles for this process alone.
+twice. `auto` never compiles: it uses what is in the cache. Compiling takes 15 s and then saves a tenth to a fifth of a
+move's time, so only hundreds of moves are worth it (`benchmarks/compiled.py`). If there is no home, or the cache cannot
+be used, `auto` continues without it, and `always` compiles for this process alone.
 """
 
 from __future__ import annotations
@@ -86,28 +86,19 @@ def _always(source: Source, cc: str, key: str, flags: tuple[str, ...] = ()) -> P
         raise BadInput(f"--compile always: {error}") from None
 
 
-def _auto(source: Source, cc: str, key: str, batch: bool) -> Path | None:
-    """The library if it is in the cache or a batch builds it; else None, and the second request starts a build."""
+def _cached(key: str) -> Path | None:
+    """The library if it is in the cache."""
     try:
-        cache = library.folder()
-        found = library.find(cache, key)
-        if found is None and batch:
-            return _built(cache, key, source, cc)
-        if found is None and not library.mark(cache, f"{key}.seen"):
-            library.build_in_background(cache, key, source(), cc)
-        return found
+        return library.find(library.folder(), key)
     except (library.Unusable, OSError):
         return None
 
 
-def compiled(
-    functions: Sequence[ca.Function], policy: str = "auto", batch: bool = False
-) -> tuple[list[ca.Function] | list[Compiled], bool]:
+def compiled(functions: Sequence[ca.Function], policy: str = "auto") -> tuple[list[ca.Function] | list[Compiled], bool]:
     """The functions for `numerics.batch`, compiled where the policy and the machine allow; and whether they are.
 
     Args:
-        policy: "always" builds now, "never" keeps CasADi's virtual machine, "auto" as the module says.
-        batch: True if many moves follow; then "auto" builds now.
+        policy: "always" builds now, "never" uses no compiled functions, "auto" as the module says.
 
     Raises:
         BadInput: an unknown policy, or "always" without a compiler.
@@ -125,7 +116,7 @@ def compiled(
     def source() -> str:
         return lanes.source_of(functions, scalar)
 
-    found = _always(source, cc, key) if policy == "always" else _auto(source, cc, key, batch)
+    found = _always(source, cc, key) if policy == "always" else _cached(key)
     if found is None:
         return list(functions), False
     return [Compiled.of(function, found) for function in functions], True

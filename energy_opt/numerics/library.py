@@ -3,9 +3,6 @@
 A library is in the cache as <key>-<bytes>-<sha256>.so, put there by one rename. A file whose size or hash differs from
 its name (truncated by a full disk, or changed) is removed and built again. Nothing is written through links, and
 folders or files that others own or may write to are not used.
-
-This file imports only the standard library: a build in the background runs it as a script in an isolated interpreter,
-in which neither the current folder nor $PYTHONPATH affects imports.
 """
 
 from __future__ import annotations
@@ -16,7 +13,6 @@ import platform
 import shutil
 import stat
 import subprocess
-import sys
 import tempfile
 import time
 from contextlib import suppress
@@ -27,7 +23,7 @@ from pathlib import Path
 # takes 16 times as long (tests/numerics/test_lanes.py compares it with NumPy).
 FLAGS = ("-O2", "-march=native", "-fPIC", "-shared")
 OWN, TAG = "compiled", ".energy_opt_cache"  # the cache's folder in the named one, and the file that marks it
-PATIENCE = 600.0  # [s] after this time a build without a result counts as failed, and is started again
+PATIENCE = 600.0  # [s] after this time what a build left behind is removed: it was killed
 CPU_LINES = ("vendor_id", "cpu family", "model", "flags", "CPU implementer", "CPU part", "Features", "isa")
 
 
@@ -126,6 +122,7 @@ def build(cache: Path, key: str, source: str, cc: str, flags: tuple[str, ...] = 
     Raises:
         Unusable: the compiler fails, or the disk is full.
     """
+    sweep(cache)
     try:
         with tempfile.TemporaryDirectory(prefix="build-", dir=cache) as aside:
             code, built = Path(aside) / "nodes.c", Path(aside) / "nodes.so"
@@ -145,55 +142,11 @@ def build(cache: Path, key: str, source: str, cc: str, flags: tuple[str, ...] = 
         raise Unusable(f"the node functions cannot be built: {error}") from None
 
 
-def mark(cache: Path, name: str, lifetime: float = float("inf")) -> bool:
-    """Create an empty file of that name; False if it already exists and is younger than `lifetime` [s]."""
-    path = cache / name
-    try:
-        if time.time() - os.lstat(path).st_mtime > lifetime:
-            path.unlink()
-    except FileNotFoundError:
-        pass
-    try:
-        os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
-    except FileExistsError:
-        return False
-    return True
-
-
-def build_in_background(cache: Path, key: str, source: str, cc: str) -> None:
-    """Start a build that outlives this process; the next one that needs the functions finds them.
-
-    Nothing is started if another process builds the same.
-    """
-    if not mark(cache, f"{key}.building", PATIENCE):
-        return
-    handle, code = tempfile.mkstemp(prefix="source-", suffix=".c", dir=cache)
-    with os.fdopen(handle, "w", encoding="utf-8") as stream:
-        stream.write(source)
-    quiet = [(os.POSIX_SPAWN_OPEN, fd, os.devnull, os.O_RDWR, 0) for fd in (0, 1, 2)]
-    words = [sys.executable, "-I", str(Path(__file__).resolve()), str(cache), key, code, cc]
-    os.posix_spawn(sys.executable, words, os.environ, file_actions=quiet, setpgroup=0)
-
-
 def sweep(cache: Path) -> None:
     """Remove what killed builds have left behind."""
-    for path in [*cache.glob("build-*"), *cache.glob("source-*.c")]:
+    for path in cache.glob("build-*"):
         try:
             if time.time() - os.lstat(path).st_mtime > PATIENCE:
-                shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
+                shutil.rmtree(path)
         except OSError:  # another process was faster
             pass
-
-
-def main(cache: Path, key: str, code: Path, cc: str) -> None:
-    """Build a source from `build_in_background`, then remove its files."""
-    try:
-        build(cache, key, code.read_text(encoding="utf-8"), cc)
-    finally:
-        code.unlink(missing_ok=True)
-        (cache / f"{key}.building").unlink(missing_ok=True)
-        sweep(cache)
-
-
-if __name__ == "__main__":
-    main(Path(sys.argv[1]), sys.argv[2], Path(sys.argv[3]), sys.argv[4])

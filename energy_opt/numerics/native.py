@@ -1,4 +1,4 @@
-"""`banded.c`, `clouds.c` and `hulls.c`, compiled once, kept in the cache, called by ctypes; None without a compiler.
+"""The C files of this folder, compiled once, kept in the cache, called by ctypes; None without a compiler.
 
 The machine's C compiler builds them in a second; Numba would take fifteen. A quadratic program of 56 unknowns takes
 0.2 ms, in NumPy 5 ms; one of 294 unknowns 1 to 3 ms, with the library PIQP 18 to 38 ms.
@@ -10,6 +10,7 @@ import ctypes
 from functools import lru_cache
 from pathlib import Path
 
+import casadi as ca
 import numpy as np
 
 from energy_opt.errors import BadInput
@@ -23,7 +24,7 @@ FLAGS = (
 DEFINED = (
     "BARRIER", "BEGIN_BOX", "BEGIN_ROW", "STUCK", "CLOSE", "STEPS", "PRIMAL", "DUAL", "LEAST_DAMPING", "MOST_DAMPING",
 )  # fmt: skip
-FILES = "banded.c", "clouds.c", "hulls.c"
+FILES = "banded.c", "clouds.c", "hulls.c", "program.c"
 INTEGERS = ("first", "joint", "wide_first", "place", "place_first")
 NUMBERS = ("coefficient", "wide", "gradient", "basis", "border")
 
@@ -89,6 +90,7 @@ def pointer(x: np.ndarray) -> ctypes.c_void_p:
 def library() -> ctypes.CDLL | None:
     """The compiled functions; None without a compiler, or if it fails."""
     constants = {"LOCAL": LOCAL} | {name: getattr(interior, name) for name in DEFINED}
+    constants |= {name: getattr(ca, name) for name in dir(ca) if name.startswith("OP_")}
     source = "".join(f"#define {name} {value!r}\n" for name, value in constants.items())
     source += "".join(Path(__file__).with_name(name).read_text(encoding="utf-8") for name in FILES)
     try:

@@ -1,11 +1,15 @@
-"""CasADi functions of scalars evaluated over many points by NumPy: each instruction at once for all points of a block.
+"""CasADi functions of scalars evaluated over many points: each instruction at once for all points of a block.
 
-CasADi's own virtual machine takes some 6 ns for an instruction at a point. NumPy takes 0.5 us for an instruction and
-then 0.5 ns for each point, so from a few hundred points on it is several times as fast.
+CasADi's own virtual machine takes 3 to 6 ns for an instruction at a point, mostly to find out what it says. In C
+(`program.c`) an instruction takes 12 ns for 48 points, so the Hessian of a seven-joint arm's node takes 8 us a point
+instead of 100; compiled, it takes 1.3 us, but the compiler needs half a minute. NumPy takes 0.5 us for an instruction
+and then 0.5 ns for each point; it serves from a few hundred points on where there is no compiler. All of them do the
+same operations in the same order.
 """
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -14,6 +18,8 @@ from itertools import accumulate
 import casadi as ca
 import numpy as np
 
+from energy_opt.numerics import native
+
 
 def _if_else_zero(condition: np.ndarray, x: np.ndarray, out: np.ndarray) -> np.ndarray:
     """x where the condition holds, else zero."""
@@ -21,7 +27,8 @@ def _if_else_zero(condition: np.ndarray, x: np.ndarray, out: np.ndarray) -> np.n
     return out
 
 
-POINTS = 2048  # points of a block: its numbers stay in the processor's cache
+POINTS = 2048  # points of NumPy's blocks: their numbers stay in the processor's cache
+LANES, WIDEST = 8, 128  # points of a block in C: a multiple of the lanes of the widest registers, and most
 OPERATIONS: dict[int, Callable[..., np.ndarray]] = {
     ca.OP_ASSIGN: np.positive, ca.OP_ADD: np.add, ca.OP_SUB: np.subtract, ca.OP_MUL: np.multiply, ca.OP_DIV: np.divide,
     ca.OP_NEG: np.negative, ca.OP_SQ: np.square, ca.OP_INV: np.reciprocal, ca.OP_SQRT: np.sqrt, ca.OP_POW: np.power,
@@ -37,31 +44,67 @@ OPERATIONS: dict[int, Callable[..., np.ndarray]] = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Program:
-    """The instructions of a function, on numbered places: its registers, then inputs, results and constants.
+    """The instructions of a function, on numbered places: its registers, then arguments, results and constants.
 
     Attributes:
-        registers: their count. constants: their values.
-        steps: operation, places that it reads, and the place that it writes.
+        registers: their count. sizes: entries of each argument, then of each result. inputs: number of arguments.
+        constants: their values (c,).
+        code: (S, 4) operation, first and second place that it reads (the same one for one operand), place written.
     """
 
     registers: int
-    constants: tuple[float, ...]
-    steps: tuple[tuple[Callable[..., np.ndarray], tuple[int, ...], int], ...]
+    sizes: tuple[int, ...]
+    inputs: int
+    constants: np.ndarray
+    code: np.ndarray
 
-    def __call__(self, inputs: Sequence[np.ndarray], results: Sequence[np.ndarray]) -> None:
-        """Evaluate for arrays (K, entries) of which each column is one piece of memory."""
-        count = len(inputs[0]) if inputs else len(results[0])
+    def over(self, arrays: Sequence[np.ndarray], width: int, c: ctypes.CDLL) -> Callable[[], object]:
+        """A call that evaluates in C, of arrays (K, entries) for arguments and results; K is a multiple of `width`,
+        and `width` one of LANES.
+        """
+        places = _aligned(self.registers + sum(self.sizes) + len(self.constants), width)
+        places[len(places) - len(self.constants) :] = self.constants[:, None]
+        sizes = np.array(self.sizes, dtype=np.int64)
+        addresses = (ctypes.c_void_p * len(arrays))(*(x.ctypes.data for x in arrays))
+        numbers = width, len(arrays[0]) // width, self.registers, self.inputs, len(arrays)
+        given = [native.pointer(self.code), ctypes.c_long(len(self.code)), native.pointer(places)]
+        given += [*map(ctypes.c_long, numbers), native.pointer(sizes)]
+
+        def call(_held: tuple[np.ndarray, ...] = (places, sizes, self.code, *arrays)) -> None:
+            c.program_run(*given, addresses)
+
+        return call
+
+    def by_numpy(self, arrays: Sequence[np.ndarray]) -> None:
+        """Evaluate for arrays (K, entries) for arguments and results, of which each column is one piece of memory."""
+        count = len(arrays[0])
         own = np.empty((self.registers, min(POINTS, count)))
         with np.errstate(all="ignore"):
             for first in range(0, count, POINTS):
                 block = slice(first, first + POINTS)
-                at = [*own[:, : min(POINTS, count - first)], *(column for x in inputs for column in x[block].T)]
-                at += [column for x in results for column in x[block].T]
-                at += self.constants
-                for operation, read, written in self.steps:
-                    operation(*(at[k] for k in read), out=at[written])
+                at = [*own[:, : min(POINTS, count - first)], *(column for x in arrays for column in x[block].T)]
+                at += self.constants.tolist()
+                for operation, x, y, written in self.code.tolist():
+                    read = (at[x],) if operation in SINGLE else (at[x], at[y])
+                    OPERATIONS[operation](*read, out=at[written])
+
+
+def _aligned(count: int, width: int) -> np.ndarray:
+    """Zeros (count, width) that begin at a multiple of the bytes of all lanes."""
+    room = np.zeros(count * width + LANES)
+    begin = -(room.ctypes.data // room.itemsize) % LANES
+    return room[begin : begin + count * width].reshape(count, width)
+
+
+SINGLE = {ca.OP_ASSIGN, ca.OP_TWICE, *(k for k, f in OPERATIONS.items() if isinstance(f, np.ufunc) and f.nin == 1)}
+
+
+def width_of(count: int) -> int:
+    """Points of each block in C, for `count` points."""
+    blocks = -(-count // WIDEST)
+    return max(1, -(-count // (blocks * LANES))) * LANES if blocks else LANES
 
 
 @lru_cache(maxsize=128)
@@ -76,7 +119,7 @@ def program_of(function: ca.Function) -> Program | None:
     begin = list(accumulate(sizes, initial=registers))
     place: list[int] = list(range(registers))
     constants: list[float] = []
-    steps: list[tuple[Callable[..., np.ndarray], tuple[int, ...], int]] = []
+    code: list[tuple[int, int, int, int]] = []
     for k in range(function.n_instructions()):
         operation, read = function.instruction_id(k), function.instruction_input(k)
         written = function.instruction_output(k)
@@ -86,10 +129,10 @@ def program_of(function: ca.Function) -> Program | None:
             place[written[0]] = begin[-1] + len(constants)
             constants.append(float(function.instruction_constant(k)))
         elif operation == ca.OP_OUTPUT:
-            steps.append((np.positive, (place[read[0]],), begin[len(inputs) + written[0]] + written[1]))
+            code.append((ca.OP_ASSIGN, place[read[0]], place[read[0]], begin[len(inputs) + written[0]] + written[1]))
         elif operation in OPERATIONS:
-            steps.append((OPERATIONS[operation], tuple(place[r] for r in read), written[0]))
+            code.append((operation, place[read[0]], place[read[-1]], written[0]))
             place[written[0]] = written[0]
         else:
             return None
-    return Program(registers, tuple(constants), tuple(steps))
+    return Program(registers, tuple(sizes), len(inputs), np.array(constants), np.array(code, dtype=np.int32))

@@ -79,7 +79,7 @@ class Arm:
             self.job = self.job.at(chosen)
         if cell.supply is not None:  # braking energy is lost in a resistor, unless another arm uses it
             model = model.replaced(Regeneration(efficiency=0.0))
-        self.worker = Worker(self.job, model, settings, Cells(self.job, self.request), stopped, USED, batch=True)
+        self.worker = Worker(self.job, model, settings, Cells(self.job, self.request), stopped, USED)
         self.worker.check_poses()
         self._known: dict[tuple[object, ...], ArmMove] = {}
         limits = self.job.robot.limits

@@ -4,11 +4,19 @@ import threading
 
 import casadi as ca
 import numpy as np
+import pytest
 
 from energy_opt.effects import Regeneration
 from energy_opt.motion import Move, Planner, Settings
+from energy_opt.numerics import native
 from energy_opt.numerics.batch import BLOCK, Batch
 from energy_opt.numerics.vectors import program_of
+
+
+@pytest.fixture(params=["with a compiler", "without"], autouse=True)
+def compiler(request, monkeypatch):
+    if request.param == "without":
+        monkeypatch.setattr(native, "library", lambda: None)
 
 
 def test_every_block_and_every_owner():
@@ -27,7 +35,7 @@ def test_every_block_and_every_owner():
 
 
 def test_many_points_have_the_values_of_casadi_itself():
-    """Blocks of many points are evaluated instruction by instruction with NumPy: every kind that effects may use."""
+    """Blocks of points are evaluated instruction by instruction, in C or NumPy: every kind that effects may use."""
     x, y = ca.SX.sym("x", 3), ca.SX.sym("y")
     a, b, c = x[0], x[1], x[2]
     terms = [

@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import casadi as ca
@@ -108,7 +107,7 @@ def test_a_cache_that_is_not_private_or_not_there(cache, functions, monkeypatch,
             raise OSError(28, "No space left on device")
 
         monkeypatch.setattr(library.tempfile, "TemporaryDirectory", full)
-    built, done = compiled(functions, "auto", batch=True)
+    built, done = compiled(functions, "auto")
     assert not done and works(built)
     if kind not in ("full", "foreign"):
         compile_module._own_folder.cache_clear()
@@ -117,41 +116,13 @@ def test_a_cache_that_is_not_private_or_not_there(cache, functions, monkeypatch,
     assert not libraries(cache)
 
 
-def test_auto_builds_behind_our_back_and_runs_no_local_code(tmp_path, cache, functions):
-    """The second time the same is wanted a child builds it, in a folder full of traps, past a dead build's traces."""
-    trap = tmp_path / "trap"
-    trap.mkdir()
-    for name in ("casadi", "hashlib", "selectors", "tempfile", "energy_opt"):
-        (trap / f"{name}.py").write_text(f"open({str(tmp_path / 'sprung')!r}, 'w')")
-    script = tmp_path / "script.py"
-    script.write_text(
-        f"import sys, os; sys.path.insert(0, {str(ROOT)!r})\nimport casadi as ca\n"
-        f"from energy_opt.numerics.compile import compiled\nos.chdir({str(trap)!r})\nx = ca.SX.sym('x')\n"
-        "f = [ca.Function('f', [x], [x * x])]\nprint([compiled(f, 'auto')[1] for _ in range(2)])\n"
-    )
-    cache.mkdir(mode=0o700)
-    environment = {**os.environ, "PYTHONPATH": str(trap) + "/nowhere"}
-
-    def run():
-        done = subprocess.run([sys.executable, script], capture_output=True, text=True, env=environment, check=True)
-        return done.stdout.strip()
-
-    assert run() == "[False, False]"
-    begin = time.monotonic()
-    while not libraries(cache) and time.monotonic() - begin < 30:
-        time.sleep(0.05)
-    assert run() == "[True, True]" and not (tmp_path / "sprung").exists()
-
-
-def test_a_dead_build_does_not_stand_in_the_way(cache):
-    cache.mkdir(mode=0o700)
-    assert library.mark(cache, "x.building", library.PATIENCE)
-    assert not library.mark(cache, "x.building", library.PATIENCE)
-    os.utime(cache / "x.building", (0, 0))
-    assert library.mark(cache, "x.building", library.PATIENCE)
-    (cache / "precious").write_text("kept")
-    (cache / "y.seen").symlink_to(cache / "precious")
-    assert not library.mark(cache, "y.seen") and (cache / "precious").read_text() == "kept"
+def test_auto_uses_what_is_in_the_cache_and_never_builds(cache, functions, monkeypatch):
+    built, done = compiled(functions, "auto")
+    assert not done and works(built) and not libraries(cache)
+    compiled(functions, "always")
+    monkeypatch.setattr(library, "build", None)
+    built, done = compiled(functions, "auto")
+    assert done and works(built)
 
 
 def test_foreign_files_in_the_cache_folder_are_not_changed(cache, functions):
@@ -162,14 +133,14 @@ def test_foreign_files_in_the_cache_folder_are_not_changed(cache, functions):
         os.utime(cache / name, (0, 0))
         os.utime((cache / name).parent, (0, 0))
     before = sorted(cache.rglob("*"))
-    assert compiled(functions, "auto", batch=True)[1] is False and sorted(cache.rglob("*")) == before
+    assert compiled(functions, "auto")[1] is False and sorted(cache.rglob("*")) == before
     (cache / "compiled").rename(cache / "other")
     before = sorted(cache.rglob("*"))
-    assert compiled(functions, "auto", batch=True)[1] is True
-    for name in ("build-old", "source-old.c"):
-        (cache / "compiled" / name).mkdir()
-        os.utime(cache / "compiled" / name, (0, 0))
-    library.sweep(library.folder())
+    (cache / "compiled").mkdir(mode=0o700)
+    (cache / "compiled" / library.TAG).touch(mode=0o600)
+    (cache / "compiled" / "build-old").mkdir()
+    os.utime(cache / "compiled" / "build-old", (0, 0))
+    assert compiled(functions, "always")[1] is True
     assert set(before) < set(cache.rglob("*")) and not (cache / "compiled" / "build-old").exists()
 
 

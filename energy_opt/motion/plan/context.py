@@ -113,8 +113,7 @@ class Judge:
 class Workshop:
     """Node functions and reshapers, each built once for all moves that share what it depends on."""
 
-    def __init__(self, batch: bool) -> None:
-        self._batch = batch
+    def __init__(self) -> None:
         self._nodes: dict[Hashable, NodeFunctions] = {}
         self._reshapers: dict[Hashable, Reshaper] = {}
         self.compiled = False
@@ -131,7 +130,7 @@ class Workshop:
             begin = time.perf_counter()
             if built not in self._nodes:
                 nodes = node_functions(model, robot.body, limits, objective, settings.dynamics)
-                functions, self.compiled = compiled(nodes.as_list(), settings.compile, self._batch)
+                functions, self.compiled = compiled(nodes.as_list(), settings.compile)
                 cost, limited, curvature, value = functions
                 self._nodes[built] = NodeFunctions(cost, limited, curvature, value, nodes.kinked)
             free = settings.end_acceleration == "free"

@@ -60,7 +60,6 @@ class Planner:
     `under` and `around` give planners for another model and another cell that share it too.
 
     Args:
-        batch: True if many moves follow, so that compiling at once is worth its time.
         cell: the arm's body and the bodies around it, to be kept clear of; None for nothing.
         stopped: called between solves; True ends the work with the best result so far.
     """
@@ -71,7 +70,6 @@ class Planner:
         model: PowerModel,
         settings: Settings | None = None,
         *,
-        batch: bool = False,
         cell: Cell | None = None,
         stopped: Callable[[], bool] = lambda: False,
     ) -> None:
@@ -81,7 +79,7 @@ class Planner:
         self._starts: list[tuple[Cell | None, Move, Start]] = []
         # their fastest timings, with the model, the shares of limits and the settings that they hold for
         self._timings: list[tuple[Move, PowerModel, Mapping[str, float], Settings, Timing]] = []
-        self._workshop, self._stopped = Workshop(batch), stopped
+        self._workshop, self._stopped = Workshop(), stopped
         self._take_cell(cell)
         self._take_model(model)
         self.limits()  # report faults now, not when a move needs the limits

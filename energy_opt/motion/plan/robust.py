@@ -77,7 +77,7 @@ class RobustPlanner:
     Args:
         rivals: at least one; the payload and the torque limits of the first one apply.
         kind: "mean" or "worst" of the energies.
-        settings, batch, cell, stopped: as for `Planner`.
+        settings, cell, stopped: as for `Planner`.
         planner: an existing planner of the models' mean, with its settings and cell.
     """
 
@@ -88,7 +88,6 @@ class RobustPlanner:
         kind: Kind = "mean",
         settings: Settings | None = None,
         *,
-        batch: bool = False,
         cell: Cell | None = None,
         stopped: Callable[[], bool] = lambda: False,
         planner: Planner | None = None,
@@ -97,7 +96,7 @@ class RobustPlanner:
             raise BadInput(f"--robust {kind!r}; expected mean or worst")
         self.robot, self.rivals, self.kind = robot, tuple(rivals), kind
         self._mixture = Mixture.of([rival.model for rival in rivals])
-        known: dict[str, Any] = {"batch": batch, "cell": cell, "stopped": stopped}
+        known: dict[str, Any] = {"cell": cell, "stopped": stopped}
         self._planner = planner.under(self._mixture) if planner else Planner(robot, self._mixture, settings, **known)
         members = zip(self.rivals, self._mixture.members, strict=True)
         judges = judges_of([Rival(rival.name, member) for rival, member in members], robot)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
+from threading import Lock
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from energy_opt.power.law import rigid_torque
 from energy_opt.robot import RigidBody, Tool
 
 LONG = 50_000  # largest grid [places] that is kept: 20 MB for seven joints
-KEPT = 8  # number of cached grids: of a move's candidates and baselines, which are judged under several models
+KEPT = 8 * LONG  # places of all grids that are kept: a job's legs and baselines are judged again under other models
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +44,15 @@ def grid_of(trajectory: Trajectory, factor: int) -> Grid:
     """A grid `factor` times denser than the samples; short grids are cached."""
     if factor * len(trajectory.time) > LONG:
         return _dense_motion(trajectory, factor)
-    return _cached_grid(_TrajectoryKey(trajectory), factor)
+    key = _TrajectoryKey(trajectory), factor
+    with _changing:
+        found = _grids.pop(key, None)
+    found = _dense_motion(trajectory, factor) if found is None else found
+    with _changing:
+        _grids[key] = found
+        while sum(len(grid.time) for grid in _grids.values()) > KEPT:  # the one that was used the longest time ago
+            del _grids[next(iter(_grids))]
+    return found
 
 
 class _TrajectoryKey:
@@ -69,9 +78,8 @@ def _dense_motion(trajectory: Trajectory, factor: int) -> Grid:
     return Grid(trajectory.denser(factor) - trajectory.time[0], q, v, a, jerk)
 
 
-@lru_cache(maxsize=KEPT)
-def _cached_grid(held: _TrajectoryKey, factor: int) -> Grid:
-    return _dense_motion(held.trajectory, factor)
+_grids: dict[tuple[_TrajectoryKey, int], Grid] = {}
+_changing = Lock()
 
 
 @dataclass(frozen=True)

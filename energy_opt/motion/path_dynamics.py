@@ -51,7 +51,8 @@ def _motor_torque(shared: SharedByStructure, n: int) -> ca.Function:
     p = shared.model.symbols(n)
     x = Signals(q, q1 * ca.sqrt(b), q1 * a + q2 * b, tau, ca.SX(0))
     tau_m = drive_terms(shared.model, x, p, EXACT).tau_m
-    return ca.Function("motor_torque", [a, b, at, p], [tau_m, ca.jacobian(tau_m, a), ca.jacobian(tau_m, b)])
+    out = [ca.densify(x) for x in (tau_m, ca.jacobian(tau_m, a), ca.jacobian(tau_m, b))]
+    return ca.Function("motor_torque", [a, b, at, p], out)
 
 
 @lru_cache(maxsize=16)
@@ -170,12 +171,9 @@ class PathDynamics:
 
     def _evaluated(self, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         n = self.robot.n
-        at = np.stack([self.q, self.q1, self.q2, self.M, self.C, self.G], axis=1)  # (M, 6, n)
-        values = np.repeat(self.model.values(n)[:, None], len(self.s), axis=1)
-        out = _motor_torque(SharedByStructure(self.model), n)(
-            a[None], np.maximum(b, CRAWL)[None], at.reshape(-1, n).T, values
-        )
-        tau_m, ma, mb = (np.array(x).T for x in out)
+        at = np.hstack([self.q, self.q1, self.q2, self.M, self.C, self.G])  # (M, 6 n)
+        law = Batch(_motor_torque(SharedByStructure(self.model), n), len(self.s))
+        tau_m, ma, mb = law(a[:, None], np.maximum(b, CRAWL)[:, None], at, self.model.values(n))
         return tau_m, ma, mb
 
 

@@ -1,6 +1,6 @@
 """Compiled node functions: generated C, built once per content, in a cache that belongs to the user alone.
 
-The cache's key is a hash of the C source, the compiler, the flags and the processor, so a changed robot or model
+The cache's key is a hash of the functions, the compiler, the flags and the processor, so a changed robot or model
 structure, or another machine with the same home, never gets an old binary. Two processes at once may build the same
 twice. `auto` never compiles: it uses what is in the cache. Compiling takes 15 s and then saves a tenth to a fifth of a
 move's time, so only hundreds of moves are worth it (`benchmarks/compiled.py`). If there is no home, or the cache cannot
@@ -110,11 +110,11 @@ def compiled(functions: Sequence[ca.Function], policy: str = "auto") -> tuple[li
         return list(functions), False
     if cc is None:
         raise BadInput("--compile always: no C compiler found (cc, gcc or clang, or name one in CC)")
-    scalar, how = _source(functions), Path(lanes.__file__).read_text(encoding="utf-8")
-    key = library.key_of(scalar, how, cc, ca.CasadiMeta.version())
+    how = Path(lanes.__file__).read_text(encoding="utf-8")
+    key = library.key_of(*(function.serialize() for function in functions), how, cc, ca.CasadiMeta.version())
 
     def source() -> str:
-        return lanes.source_of(functions, scalar)
+        return lanes.source_of(functions, _source(functions))
 
     found = _always(source, cc, key) if policy == "always" else _cached(key)
     if found is None:

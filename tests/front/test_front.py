@@ -159,7 +159,7 @@ def test_a_payload_is_added_to_a_planner_without_building_it_again(panda, monkey
     monkeypatch.setattr(
         "energy_opt.motion.plan.context.node_functions", lambda *a: built.append(a) or node_functions(*a)
     )
-    model = eo.source_model(panda)
+    model = eo.source_model(panda) + eo.effects.ViscousFriction(b=0.01)  # built for no other test
     planner = eo.Planner(panda, model, eo.Settings(**QUICK))
     move = eo.Move(START, GOAL, duration=2.5)
     losses = []

@@ -77,10 +77,10 @@ class OwnLimit(Limit):
 
     @property
     def structure(self) -> Hashable:
-        """Module, class and all other values of the limit that its formula may use."""
+        """The class and all other values of the limit that its formula may use."""
         derived = ("bound", "scale", "_law", "_of_position", "_of_time")
         own = {key: value for key, value in vars(self).items() if key not in derived}
-        return type(self).__module__, type(self).__qualname__, repr(sorted(own.items()))
+        return type(self), repr(sorted(own.items()))
 
     def where(self, joints: Sequence[str], column: int) -> str:
         """The joint, or "the arm"."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -17,16 +17,18 @@ from energy_opt.motion.judge.energy import DENSER, Energy, Scorer
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.path import JointPath, straight, through
+from energy_opt.motion.path_dynamics import SharedByStructure
 from energy_opt.motion.plan.anytime import Progress
 from energy_opt.motion.reshape.curve import Curve
 from energy_opt.motion.reshape.nodes import NodeFunctions, node_functions
 from energy_opt.motion.reshape.search import Reshaper, trajectory_of
 from energy_opt.motion.retime.fastest import minimum_time
+from energy_opt.motion.retime.law import LimitByStructure
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics.compile import compiled
 from energy_opt.power import PowerModel
-from energy_opt.robot import Robot
+from energy_opt.robot import RigidBody, Robot
 
 
 @dataclass(frozen=True)
@@ -111,10 +113,9 @@ class Judge:
 
 
 class Workshop:
-    """Node functions and reshapers, each built once for all moves that share what it depends on."""
+    """Reshapers, each built once for all moves that share what it depends on."""
 
     def __init__(self) -> None:
-        self._nodes: dict[Hashable, NodeFunctions] = {}
         self._reshapers: dict[Hashable, Reshaper] = {}
         self.compiled = False
         self.seconds = 0.0  # total time spent on building
@@ -123,21 +124,29 @@ class Workshop:
         self, robot: Robot, model: PowerModel, settings: Settings, limits: Sequence[Limit], objective: str
     ) -> Reshaper:
         """The reshaper for a robot, a model's structure, the settings it depends on, and the limits' structure."""
-        held = tuple(limit.structure for limit in limits)
-        built = model.structure, held, objective, settings.dynamics, settings.compile
+        held = tuple(map(LimitByStructure, limits))
+        built = SharedByStructure(model), robot.body, held, objective, settings.dynamics, settings.compile
         key = *built, settings.controls, settings.end_acceleration, settings.solver
         if key not in self._reshapers:
             begin = time.perf_counter()
-            if built not in self._nodes:
-                nodes = node_functions(model, robot.body, limits, objective, settings.dynamics)
-                functions, self.compiled = compiled(nodes.as_list(), settings.compile)
-                cost, limited, curvature, value = functions
-                self._nodes[built] = NodeFunctions(cost, limited, curvature, value, nodes.kinked)
+            nodes, self.compiled = _built(*built)
             free = settings.end_acceleration == "free"
             polished = settings.solver == "ipopt"
-            self._reshapers[key] = Reshaper(self._nodes[built], robot.n, settings.controls, free, polished)
+            self._reshapers[key] = Reshaper(nodes, robot.n, settings.controls, free, polished)
             self.seconds += time.perf_counter() - begin
         return self._reshapers[key]
+
+
+@lru_cache(maxsize=16)
+def _built(
+    shared: SharedByStructure, body: RigidBody, limits: tuple[LimitByStructure, ...], objective: str, dynamics: str,
+    compile: str,
+) -> tuple[NodeFunctions, bool]:  # fmt: skip
+    """The node functions, which all planners of a process share, and whether they are compiled."""
+    nodes = node_functions(shared.model, body, [by.limit for by in limits], objective, dynamics)
+    functions, done = compiled(nodes.as_list(), compile)
+    cost, limited, curvature, value = functions
+    return NodeFunctions(cost, limited, curvature, value, nodes.kinked), done
 
 
 @dataclass(frozen=True)

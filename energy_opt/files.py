@@ -125,6 +125,13 @@ def inside(folder: Path, name: str, allow_outside: bool = False) -> Path:
     return path
 
 
+def path_of(given: object, what: str) -> Path:
+    """The path of a `what`, such as "model"; BadInput where it is none."""
+    if not isinstance(given, (str, os.PathLike)):
+        raise BadInput(f"{what} {given!r:.60}: expected the name of a file")
+    return Path(given)
+
+
 def read_text(path: Path, most: int = LARGEST_TEXT) -> str:
     """The text of a file of at most `most` bytes; BadInput where there is none, or more."""
     try:

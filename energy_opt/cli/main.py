@@ -59,6 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code."""
     words = joined_vectors(sys.argv[1:] if arguments is None else arguments)
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it reports homes that it cannot write to
+    os.environ["MPLBACKEND"] = "agg"  # no window is opened, and the user's choice may be one that is not installed
     with speaking_of_options():
         try:
             opened(words)

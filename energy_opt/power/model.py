@@ -15,7 +15,7 @@ from pydantic import ConfigDict, StrictStr
 
 from energy_opt.effects import EXACT, BaseTilt, Effect, PowerEffect, SupplyEffect, effect_class
 from energy_opt.errors import BadInput, suggest
-from energy_opt.files import read_toml, write_toml
+from energy_opt.files import path_of, read_toml, write_toml
 from energy_opt.schema import Number, Table, parse
 
 FORMAT = "energy-opt/model/1"
@@ -323,4 +323,4 @@ def load_model(path: str | PathLike[str]) -> PowerModel:
     Raises:
         BadInput: names the file, the effect and the parameter at fault.
     """
-    return model_from_document(read_toml(Path(path), "model"), str(path))
+    return model_from_document(read_toml(path_of(path, "model"), "model"), str(path))

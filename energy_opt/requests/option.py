@@ -8,7 +8,6 @@ JSON schema.
 from __future__ import annotations
 
 import operator
-import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields
 from numbers import Real
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 from energy_opt.errors import BadInput, suggest
+from energy_opt.files import path_of
 from energy_opt.files import plain as of_json
 
 ON_OFF = ("on", "off")  # True and False, as words
@@ -98,6 +98,8 @@ class Request:
     def __post_init__(self) -> None:
         for name, (declared, spelled) in options_of(type(self)).items():
             value = () if spelled.many and getattr(self, name) is None else getattr(self, name)
+            if value is None and declared.default is MISSING:
+                raise BadInput(f"{flag_of(name, spelled)} is missing: {spelled.help}")
             if value is not None and spelled.written:
                 text = TEXTS.issuperset(str(declared.type).split(" | "))
                 object.__setattr__(self, name, _checked(flag_of(name, spelled), spelled, value, text))
@@ -205,9 +207,7 @@ def _one(flag: str, spelled: Option, value: Any, text: bool) -> Any:
             return value == "on"
         expected = "" if isinstance(value, bool) else "true or false, or on or off"
     elif spelled.kind is Path:
-        if isinstance(value, (str, os.PathLike)):
-            return Path(value)
-        expected = "the name of a file"
+        return path_of(value, flag)
     elif text and not isinstance(value, str):
         expected = "text"
     elif spelled.choices and value not in spelled.choices:

@@ -1,6 +1,7 @@
 """The command line as a user meets it: files, exit codes, one line for every fault."""
 
 import json
+import os
 import shlex
 import subprocess
 import sys
@@ -211,3 +212,11 @@ def test_a_full_standard_output_gives_one_line(words: str, code: int) -> None:
 def test_a_library_that_cannot_be_imported_is_reported_as_such() -> None:
     said = str(as_error(ImportError("cannot import name 'x' from 'pinocchio'")))
     assert said.startswith("a library cannot be imported: cannot import name 'x'") and "values" not in said
+
+
+def test_a_plotting_backend_that_is_not_installed_is_not_used(tmp_path) -> None:
+    words = ["-m", "energy_opt", "optimize", "--robot", "ur5", "--start", "0,-1.5,1.2,-1,0.3,0", "--goal",
+             "0.5,-0.9,0.7,-1,0.3,0", "--duration", "2", "--mode", "retime", *QUICK, "--out", str(tmp_path / "o"),
+             ]  # fmt: skip
+    done = subprocess.run([sys.executable, *words], env={**os.environ, "MPLBACKEND": "nonsense"}, capture_output=True)
+    assert done.returncode == 0 and (tmp_path / "o" / "plot.png").is_file(), done.stderr

@@ -283,3 +283,10 @@ def test_a_script_that_hands_in_lists_is_well_typed(tmp_path: Path) -> None:
     found = {"PYTHONPATH": str(root), "MYPYPATH": str(root)} if (root / "pyproject.toml").is_file() else {}
     done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, env={"PATH": "/usr/bin:/bin"} | found)
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("name", ["load_model", "load_robot", "load_scene", "diagnose", "evaluate", "optimize"])
+@pytest.mark.parametrize("given", [3, None])
+def test_what_is_no_file_is_bad_input(name: str, given: object) -> None:
+    with pytest.raises(eo.BadInput):
+        getattr(eo, name)(given)

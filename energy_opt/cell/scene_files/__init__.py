@@ -11,7 +11,7 @@ from energy_opt.cell.scene_files import message, short
 from energy_opt.cell.scene_files.parts import Reading
 from energy_opt.cell.scene_files.short import read_text_scene
 from energy_opt.errors import BadInput
-from energy_opt.files import read_json, read_text, read_yaml_documents
+from energy_opt.files import path_of, read_json, read_text, read_yaml_documents
 
 SUFFIXES = (".scene", ".yaml", ".yml", ".json")
 
@@ -29,7 +29,7 @@ def read_scene(
     Raises:
         BadInput: names the file, the object and what is wrong with it, and how many more faults there are.
     """
-    reading = _read(Path(path), allow_outside, allow_large)
+    reading = _read(path_of(path, "scene"), allow_outside, allow_large)
     if reading.faults:
         more = len(reading.faults) - 1
         tail = f" (and {more} more faults: energy-opt check {path})" if more else ""

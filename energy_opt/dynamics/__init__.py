@@ -11,18 +11,17 @@ from collections.abc import Callable
 import casadi as ca
 import numpy as np
 
-from energy_opt.dynamics import compact, templates
+from energy_opt.dynamics import compact, pinocchio_casadi
 from energy_opt.errors import BadInput, EnergyOptError
 from energy_opt.robot import PointMass, RigidBody
 
 STATES = 8  # random states at which a function is compared with Pinocchio
 TOLERANCE = 1e-9  # relative to the largest torque of each state
-SOURCES = ("auto", "pinocchio", "templates", "compact")
+SOURCES = ("auto", "pinocchio", "compact")
 
 
 _BUILDERS: dict[str, Callable[[RigidBody], ca.Function | None]] = {
-    "pinocchio": templates.from_pinocchio,
-    "templates": templates.from_templates,
+    "pinocchio": pinocchio_casadi.torque_function,
     "compact": lambda body: compact.torque_function(body.tree()),
 }
 
@@ -32,8 +31,8 @@ def torque_function(body: RigidBody, source: str = "auto") -> ca.Function:
 
     Args:
         body: the rigid body.
-        source: "compact" (this package's recursion, which has the shortest graph), "pinocchio" (`pinocchio.casadi`),
-            "templates" (the optional build of Pinocchio's templates), or "auto", which is "compact".
+        source: "compact" (this package's recursion, which has the shortest graph), "pinocchio" (`pinocchio.casadi`), or
+            "auto", which is "compact".
 
     Returns:
         A function of q, v, a (n, 1), gravity (3, 1) [m/s^2] in the base frame, a payload's mass [kg] and centre

@@ -240,7 +240,7 @@ class SolvingGroup(Request):
     verify_samples: int | None = option(
         None, "number of samples of the certificate (10 between two samples of the trajectory)", "N", kind=int
     )
-    dynamics: str = option("auto", "source of the dynamics: auto, compact, templates or pinocchio (auto)", "SOURCE")
+    dynamics: str = option("auto", "source of the dynamics: auto, compact or pinocchio (auto)", "SOURCE")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -62,7 +62,6 @@ def parts_imported(module: Path) -> set[str]:
         ("matplotlib", "reports/plots.py"),
         ("mujoco", "virtual_arm/mujoco_arm.py"),
         ("rosbags", "formats/bags.py"),
-        ("energy_opt_pinsx", "dynamics/templates.py"),
         ("ompl", "motion/initial_paths/ompl.py"),
         ("trimesh", "cell/scene_files/parts.py"),
         ("yaml", "files.py"),

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import re
 import shutil
 import subprocess
-import tomllib
 from pathlib import Path
 
 import pytest
@@ -26,13 +24,6 @@ def test_one_version() -> None:
 def test_citation_names_the_source_paper() -> None:
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     assert citation["references"][0]["identifiers"][0]["value"] == "arXiv:2411.03194"
-
-
-def test_extension_pins_one_casadi_for_build_and_run() -> None:
-    project = tomllib.loads((ROOT / "extensions/pinocchio_sx/pyproject.toml").read_text())
-    at_build = [x for x in project["build-system"]["requires"] if x.startswith("casadi")]
-    at_run = [x for x in project["project"]["dependencies"] if x.startswith("casadi")]
-    assert at_build == at_run and re.fullmatch(r"casadi==\d+\.\d+\.\d+", at_run[0])
 
 
 def test_data_files_lie_in_the_package() -> None:

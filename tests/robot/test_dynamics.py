@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import sys
 import types
 from pathlib import Path
@@ -12,14 +11,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from energy_opt.dynamics import SOURCES, compact, templates, torque_function, verify
+from energy_opt.dynamics import SOURCES, compact, pinocchio_casadi, torque_function, verify
 from energy_opt.errors import BadInput, EnergyOptError
 from energy_opt.motion import Planner, Settings
 from energy_opt.power import source_method_2
 from energy_opt.robot import Link, PointMass, RigidBody, known_robots, load_robot
-
-TEMPLATES = importlib.util.find_spec("energy_opt_pinsx") is not None
-BUILT = ["compact", *(["templates"] if TEMPLATES else [])]
 
 SLIDER = """<robot name="slider">
   <link name="base"/>
@@ -56,14 +52,13 @@ def full_state(model: pin.Model, joints: tuple[str, ...], angles: np.ndarray, lo
     return q
 
 
-@pytest.mark.parametrize("source", BUILT)
 @pytest.mark.parametrize("name", known_robots())
-def test_symbolic_torque_equals_rnea_of_the_whole_urdf(name: str, source: str) -> None:
+def test_symbolic_torque_equals_rnea_of_the_whole_urdf(name: str) -> None:
     robot = load_robot(name)
     model = pin.buildModelFromUrdf(str(robot.urdf))  # grippers included, at the positions where they are locked
     data = model.createData()
     moving = [model.joints[model.getJointId(joint)].idx_v for joint in robot.joints]
-    function = torque_function(robot.body, source)
+    function = torque_function(robot.body)
     rng = np.random.default_rng(7)
     for _ in range(20):
         q, v, a = rng.uniform(-np.pi, np.pi, robot.n), rng.normal(size=robot.n), 3 * rng.normal(size=robot.n)
@@ -74,16 +69,15 @@ def test_symbolic_torque_equals_rnea_of_the_whole_urdf(name: str, source: str) -
         assert np.abs(tau - expected).max() <= 1e-10 * max(1.0, np.abs(expected).max())
 
 
-@pytest.mark.parametrize("source", BUILT)
 @pytest.mark.parametrize("name", known_robots())
-def test_derivatives_equal_rnea_derivatives(name: str, source: str) -> None:
+def test_derivatives_equal_rnea_derivatives(name: str) -> None:
     robot = load_robot(name)
     body = robot.body
     model = pin.buildModelFromUrdf(str(robot.urdf))
     data = model.createData()
     moving = [model.joints[model.getJointId(joint)].idx_v for joint in robot.joints]
     q, v, a = (ca.SX.sym(x, body.n) for x in ("q", "v", "a"))
-    tau = torque_function(body, source)(q, v, a, ca.DM(body.gravity), 0, ca.DM.zeros(3))
+    tau = torque_function(body)(q, v, a, ca.DM(body.gravity), 0, ca.DM.zeros(3))
     derivatives = ca.Function("d", [q, v, a], [ca.jacobian(tau, x) for x in (q, v, a)])
     rng = np.random.default_rng(3)
     for _ in range(5):
@@ -98,9 +92,8 @@ def test_derivatives_equal_rnea_derivatives(name: str, source: str) -> None:
             assert np.abs(np.array(got) - expected).max() <= 1e-9 * max(1.0, np.abs(expected).max())
 
 
-@pytest.mark.parametrize("source", BUILT)
-def test_prismatic_continuous_and_skew_axes(slider: RigidBody, source: str) -> None:
-    assert verify(torque_function(slider, source), slider) < 1e-11
+def test_prismatic_continuous_and_skew_axes(slider: RigidBody) -> None:
+    assert verify(torque_function(slider), slider) < 1e-11
 
 
 def test_the_tree_equals_the_urdf(slider: RigidBody) -> None:
@@ -135,17 +128,12 @@ def test_payload_and_gravity_are_inputs() -> None:
 
 
 def test_compact_graph_is_at_most_as_long_as_measured() -> None:
-    """Speed rests on short graphs: the Panda's torque takes at most 700 instructions (templates: 1132)."""
+    """Speed rests on short graphs: the Panda's torque takes at most 700 instructions (Pinocchio's own: 1132)."""
     body = load_robot("panda").body
     q, v, a = (ca.SX.sym(x, body.n) for x in ("q", "v", "a"))
 
-    def length(source: str) -> int:
-        tau = torque_function(body, source)(q, v, a, ca.DM(body.gravity), 0, ca.DM.zeros(3))
-        return ca.Function("tau", [q, v, a], [tau]).n_instructions()
-
-    assert length("compact") <= 700
-    if TEMPLATES:
-        assert length("templates") > length("compact")
+    tau = torque_function(body)(q, v, a, ca.DM(body.gravity), 0, ca.DM.zeros(3))
+    assert ca.Function("tau", [q, v, a], [tau]).n_instructions() <= 700
 
 
 def test_a_wrong_function_is_refused() -> None:
@@ -164,10 +152,9 @@ def test_unknown_and_absent_sources_are_bad_input(monkeypatch: pytest.MonkeyPatc
     body = load_robot("z1").body
     with pytest.raises(BadInput, match="expected one of"):
         torque_function(body, "magic")
-    monkeypatch.setitem(sys.modules, "energy_opt_pinsx", None)
     monkeypatch.setitem(sys.modules, "pinocchio.casadi", None)
     for source in SOURCES:
-        if source in ("templates", "pinocchio"):
+        if source == "pinocchio":
             with pytest.raises(BadInput, match="not available"):
                 torque_function(body, source)
         else:
@@ -224,6 +211,6 @@ def test_pinocchio_casadi_is_driven_rightly(name: str, monkeypatch: pytest.Monke
     stub = _Stub(body.tree())
     monkeypatch.setitem(sys.modules, "pinocchio.casadi", stub)
     monkeypatch.setattr(pin, "casadi", stub, raising=False)
-    function = templates.from_pinocchio(body)
+    function = pinocchio_casadi.torque_function(body)
     assert function is not None
     assert verify(function, body) < 1e-11

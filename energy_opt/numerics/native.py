@@ -16,6 +16,7 @@ import numpy as np
 from energy_opt.errors import BadInput
 from energy_opt.numerics import compile as build
 from energy_opt.numerics import interior
+from energy_opt.numerics.lanes import LANES
 
 LOCAL = 6  # control points of a window
 FLAGS = (
@@ -89,7 +90,7 @@ def pointer(x: np.ndarray) -> ctypes.c_void_p:
 @lru_cache(maxsize=1)
 def library() -> ctypes.CDLL | None:
     """The compiled functions; None without a compiler, or if it fails."""
-    constants = {"LOCAL": LOCAL} | {name: getattr(interior, name) for name in DEFINED}
+    constants = {"LOCAL": LOCAL, "LANES": LANES} | {name: getattr(interior, name) for name in DEFINED}
     constants |= {name: getattr(ca, name) for name in dir(ca) if name.startswith("OP_")}
     source = "".join(f"#define {name} {value!r}\n" for name, value in constants.items())
     source += "".join(Path(__file__).with_name(name).read_text(encoding="utf-8") for name in FILES)

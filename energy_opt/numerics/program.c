@@ -2,9 +2,9 @@
    operations' numbers.
 
    A place holds one number for each of `width` points, a multiple of LANES. An instruction is four integers: operation,
-   the places that it reads (the second is ignored where there is one operand), and the place that it writes. */
+   the places that it reads (the second is ignored where there is one operand), and the place that it writes. FAST is for
+   operations that act on whole registers, DO for functions of single numbers. */
 
-#define LANES 8
 typedef double Lanes __attribute__((vector_size(8 * LANES)));
 #define FAST(operation, value) case operation: for (long l = 0; l < width / LANES; l++) Z[l] = value; break;
 #define DO(operation, value) case operation: for (long l = 0; l < width; l++) z[l] = value; break;
@@ -23,7 +23,7 @@ static void instructions(const int32_t *code, long steps, double *places, long w
             FAST(OP_DIV, X[l] / Y[l])
             FAST(OP_NEG, -X[l])
             FAST(OP_SQ, X[l] * X[l])
-            FAST(OP_INV, 1 / X[l])
+            DO(OP_INV, 1 / x[l])
             FAST(OP_TWICE, X[l] + X[l])
             DO(OP_SQRT, sqrt(x[l]))
             DO(OP_POW, pow(x[l], y[l]))

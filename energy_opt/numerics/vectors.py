@@ -19,6 +19,7 @@ import casadi as ca
 import numpy as np
 
 from energy_opt.numerics import native
+from energy_opt.numerics.lanes import LANES
 
 
 def _if_else_zero(condition: np.ndarray, x: np.ndarray, out: np.ndarray) -> np.ndarray:
@@ -28,7 +29,7 @@ def _if_else_zero(condition: np.ndarray, x: np.ndarray, out: np.ndarray) -> np.n
 
 
 POINTS = 2048  # points of NumPy's blocks: their numbers stay in the processor's cache
-LANES, WIDEST = 8, 128  # points of a block in C: a multiple of the lanes of the widest registers, and most
+WIDEST = 128  # most points of a block in C; their number is a multiple of the lanes of the widest registers
 OPERATIONS: dict[int, Callable[..., np.ndarray]] = {
     ca.OP_ASSIGN: np.positive, ca.OP_ADD: np.add, ca.OP_SUB: np.subtract, ca.OP_MUL: np.multiply, ca.OP_DIV: np.divide,
     ca.OP_NEG: np.negative, ca.OP_SQ: np.square, ca.OP_INV: np.reciprocal, ca.OP_SQRT: np.sqrt, ca.OP_POW: np.power,

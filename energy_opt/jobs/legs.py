@@ -196,15 +196,15 @@ SLOWER = 1.02  # ratio of durations in a difference quotient
 SAMPLES = 40  # samples of the path for its holding power
 
 
-def front_of(leg: Leg, timing: Timing, scorer: Scorer, limits: Sequence[Limit], most: float, compile: str) -> Front:
-    """The front of a leg up to a duration of `most` [s]; `timing` is its fastest; `compile`: see numerics.compile."""
+def front_of(leg: Leg, timing: Timing, scorer: Scorer, limits: Sequence[Limit], most: float) -> Front:
+    """The front of a leg up to a duration of `most` [s]; `timing` is its fastest."""
     robot, model = scorer.robot, scorer.model
     shortest, longest = max(timing.duration, leg.least), min(leg.most, LONGEST * timing.duration, most)
     power = holding([scorer], leg.path(np.linspace(0, 1, SAMPLES)))
     held = float(power.mean())
     if not leg.path.moves:
         return Front(shortest, shortest, held, lambda price: Solved(shortest, held * shortest, None))
-    work = Retiming(robot, model, timing, limits, compile)
+    work = Retiming(robot, model, timing, limits)
     last = [timing]
 
     def at_price(price: float) -> Solved:

@@ -118,7 +118,7 @@ class Worker:
     def front(self, leg: Leg, timing: Timing, most: float) -> Front:
         """The leg's front over the timing of its first path, up to a duration of `most` [s]."""
         planner, scorer = self.planner(leg), self.scorers.of(leg.step)
-        return front_of(leg, timing, scorer, planner.limits(), most, planner.settings.compile)
+        return front_of(leg, timing, scorer, planner.limits(), most)
 
     def slowed(self, leg: Leg, timing: Timing, duration: float, name: str = "scaled") -> Answer:
         """The leg's fastest timing, slowed evenly; infeasible if it exceeds a limit."""

@@ -173,7 +173,7 @@ def test_derivatives_of_the_program(panda: Robot, model: PowerModel, general: bo
     path = through(np.array([START, MIDDLE, GOAL]))
     d = PathDynamics(panda, model, path, grid.s)
     rough = (ViscousFriction(b=4.0), Regeneration(efficiency=0.2)) if general else ()
-    law = PathLaw.of(PowerModel("panda", (*model.effects, *rough)), d, 1.3, np.zeros(len(grid.s)), "never")
+    law = PathLaw.of(PowerModel("panda", (*model.effects, *rough)), d, 1.3, np.zeros(len(grid.s)))
     assert (law.coefficients is None) == general
     at, several = lift(knots, grid.s), lift(knots, np.array([0.1, 0.52, 0.97]), "abw")
     shared_by = SharedByStructure(law.model)

@@ -155,7 +155,7 @@ def least_energy_timing(context: Context, move: Move, timing: Timing) -> RetimeS
 def _retimed(context: Context, move: Move, timing: Timing, limits: tuple[Limit, ...]) -> RetimeSolution:
     return retime(
         context.robot, context.model, path_of(move), duration=move.duration, max_duration=move.max_duration,
-        shortest=timing, limits=limits, compile=context.settings.compile,
+        shortest=timing, limits=limits,
     )  # fmt: skip
 
 

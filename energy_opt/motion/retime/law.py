@@ -24,8 +24,6 @@ from energy_opt.effects.parameter import bearing
 from energy_opt.motion.limits.base import Limit, State
 from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure
 from energy_opt.numerics.batch import Batch
-from energy_opt.numerics.compile import compiled
-from energy_opt.numerics.lanes import Compiled
 from energy_opt.power import drive_terms
 
 # Widths of the smoothed kinks, as multiples of those in each law: the program is solved with wide kinks first, since an
@@ -145,8 +143,8 @@ def law_function(shared_by: SharedByStructure, n: int, form: Form = AlongPath) -
 
 
 @lru_cache(maxsize=16)
-def general_terms(shared_by: SharedByStructure, n: int, compile: str) -> list[ca.Function] | list[Compiled]:
-    """A point's share of the cost, weight / sqrt(b) (energy P + time), for any model, compiled by the policy `compile`.
+def general_terms(shared_by: SharedByStructure, n: int) -> list[ca.Function]:
+    """A point's share of the cost, weight / sqrt(b) (energy P + time), for any model.
 
     z = (a, b) in the problem's unit; `at` is that of the law, then the weight; `shared` is that of the law, then the
     factors of energy and time.
@@ -171,12 +169,11 @@ def general_terms(shared_by: SharedByStructure, n: int, compile: str) -> list[ca
     hessian = _triangle(ca.hessian(local, expanded.z)[0])
     for argument, _, place, _ in reversed(found):  # the arguments of later kinks may contain earlier ones
         hessian, x, d = ca.substitute([hessian, x, d], [place], [argument])
-    functions = [
+    return [
         ca.Function("value", given, [cost, ca.densify(ca.gradient(cost, built.z))]),
         ca.Function("kinks", at, [ca.densify(x), ca.densify(d)]),
         ca.Function("curvature", [at[0], second, *at[1:]], [ca.densify(hessian)]),
     ]
-    return compiled(functions, compile)[0]
 
 
 def _monomials(a: np.ndarray, b: np.ndarray) -> list[np.ndarray]:

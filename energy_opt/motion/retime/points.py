@@ -85,13 +85,12 @@ class AnyLaw:
 
     Args:
         at: (6 n + 1, M) the law's input. weight: (M,). shared: (values + 4,) numbers that all points share.
-        compile: "auto", "always" or "never", see numerics.compile.
     """
 
     def __init__(
-        self, shared_by: SharedByStructure, n: int, at: np.ndarray, weight: np.ndarray, shared: np.ndarray, compile: str
+        self, shared_by: SharedByStructure, n: int, at: np.ndarray, weight: np.ndarray, shared: np.ndarray
     ) -> None:
-        numbers, functions = np.vstack([at, weight]).T, general_terms(shared_by, n, compile)
+        numbers, functions = np.vstack([at, weight]).T, general_terms(shared_by, n)
         self._terms, self._kinks, self._hessian = (
             Batch(f, len(weight)).fixing(k, numbers, shared) for k, f in zip((1, 1, 2), functions, strict=True)
         )
@@ -156,7 +155,6 @@ class PathLaw:
         numbers: (6 n + 1, M) the law's input at each point.
         unit: unit of squared speed [1/s^2] of the coefficients.
         coefficients: (9, M) of the power's monomials; None if the law has other terms, such as kinks.
-        compile: whether the law's functions are compiled in this case, see numerics.compile.
     """
 
     model: PowerModel
@@ -164,21 +162,20 @@ class PathLaw:
     numbers: np.ndarray
     unit: float
     coefficients: np.ndarray | None
-    compile: str
 
     @classmethod
-    def of(cls, model: PowerModel, dynamics: PathDynamics, unit: float, time: np.ndarray, compile: str) -> PathLaw:
+    def of(cls, model: PowerModel, dynamics: PathDynamics, unit: float, time: np.ndarray) -> PathLaw:
         """At the points of `dynamics`, which are passed at `time` (M,) [s]."""
         numbers, n = point_numbers(dynamics, time), dynamics.robot.n
         shared = np.append(model.values(n), [unit, WIDTHS[0]])
-        return cls(model, n, numbers, unit, compressed(SharedByStructure(model), n, numbers, shared), compile)
+        return cls(model, n, numbers, unit, compressed(SharedByStructure(model), n, numbers, shared))
 
     def cost(self, weight: np.ndarray, unit: float, energy: float, time: float, width: float) -> Cost:
         """Sum over points of weight / sqrt(b) (energy P + time), with a and b in `unit` and kinks `width` wide."""
         if self.coefficients is None:
             shared = np.append(self.model.values(self.joints), [unit, width, energy, time])
             structure = SharedByStructure(self.model)
-            return AnyLaw(structure, self.joints, self.numbers, weight, shared, self.compile)
+            return AnyLaw(structure, self.joints, self.numbers, weight, shared)
         k = energy * self.coefficients * (unit / self.unit) ** DEGREES[:, None]
         k[0] += time
         return Monomials(k, weight)

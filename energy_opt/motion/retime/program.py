@@ -122,16 +122,10 @@ def standing_power(robot: Robot, model: PowerModel, path: JointPath) -> float:
 
 
 class Retiming:
-    """The retiming of one path: its grid, limits and model, and the data that its solves share.
+    """The retiming of one path: its grid, limits and model, and the data that its solves share."""
 
-    Args:
-        compile: whether functions of the model are compiled, see numerics.compile.
-    """
-
-    def __init__(
-        self, robot: Robot, model: PowerModel, shortest: Timing, limits: Sequence[Limit], compile: str = "never"
-    ) -> None:
-        self.robot, self.model, self.shortest, self._compile = robot, model, shortest, compile
+    def __init__(self, robot: Robot, model: PowerModel, shortest: Timing, limits: Sequence[Limit]) -> None:
+        self.robot, self.model, self.shortest = robot, model, shortest
         self.ends = shortest.control[[0, -1]]
         self.rest = (bool(self.ends[0] == 0), bool(self.ends[1] == 0))
         self.grid = quadrature(shortest.knots, self.rest)
@@ -185,7 +179,7 @@ class Retiming:
         drifts = any(effect.drifts for effect in self.model.effects)
         if self._law is None or drifts:
             at = timing.time_at(self.grid.s) if drifts else np.zeros(len(self.grid.s))
-            self._law = PathLaw.of(self.model, self.dynamics, float(self.shortest.control.max()), at, self._compile)
+            self._law = PathLaw.of(self.model, self.dynamics, float(self.shortest.control.max()), at)
         return self._law
 
     def _upper(self) -> np.ndarray:

@@ -107,7 +107,6 @@ def retime(
     grid: int | np.ndarray = INTERVALS,
     limits: Sequence[Limit] | None = None,
     jerk: bool = True,
-    compile: str = "never",
 ) -> RetimeSolution:
     """The timing of `path` that takes the least energy under `model`.
 
@@ -118,7 +117,6 @@ def retime(
         grid: if it is not known: number of grid intervals, or the grid itself.
         limits: in place of the robot's own.
         jerk: False ignores jerk limits.
-        compile: "auto", "always" or "never", see numerics.compile.
 
     Raises:
         Infeasible: the path breaks limits at any timing, or the duration is too short for it.
@@ -131,7 +129,7 @@ def retime(
         shortest = fastest(robot, model, path, grid=grid, limits=held, start_speed=speeds[0], end_speed=speeds[1])
     if not path.moves:
         return _hold_pose(robot, model, path, duration, shortest)
-    work = Retiming(robot, model, shortest, held, compile)
+    work = Retiming(robot, model, shortest, held)
     wanted = duration if duration is not None else max_duration
     start = shortest
     if wanted is not None and shortest.duration > wanted:

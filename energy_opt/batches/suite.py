@@ -65,7 +65,6 @@ from energy_opt.schema import faults_of
 FORMAT = "energy-opt/suite/1"
 MEMBERS = ("source-method-2", "careful")  # models of the mean
 NAME = re.compile(r"[^\W_][\w .+-]*")  # it becomes a folder's name
-COMPILE_FROM = 300  # least tasks on one built problem for which compiling pays (`benchmarks/compiled.py`)
 
 
 @dataclass(frozen=True)
@@ -97,7 +96,7 @@ def load_suite(
         overrides: entries that replace every table's own, each of `settings`; their files may be anywhere.
         allow_outside, allow_large: the suite's own files may lie outside its folder, and be larger than usual.
         seed: replaces the seeds of random moves and of the solver's starts.
-        compile: "always", "never", or "auto": compiled if enough moves share a built problem and a compiler exists.
+        compile: "always", or "never" and "auto": nothing is compiled, so that a resumed batch computes the same.
 
     Raises:
         BadInput: names every fault of the file, one a line.
@@ -106,7 +105,8 @@ def load_suite(
     suite = reading.suite()
     if reading.faults:
         raise BadInput("\n".join(f"{path}: {fault}" for fault in reading.faults))
-    return replace(suite, tasks=tuple(_with_compile(suite.tasks, compile)))
+    policy = "never" if compile == "auto" else compile
+    return replace(suite, tasks=tuple(replace(task, compile=policy) for task in suite.tasks))
 
 
 @dataclass
@@ -290,13 +290,3 @@ class _Reading:
         for random in table.random:
             for move in random_moves(robot, random.count, random.seed, random.range):
                 yield move, []
-
-
-def _with_compile(tasks: tuple[Task, ...], policy: str) -> Iterator[Task]:
-    """The tasks with "always" or "never"; "auto" compiles a built problem that at least COMPILE_FROM tasks share."""
-    from energy_opt.numerics.compile import compiler
-
-    shared = Counter(task.build for task in tasks) if policy == "auto" and compiler() else Counter()
-    auto = {task.index: "always" if shared[task.build] >= COMPILE_FROM else "never" for task in tasks if shared}
-    for task in tasks:
-        yield replace(task, compile=auto.get(task.index, "never") if policy == "auto" else policy)

@@ -141,7 +141,7 @@ class Task:
         surroundings: the arm's body and its cell; path: suffix and text of the file of a given path, or empty.
         own_effects: text and path of the files of effects that the model may use.
         ends: start, goal and via points as text of `Ends.to_text`, if some are poses; else empty.
-        compile: "always" or "never", decided for the whole suite, so that a resumed batch computes the same.
+        compile: "always" or "never".
     """
 
     index: int

@@ -2,9 +2,9 @@
 
 The cache's key is a hash of the functions, the compiler, the flags and the processor, so a changed robot or model
 structure, or another machine with the same home, never gets an old binary. Two processes at once may build the same
-twice. `auto` never compiles: it uses what is in the cache. Compiling takes 15 s and then saves a tenth to a fifth of a
-move's time, so only hundreds of moves are worth it (`benchmarks/compiled.py`). If there is no home, or the cache cannot
-be used, `auto` continues without it, and `always` compiles for this process alone.
+twice. `auto` never compiles: it uses what is in the cache. Compiling takes 4 to 17 s and then saves a tenth to a fifth
+of a move's time, so only hundreds of moves are worth it (`benchmarks/compiled.py`). If there is no home, or the cache
+cannot be used, `auto` continues without it, and `always` compiles for this process alone.
 """
 
 from __future__ import annotations

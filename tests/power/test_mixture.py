@@ -6,6 +6,7 @@ import dataclasses
 
 import casadi as ca
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from energy_opt.effects import CopperLoss, CoulombFriction, FrictionCurve, Payload, Regeneration, Standby
@@ -16,13 +17,15 @@ from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.path import straight
 from energy_opt.motion.plan.rivals import Rival
 from energy_opt.motion.plan.robust import RobustPlanner
-from energy_opt.motion.reshape.nodes import node_functions
+from energy_opt.motion.reshape.nodes import node_functions, symbolic_torque
 from energy_opt.motion.retime.solve import retime
 from energy_opt.power import Mixture, PowerModel, drive_function, source_method_2
 from energy_opt.power.known import named_model
+from energy_opt.power.law import rigid_torque
 from energy_opt.power.model import Uncertainty
 from energy_opt.power.variants import draws_of
 from energy_opt.robot import Robot
+from energy_opt.robot.catalog import CATALOG, urdf_of
 
 START = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])
 GOAL = np.array([0.8, 0.2, 0.3, -1.4, -0.4, 2.0, 0.0])
@@ -69,6 +72,20 @@ def test_nodes_of_a_mixture_are_the_mean_of_the_members_nodes(panda: Robot) -> N
     assert float(
         node_functions(mix, panda.body, ()).value(z, 0.4, np.append(mix.values(panda.n), 1.0))[0]
     ) == pytest.approx(np.mean(rates), rel=1e-12)
+
+
+def test_the_base_of_a_mixture_is_turned_once(panda: Robot) -> None:
+    """Every member has the tilt; an arm on a wall was planned as one that stands, its gravity turned twice."""
+    roll = 1.2
+    mix = Mixture.of([source_method_2(), _careful(panda)]).standing(roll, 0.0)
+    whole = pin.buildModelFromUrdf(str(urdf_of(CATALOG["panda"])))
+    arm = pin.buildReducedModel(whole, [8, 9], pin.neutral(whole))
+    arm.gravity.linear = np.array([0.0, -9.81 * np.sin(roll), -9.81 * np.cos(roll)])
+    expected = pin.rnea(arm, arm.createData(), START, GOAL, START)
+    assert np.allclose(rigid_torque(mix, panda.body, START[None], GOAL[None], START[None])[0], expected, atol=1e-9)
+    p = mix.symbols(panda.n)
+    tau = symbolic_torque(mix, panda.body, ca.SX(START), ca.SX(GOAL), ca.SX(START), p, "auto")
+    assert np.allclose(np.array(ca.Function("tau", [p], [tau])(mix.values(panda.n))).ravel(), expected, atol=1e-6)
 
 
 def test_retiming_minimises_the_mean(panda: Robot) -> None:

@@ -41,6 +41,12 @@ def _careful(robot: Robot) -> PowerModel:
     return PowerModel(robot.name, effects)
 
 
+def _pinocchio_panda() -> pin.Model:
+    """The arm with locked fingers, by Pinocchio alone."""
+    whole = pin.buildModelFromUrdf(str(urdf_of(CATALOG["panda"])))
+    return pin.buildReducedModel(whole, [8, 9], pin.neutral(whole))
+
+
 def test_the_law_is_the_weighted_mean(panda: Robot) -> None:
     members = [source_method_2(), _careful(panda)]
     mix = Mixture.of(members, [1, 3])
@@ -78,8 +84,7 @@ def test_the_base_of_a_mixture_is_turned_once(panda: Robot) -> None:
     """Every member has the tilt; an arm on a wall was planned as one that stands, its gravity turned twice."""
     roll = 1.2
     mix = Mixture.of([source_method_2(), _careful(panda)]).standing(roll, 0.0)
-    whole = pin.buildModelFromUrdf(str(urdf_of(CATALOG["panda"])))
-    arm = pin.buildReducedModel(whole, [8, 9], pin.neutral(whole))
+    arm = _pinocchio_panda()
     arm.gravity.linear = np.array([0.0, -9.81 * np.sin(roll), -9.81 * np.cos(roll)])
     expected = pin.rnea(arm, arm.createData(), START, GOAL, START)
     assert np.allclose(rigid_torque(mix, panda.body, START[None], GOAL[None], START[None])[0], expected, atol=1e-9)
@@ -131,6 +136,24 @@ def test_a_robust_plan_is_dearer_than_the_slowed_move_under_no_model(panda: Robo
     assert means[1] < min(means[0], means[2])
     assert [row["total"] for row in robust.models] == pytest.approx([t[1] for t in totals.values()], rel=1e-9)
     assert robust.energy.total == pytest.approx(totals["plain"][1], rel=1e-9)
+
+
+def test_another_objective_is_minimised_under_several_models_too(panda: Robot) -> None:
+    """The least torque costs energy under friction; the evenly slowed move took its place."""
+    rivals = [Rival("plain", source_method_2()), Rival("careful", named_model("careful", "panda"))]
+    settings = Settings(starts=1, controls=16, compile="never", objective="torque")
+    planned = RobustPlanner(panda, rivals, "mean", settings).solve(Move(START, GOAL, duration=2.0))
+    slowed = planned.baseline("scaled")
+    assert slowed is not None and planned.certificate.valid
+    arm = _pinocchio_panda()
+    least, even = (
+        np.trapezoid(
+            [np.sum(pin.rnea(arm, arm.createData(), *at) ** 2) for at in zip(*t.sample(t.time)[:3], strict=True)],
+            t.time,
+        )
+        for t in (planned.trajectory, slowed.trajectory)
+    )
+    assert least < 0.8 * even
 
 
 def test_the_worst_of_the_models_is_no_worse_than_of_the_mean(panda: Robot) -> None:

@@ -136,7 +136,12 @@ class RobustPlanner:
     def solve(
         self, move: Move, warm: Sequence[Trajectory] = (), deadline: float | None = None, confirm: bool = True
     ) -> Result:
-        """The best move found; see `Planner.solve`. `Result.models` has its energies under each model."""
+        """The best move found; see `Planner.solve`. `Result.models` has its energies under each model.
+
+        Another objective than energy is minimised once, whatever the energies.
+        """
+        if self._planner.settings.objective != "energy":
+            return self._stated(self._answer(self._planner.solve(move, warm, deadline, confirm)))
         progress = Progress(self._planner.settings.deadline if deadline is None else deadline, self._stopped)
 
         def find(planner: Planner, known: list[Trajectory]) -> Result:

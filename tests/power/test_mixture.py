@@ -180,6 +180,22 @@ def test_the_worst_of_the_models_is_no_worse_than_of_the_mean(panda: Robot) -> N
     assert worst["worst"] <= worst["mean"] + 1e-9
 
 
+def test_energies_are_of_each_models_own_payload(panda: Robot) -> None:
+    """The second model's payload was left out of its energy."""
+    loaded = source_method_2().replaced(Payload(mass=3.0, com=[0, 0, 0.1]))
+    rivals = [Rival("empty", source_method_2()), Rival("loaded", loaded)]
+    settings = Settings(starts=1, controls=16, compile="never")
+    planned = RobustPlanner(panda, rivals, "mean", settings).solve(Move(START, GOAL, duration=2.0))
+    arm = _pinocchio_panda()
+    arm.appendBodyToJoint(7, pin.Inertia(3.0, np.array([0, 0, 0.1]), np.zeros((3, 3))), pin.SE3.Identity())
+    time = np.linspace(0, 2, 4001)
+    q, v, a = planned.trajectory.sample(time)[:3]
+    tau = np.array([pin.rnea(arm, arm.createData(), *at) for at in zip(q, v, a, strict=True)])
+    total = np.trapezoid((tau * v).sum(axis=1) + 0.0036 * (tau**2).sum(axis=1) + 88.04, time)
+    assert planned.models[1]["total"] == pytest.approx(total, rel=1e-5)
+    assert any("payload" in said for said in planned.warnings)
+
+
 def test_power_is_within_its_limit_under_every_model(panda: Robot) -> None:
     heavy = PowerModel("panda", (Standby(power=88.04), CopperLoss(r_over_kt2=0.02)))
     rivals = [Rival("plain", source_method_2()), Rival("heavy", heavy)]

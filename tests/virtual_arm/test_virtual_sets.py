@@ -145,6 +145,23 @@ def test_a_simulated_arm_on_a_wall_bears_its_own_weight(move: Path, tmp_path: Pa
     np.testing.assert_allclose(run.played.torque[-1], load, atol=0.05)
 
 
+def test_a_stated_tilt_is_not_found_again(tmp_path: Path) -> None:
+    """diagnose claimed the tilt that --base had stated."""
+    rng, joints, moves = np.random.default_rng(0), arm("panda").joints, []
+    header, u = ["time", *(f"{joint}.position" for joint in joints)], np.linspace(0, 1, 301)
+    home = np.array([0, -0.785, 0, -2.1, 0, 1.571, 0.785])
+    ends = np.vstack([home, home + rng.uniform(-0.5, 0.5, (10, 7))])
+    for k, (start, goal) in enumerate(zip(ends[:-1], ends[1:], strict=True)):
+        moves.append(tmp_path / f"{k}.csv")
+        way = start + np.outer(10 * u**3 - 15 * u**4 + 6 * u**5, goal - start)
+        write_table(moves[-1], header, [u * rng.uniform(1.5, 3), *way.T])
+    plant, on_a_wall = tmp_path / "plant.toml", [0, 0, 0, 1.2, 0, 0]
+    base_model("panda").save(plant)
+    eo.simulate(moves, plant, tmp_path / "set", static=1.0, base=on_a_wall, self_collision=False)
+    found = eo.diagnose(tmp_path / "set", model=plant, base=on_a_wall).document
+    assert found["verdict"] == "nothing_missing" and found["effects"] == []
+
+
 def test_a_set_of_an_arm_from_a_file_can_be_read(
     move: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -78,6 +78,8 @@ def run(request: DiagnoseRequest, desk: Desk) -> Diagnosed:
     declared, given, words = _declared(request, measured)
     if request.payload is not None:
         declared = declared.replaced(payload_from(request.payload))
+    if request.base is not None:
+        declared = declared.standing(*request.base[3:5])
     asked = request_of_set(request, robot, model=documents([Rival("declared", declared)])[0])
     surroundings = cell_of(request)  # for the motion to record next
     if not 0 < request.tolerance <= 100:

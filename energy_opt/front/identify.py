@@ -14,6 +14,8 @@ from energy_opt.files import plain, read_table, write_table
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, payload_from, request_of_set, robot_of, robot_of_set
 from energy_opt.measured import read_set
+from energy_opt.power import PowerModel
+from energy_opt.power.law import rigid_inputs
 from energy_opt.requests.verbs import IdentifyRequest
 from energy_opt.results import Found
 from energy_opt.robot import PointMass, Robot
@@ -80,10 +82,19 @@ def run(request: IdentifyRequest, desk: Desk) -> Identification | Suggested:
         desk.say(f"note: {remark}")
     asked = request_of_set(request, measured.robot)
     document = desk.take(ANSWER, asked)
-    result = replace(of_poses(measured.robot.name, poses_of(measured, mass)), request=document)
+    result = replace(
+        of_poses(measured.robot.name, poses_of(measured, mass, _gravity(request, measured.robot))), request=document
+    )
     result = desk.keep(result)
     desk.say(str(result) + ("" if desk.out is None else f"\nwritten: {desk.out}"))
     return result
+
+
+def _gravity(request: IdentifyRequest, robot: Robot) -> np.ndarray | None:
+    """Gravity (3,) [m/s^2] in the frame of the tilted base; None without --base."""
+    if request.base is None:
+        return None
+    return rigid_inputs(PowerModel(robot.name, ()).standing(*request.base[3:5]), robot.body)[1]
 
 
 def _suggest(
@@ -95,7 +106,7 @@ def _suggest(
             raise BadInput("identify --suggest needs --robot, or a set whose log.toml names one")
         robot = robot_of_set(request, Path(request.set))
     cell = load_cell(robot, cell_of(request))
-    found = suggest(robot, count, request.seed, mass, None if cell is None else cell.free)
+    found = suggest(robot, count, request.seed, mass, None if cell is None else cell.free, _gravity(request, robot))
     answer, path = Suggested(robot, found), (desk.out or Path()) / "suggested_poses.csv"
     if desk.out is not None and not desk.force and path.is_file():
         held, (header, columns) = read_table(path), answer.table

@@ -86,6 +86,8 @@ def run(request: SimulateRequest, desk: Desk) -> Simulation:
     plant = load_plant(file)
     if request.payload is not None:
         plant = replace(plant, model=plant.model.replaced(payload_from(request.payload)))
+    if request.base is not None:
+        plant = replace(plant, model=plant.model.standing(*request.base[3:5]))
     named = None if request.robot is not None else robot_named(plant.model.robot, file.parent, request.allow_outside)
     robot = robot_of(request, named)
     if said := of_another_robot(str(request.plant), plant.model, robot):

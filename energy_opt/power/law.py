@@ -287,7 +287,7 @@ def body_of(model: PowerModel, body: RigidBody) -> RigidBody:
 def rigid_inputs(model: PowerModel, body: RigidBody) -> tuple[PointMass | None, np.ndarray]:
     """The model's payload (None where it has none) and gravity (3,) [m/s^2] in the robot's base frame."""
     gravity, mass = ca.DM(body.gravity), None
-    for effect in model.effects:
+    for effect in model.weighted[0][1].effects:  # all members of a mixture have the first one's
         if isinstance(effect, RigidEffect):
             p = effect.named(ca.DM(effect.full(body.n)), body.n)
             gravity = effect.gravity(gravity, p)

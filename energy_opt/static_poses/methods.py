@@ -106,13 +106,17 @@ class Identification(Found):
         return "\n".join([*lines, *([self.word] if self.word else [])])
 
 
-def poses_of(measured: MeasuredSet, payload: PointMass | None = None) -> list[Pose]:
-    """The static poses of a set; if it has no static run, the standstills within motion runs."""
+def poses_of(measured: MeasuredSet, payload: PointMass | None = None, gravity: np.ndarray | None = None) -> list[Pose]:
+    """The static poses of a set; if it has no static run, the standstills within motion runs.
+
+    Args:
+        payload: in the last joint's frame. gravity: (3,) [m/s^2] in the base frame (that of an upright base).
+    """
     body = measured.robot.body
     static = [r for r in measured.runs if r.kind == "static" and len(r.power)]
     out = []
     for run in static:
-        out.append(_pose(body, run.file, run.position, run.power, float(run.time[-1] - run.time[0]), payload))
+        out.append(_pose(body, run.file, run.position, run.power, float(run.time[-1] - run.time[0]), payload, gravity))
     if static:
         return out
     for run in measured.runs:
@@ -123,21 +127,22 @@ def poses_of(measured: MeasuredSet, payload: PointMass | None = None) -> list[Po
             if inside.sum() >= FEWEST_READINGS or (inside.sum() > 1 and held >= LONG):
                 held = float(run.time[last] - run.time[first])
                 records = run.position[first : last + 1]
-                out.append(_pose(body, run.file, records, run.power[inside], held, payload))
+                out.append(_pose(body, run.file, records, run.power[inside], held, payload, gravity))
     return out
 
 
 def _pose(
-    body: RigidBody, file: str, position: np.ndarray, power: np.ndarray, held: float, payload: PointMass | None
-) -> Pose:
+    body: RigidBody, file: str, position: np.ndarray, power: np.ndarray, held: float, payload: PointMass | None,
+    gravity: np.ndarray | None,
+) -> Pose:  # fmt: skip
     """A static pose: the means of positions (N, n) and power (N,) [W].
 
     Args:
-        held: [s] how long it is held. payload: in the last joint's frame.
+        held: [s] how long it is held. payload, gravity: as for `poses_of`.
     """
     q = position.mean(axis=0)
     rest = np.zeros((1, body.n))
-    torque = body.torque(q[None], rest, rest, payload)[0]
+    torque = body.torque(q[None], rest, rest, payload, gravity)[0]
     return Pose(file, q, float(power.mean()), float(torque @ torque), held)
 
 

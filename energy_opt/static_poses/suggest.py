@@ -35,6 +35,7 @@ def suggest(
     seed: int = 0,
     payload: PointMass | None = None,
     free: Callable[[np.ndarray], bool] | None = None,
+    gravity: np.ndarray | None = None,
 ) -> Suggestion:
     """Choose `count` poses that maximise det(X^T X), X = [1, |g|^2], and differ from each other.
 
@@ -43,6 +44,7 @@ def suggest(
 
     Args:
         free: True if the arm touches nothing at a pose (n,); None to skip this check.
+        gravity: (3,) [m/s^2] in the base frame (that of an upright base).
 
     Raises:
         BadInput: fewer than 3 or more than `MOST` poses are asked for, or not so many can be held;
@@ -62,7 +64,7 @@ def suggest(
     room = MARGIN * (upper - lower)
     drawn = rng.uniform(lower + room, upper - room, (DRAWN, robot.n))
     rest = np.zeros_like(drawn)
-    torque = robot.body.torque(drawn, rest, rest, payload)
+    torque = robot.body.torque(drawn, rest, rest, payload, gravity)
     can = (np.abs(torque) <= SHARE * limits.effort).all(axis=1)
     drawn, load = drawn[can], np.sum(torque[can] ** 2, axis=1)
     if len(drawn) < count:

@@ -6,6 +6,7 @@ import dataclasses
 
 import casadi as ca
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from energy_opt.effects import CopperLoss, CoulombFriction, FrictionCurve, Payload, Regeneration, Standby
@@ -16,13 +17,15 @@ from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.path import straight
 from energy_opt.motion.plan.rivals import Rival
 from energy_opt.motion.plan.robust import RobustPlanner
-from energy_opt.motion.reshape.nodes import node_functions
+from energy_opt.motion.reshape.nodes import node_functions, symbolic_torque
 from energy_opt.motion.retime.solve import retime
 from energy_opt.power import Mixture, PowerModel, drive_function, source_method_2
 from energy_opt.power.known import named_model
+from energy_opt.power.law import rigid_torque
 from energy_opt.power.model import Uncertainty
 from energy_opt.power.variants import draws_of
 from energy_opt.robot import Robot
+from energy_opt.robot.catalog import CATALOG, urdf_of
 
 START = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])
 GOAL = np.array([0.8, 0.2, 0.3, -1.4, -0.4, 2.0, 0.0])
@@ -36,6 +39,12 @@ def _careful(robot: Robot) -> PowerModel:
         Regeneration(efficiency=0),
     )
     return PowerModel(robot.name, effects)
+
+
+def _pinocchio_panda() -> pin.Model:
+    """The arm with locked fingers, by Pinocchio alone."""
+    whole = pin.buildModelFromUrdf(str(urdf_of(CATALOG["panda"])))
+    return pin.buildReducedModel(whole, [8, 9], pin.neutral(whole))
 
 
 def test_the_law_is_the_weighted_mean(panda: Robot) -> None:
@@ -69,6 +78,19 @@ def test_nodes_of_a_mixture_are_the_mean_of_the_members_nodes(panda: Robot) -> N
     assert float(
         node_functions(mix, panda.body, ()).value(z, 0.4, np.append(mix.values(panda.n), 1.0))[0]
     ) == pytest.approx(np.mean(rates), rel=1e-12)
+
+
+def test_the_base_of_a_mixture_is_turned_once(panda: Robot) -> None:
+    """Every member has the tilt; an arm on a wall was planned as one that stands, its gravity turned twice."""
+    roll = 1.2
+    mix = Mixture.of([source_method_2(), _careful(panda)]).standing(roll, 0.0)
+    arm = _pinocchio_panda()
+    arm.gravity.linear = np.array([0.0, -9.81 * np.sin(roll), -9.81 * np.cos(roll)])
+    expected = pin.rnea(arm, arm.createData(), START, GOAL, START)
+    assert np.allclose(rigid_torque(mix, panda.body, START[None], GOAL[None], START[None])[0], expected, atol=1e-9)
+    p = mix.symbols(panda.n)
+    tau = symbolic_torque(mix, panda.body, ca.SX(START), ca.SX(GOAL), ca.SX(START), p, "auto")
+    assert np.allclose(np.array(ca.Function("tau", [p], [tau])(mix.values(panda.n))).ravel(), expected, atol=1e-6)
 
 
 def test_retiming_minimises_the_mean(panda: Robot) -> None:
@@ -116,6 +138,24 @@ def test_a_robust_plan_is_dearer_than_the_slowed_move_under_no_model(panda: Robo
     assert robust.energy.total == pytest.approx(totals["plain"][1], rel=1e-9)
 
 
+def test_another_objective_is_minimised_under_several_models_too(panda: Robot) -> None:
+    """The least torque costs energy under friction; the evenly slowed move took its place."""
+    rivals = [Rival("plain", source_method_2()), Rival("careful", named_model("careful", "panda"))]
+    settings = Settings(starts=1, controls=16, compile="never", objective="torque")
+    planned = RobustPlanner(panda, rivals, "mean", settings).solve(Move(START, GOAL, duration=2.0))
+    slowed = planned.baseline("scaled")
+    assert slowed is not None and planned.certificate.valid
+    arm = _pinocchio_panda()
+    least, even = (
+        np.trapezoid(
+            [np.sum(pin.rnea(arm, arm.createData(), *at) ** 2) for at in zip(*t.sample(t.time)[:3], strict=True)],
+            t.time,
+        )
+        for t in (planned.trajectory, slowed.trajectory)
+    )
+    assert least < 0.8 * even
+
+
 def test_the_worst_of_the_models_is_no_worse_than_of_the_mean(panda: Robot) -> None:
     heavy = PowerModel("panda", (Standby(power=60.0), CopperLoss(r_over_kt2=0.02)))
     rivals = [Rival("plain", source_method_2()), Rival("heavy", heavy)]
@@ -138,6 +178,22 @@ def test_the_worst_of_the_models_is_no_worse_than_of_the_mean(panda: Robot) -> N
         power = result.trajectory.power
         assert power is not None and power.max() <= result.certificate.peak_power <= power.max() * 1.01
     assert worst["worst"] <= worst["mean"] + 1e-9
+
+
+def test_energies_are_of_each_models_own_payload(panda: Robot) -> None:
+    """The second model's payload was left out of its energy."""
+    loaded = source_method_2().replaced(Payload(mass=3.0, com=[0, 0, 0.1]))
+    rivals = [Rival("empty", source_method_2()), Rival("loaded", loaded)]
+    settings = Settings(starts=1, controls=16, compile="never")
+    planned = RobustPlanner(panda, rivals, "mean", settings).solve(Move(START, GOAL, duration=2.0))
+    arm = _pinocchio_panda()
+    arm.appendBodyToJoint(7, pin.Inertia(3.0, np.array([0, 0, 0.1]), np.zeros((3, 3))), pin.SE3.Identity())
+    time = np.linspace(0, 2, 4001)
+    q, v, a = planned.trajectory.sample(time)[:3]
+    tau = np.array([pin.rnea(arm, arm.createData(), *at) for at in zip(q, v, a, strict=True)])
+    total = np.trapezoid((tau * v).sum(axis=1) + 0.0036 * (tau**2).sum(axis=1) + 88.04, time)
+    assert planned.models[1]["total"] == pytest.approx(total, rel=1e-5)
+    assert any("payload" in said for said in planned.warnings)
 
 
 def test_power_is_within_its_limit_under_every_model(panda: Robot) -> None:

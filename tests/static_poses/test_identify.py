@@ -5,15 +5,18 @@ from __future__ import annotations
 import json
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from virtual_sets import make_set
 
+import energy_opt as eo
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
 from energy_opt.files import write_table
 from energy_opt.measured import read_set
 from energy_opt.power import load_model
 from energy_opt.robot import load_robot
+from energy_opt.robot.catalog import CATALOG, urdf_of
 from energy_opt.static_poses.methods import Pose, identify, poses_of
 from energy_opt.static_poses.suggest import suggest
 
@@ -97,6 +100,23 @@ def test_suggested_poses_beat_random_ones(tmp_path):
     assert main(["identify", "--suggest", "6", "--robot", "z1", "--out", str(tmp_path), "--quiet"]) == 0
     assert (tmp_path / "suggested_poses.csv").read_text().count("\n") == 7
     assert main(["identify", "--suggest", "2", "--robot", "z1", "--out", str(tmp_path), "--quiet"]) == 2
+
+
+def test_poses_of_an_arm_on_a_wall(tmp_path):
+    """--base turns gravity: loads of an upright arm gave another copper loss."""
+    whole = pin.buildModelFromUrdf(str(urdf_of(CATALOG["z1"])))
+    body = pin.buildReducedModel(whole, [whole.getJointId("jointGripper")], pin.neutral(whole))
+    body.gravity.linear = np.array([0.0, -9.81 * np.sin(1.2), -9.81 * np.cos(1.2)])
+    header = ["time", *(f"{joint}.position" for joint in body.names[1:]), "power"]
+    time, records = np.arange(0, 2, 0.02), []
+    for k, q in enumerate(np.random.default_rng(1).uniform(-0.5, 0.5, (8, 6)) + [0, 1.5, -1.5, 0, 0, 0]):
+        load = np.sum(pin.computeGeneralizedGravity(body, body.createData(), q) ** 2)
+        columns = [time, *(np.full_like(time, x) for x in q), np.full_like(time, 50 + 0.01 * load)]
+        write_table(tmp_path / f"{k}.csv", header, columns)
+        records.append(f'[[run]]\nfile = "{k}.csv"\nkind = "static"\n')
+    (tmp_path / "log.toml").write_text('format = "energy-opt/log/1"\nrobot = "z1"\n' + "".join(records))
+    found = eo.identify(tmp_path, base=[0, 0, 0, 1.2, 0, 0]).line
+    assert found["standby"] == pytest.approx(50, abs=0.1) and found["r_over_kt2"] == pytest.approx(0.01, rel=1e-2)
 
 
 def test_a_recording_gives_its_standstills_as_poses(tmp_path):

@@ -5,6 +5,7 @@ import tomllib
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from virtual_arms import ARMS, SIZES
 from virtual_sets import arm, base_model, fresh_motions, make_set
@@ -18,6 +19,7 @@ from energy_opt.measured import read_set
 from energy_opt.measured.log import read_log
 from energy_opt.measured.sets import robot_of
 from energy_opt.power import load_model
+from energy_opt.robot.catalog import CATALOG, urdf_of
 from energy_opt.virtual_arm.plant import PLAYED, Cogging, Plant
 
 pytest.importorskip("mujoco")
@@ -126,6 +128,38 @@ def test_simulate_command(move: Path, tmp_path: Path, capsys: pytest.CaptureFixt
     truth = tomllib.loads((out / "truth.toml").read_text())
     assert truth["special"][0]["name"] == "cogging" and truth["effect"][-1]["mass"] == 0.5
     assert load_model(out / "declared.toml").to_document() == base_model("z1").to_document()
+
+
+def test_a_simulated_arm_on_a_wall_bears_its_own_weight(move: Path, tmp_path: Path) -> None:
+    """The tilt of --base was left out of a simulation."""
+    plant, robot = tmp_path / "plant.toml", arm("z1")
+    write_toml(plant, Plant(base_model("z1")).to_document())
+    tilt = {"base": [0, 0, 0, 1.2, 0, 0], "self_collision": False}
+    made = eo.simulate(move, plant, tmp_path / "set", static=1.0, noise=0.0, **tilt)
+    run = made.runs[0]
+    whole = pin.buildModelFromUrdf(str(urdf_of(CATALOG["z1"])))
+    body = pin.buildReducedModel(whole, [whole.getJointId("jointGripper")], pin.neutral(whole))
+    body.gravity.linear = np.array([0.0, -9.81 * np.sin(1.2), -9.81 * np.cos(1.2)])
+    load = pin.computeGeneralizedGravity(body, body.createData(), run.played.position[-1])
+    assert list(body.names[1:]) == list(robot.joints)
+    np.testing.assert_allclose(run.played.torque[-1], load, atol=0.05)
+
+
+def test_a_stated_tilt_is_not_found_again(tmp_path: Path) -> None:
+    """diagnose claimed the tilt that --base had stated."""
+    rng, joints, moves = np.random.default_rng(0), arm("panda").joints, []
+    header, u = ["time", *(f"{joint}.position" for joint in joints)], np.linspace(0, 1, 301)
+    home = np.array([0, -0.785, 0, -2.1, 0, 1.571, 0.785])
+    ends = np.vstack([home, home + rng.uniform(-0.5, 0.5, (10, 7))])
+    for k, (start, goal) in enumerate(zip(ends[:-1], ends[1:], strict=True)):
+        moves.append(tmp_path / f"{k}.csv")
+        way = start + np.outer(10 * u**3 - 15 * u**4 + 6 * u**5, goal - start)
+        write_table(moves[-1], header, [u * rng.uniform(1.5, 3), *way.T])
+    plant, on_a_wall = tmp_path / "plant.toml", [0, 0, 0, 1.2, 0, 0]
+    base_model("panda").save(plant)
+    eo.simulate(moves, plant, tmp_path / "set", static=1.0, base=on_a_wall, self_collision=False)
+    found = eo.diagnose(tmp_path / "set", model=plant, base=on_a_wall).document
+    assert found["verdict"] == "nothing_missing" and found["effects"] == []
 
 
 def test_a_set_of_an_arm_from_a_file_can_be_read(

@@ -75,7 +75,7 @@ class RobustPlanner:
     """Plans moves of one robot under several models; results are stated under the first one.
 
     Args:
-        rivals: at least one; the payload and the torque limits of the first one apply.
+        rivals: at least one; the torque limits of the first one apply, and in the search its payload, tilt and links.
         kind: "mean" or "worst" of the energies.
         settings, cell, stopped: as for `Planner`.
         planner: an existing planner of the models' mean, with its settings and cell.
@@ -98,8 +98,9 @@ class RobustPlanner:
         self._mixture = Mixture.of([rival.model for rival in rivals])
         known: dict[str, Any] = {"cell": cell, "stopped": stopped}
         self._planner = planner.under(self._mixture) if planner else Planner(robot, self._mixture, settings, **known)
-        members = zip(self.rivals, self._mixture.members, strict=True)
-        judges = judges_of([Rival(rival.name, member) for rival, member in members], robot)
+        bodies = {tuple(e for e in rival.model.effects if e.stage == "rigid") for rival in rivals}
+        self._one_body = len(bodies) == 1
+        judges = judges_of(self.rivals, robot)  # each with its own payload, tilt and links
         self._judges = [judge for _, judge in judges]
         self._places = np.array([place for place, _ in judges])
         self._scorers = [Scorer(robot, judge.model) for judge in self._judges]
@@ -135,7 +136,12 @@ class RobustPlanner:
     def solve(
         self, move: Move, warm: Sequence[Trajectory] = (), deadline: float | None = None, confirm: bool = True
     ) -> Result:
-        """The best move found; see `Planner.solve`. `Result.models` has its energies under each model."""
+        """The best move found; see `Planner.solve`. `Result.models` has its energies under each model.
+
+        Another objective than energy is minimised once, whatever the energies.
+        """
+        if self._planner.settings.objective != "energy":
+            return self._stated(self._answer(self._planner.solve(move, warm, deadline, confirm)))
         progress = Progress(self._planner.settings.deadline if deadline is None else deadline, self._stopped)
 
         def find(planner: Planner, known: list[Trajectory]) -> Result:
@@ -293,8 +299,15 @@ class RobustPlanner:
             baselines=tuple(stated(baseline) for baseline in result.baselines),
             **(self._minimised(answer) if several else {}),
             models=tuple(records),
-            warnings=(*result.warnings, *self._power_warnings(result.trajectory)),
+            warnings=(*result.warnings, *self._body_warnings(), *self._power_warnings(result.trajectory)),
         )
+
+    def _body_warnings(self) -> list[str]:
+        """A warning if the models differ in payload, tilt or links."""
+        said = (
+            "payload, tilt or links differ between the models: the search uses the first one's, energies each one's own"
+        )
+        return [] if self._one_body else [said]
 
     def _power_warnings(self, trajectory: Trajectory) -> list[str]:
         """Warnings for corners of assumed friction under which the peak power [W] exceeds the limit."""
@@ -312,7 +325,7 @@ class RobustPlanner:
     def _minimised(self, answer: _Answer) -> dict[str, Any]:
         """The minimised value, its lower bound and the gap; the energy itself then has no bound."""
         value = self._value(answer.totals)
-        bound = None if answer.bound is None else min(answer.bound, value)
+        bound = None if answer.bound is None or not self._one_body else min(answer.bound, value)
         gap = None if bound is None else 100 * (value - bound) / max(abs(value), 1e-12)
         kind = "global" if gap is not None and gap <= GLOBAL_GAP else "local"
         robust = {"kind": self.kind, "total": value, "lower_bound": bound}

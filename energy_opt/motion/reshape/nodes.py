@@ -83,6 +83,7 @@ class NodeSymbols:
 
 def symbolic_torque(model: PowerModel, body: RigidBody, q: ca.SX, v: ca.SX, a: ca.SX, p: ca.SX, dynamics: str) -> ca.SX:
     """Rigid-body torque (n, 1) with the model's payload and tilt as symbols of `p`, its links as numbers."""
+    model = model.weighted[0][1]  # all members of a mixture have the first one's rigid effects; its values come first
     body = body_of(model, body)
     gravity, mass, com = ca.SX(ca.DM(body.gravity)), ca.SX(0), ca.SX.zeros(3)
     for effect, where in zip(model.effects, model.slices(body.n), strict=True):

@@ -212,6 +212,19 @@ def test_power_is_within_its_limit_under_every_model(panda: Robot) -> None:
         assert peak == pytest.approx(paper.drive(*motion.sample(motion.time[0] + at)[:3], at)[1].max(), rel=1e-5)
 
 
+def test_torque_beyond_its_limit_under_another_model_is_said(panda: Robot) -> None:
+    """Limits are held without friction; with 6 N m of it, the first joint takes more than its motor gives."""
+    rivals = [Rival("plain", source_method_2()), Rival("rough", source_method_2() + CoulombFriction(tau_c=6.0))]
+    settings, move = Settings(compile="never", starts=1, controls=16), Move(START, GOAL, "retime", duration=2.0)
+    first = RobustPlanner(panda, rivals, "mean", settings).solve(move)
+    t = np.linspace(0.0, 2.0, 2001)
+    most = np.abs(panda.body.torque(*first.trajectory.sample(t)[:3])).max(axis=0)
+    assert not any("effort" in warning for warning in first.warnings)
+    weak = dataclasses.replace(panda, limits=panda.limits.replace(effort=1.1 * most + 0.1))
+    (said,) = RobustPlanner(weak, rivals, "mean", settings).solve(move).warnings
+    assert said.startswith("under 'rough' panda_joint") and said.endswith("is held under 'plain'")
+
+
 def test_a_plan_of_the_source_model_says_what_friction_makes_of_it(panda: Robot) -> None:
     rivals, kind = rivals_from(["source_method_2"], None, panda)
     assert kind is None and rivals[0].name == "source-method-2"

@@ -299,15 +299,31 @@ class RobustPlanner:
             baselines=tuple(stated(baseline) for baseline in result.baselines),
             **(self._minimised(answer) if several else {}),
             models=tuple(records),
-            warnings=(*result.warnings, *self._body_warnings(), *self._power_warnings(result.trajectory)),
+            warnings=(
+                *result.warnings,
+                *self._body_warnings(),
+                *self._effort_warnings(result.trajectory),
+                *self._power_warnings(result.trajectory),
+            ),
         )
 
     def _body_warnings(self) -> list[str]:
         """A warning if the models differ in payload, tilt or links."""
-        said = (
-            "payload, tilt or links differ between the models: the search uses the first one's, energies each one's own"
-        )
+        said = "payload, tilt or links differ between the models: the search uses the first one's, energies each one's"
         return [] if self._one_body else [said]
+
+    def _effort_warnings(self, trajectory: Trajectory) -> list[str]:
+        """Warnings for models other than the first under which a motor's torque exceeds its limit."""
+        limits = [limit for limit in self._planner.limits() if limit.name == "effort"]
+        found = (
+            (judge.name, certify(trajectory, s, limits)) for judge, s in zip(self._judges, self._scorers, strict=True)
+        )
+        return [
+            f"under {name!r} {c.worst['joint']} takes {c.worst['value']:.4g} at {c.worst['time']:.3f} s; its effort "
+            f"limit of {c.worst['bound']:.4g} is held under {self.rivals[0].name!r}"
+            for name, c in found
+            if c.violation > ALLOWED
+        ]
 
     def _power_warnings(self, trajectory: Trajectory) -> list[str]:
         """Warnings for corners of assumed friction under which the peak power [W] exceeds the limit."""

@@ -102,7 +102,8 @@ def is_a_line(f: Fit, claim: Claim) -> bool:
 def is_beyond_bounds(f: Fit, claim: Claim) -> bool:
     """True if the best value of a parameter of the claimed effect is beyond its bound, e.g. a negative resistance.
 
-    Another law is then the cause. The test: beyond the bound, the log likelihood would be larger by more than `RIVAL`.
+    Another law is then the cause. The test: beyond the bound, the log likelihood would be larger by more than `RIVAL`,
+    and `DETAIL` of the claim's log odds, which a law that is right loses by the errors of the others.
     """
     k = next(k for k, name in enumerate(f.names) if name not in claim.without.names)
     if not _at_bounds(f.charts[k], f.numbers[k]).any():
@@ -116,7 +117,7 @@ def is_beyond_bounds(f: Fit, claim: Claim) -> bool:
         loose = np.append(np.flatnonzero(~fixed), first + i)
         variance = float(np.linalg.inv(f.hessian[np.ix_(loose, loose)])[-1, -1])
         outwards = (pull[first + i] < 0) == (f.numbers[k][i] <= own.lower[i])
-        if outwards and 0.5 * pull[first + i] ** 2 * variance > RIVAL:
+        if outwards and 0.5 * pull[first + i] ** 2 * variance > RIVAL + DETAIL * claim.odds:
             return True
     return False
 

@@ -133,10 +133,11 @@ def infer(
     samples = weighted(samples, now)
     held = weighted(held, predict(declared, held)) if held is not None else None
     idle = tuple(int(j) for j in np.flatnonzero(~moving))
-    still, most = standing_noise(*([samples] if held is None else [samples, held]))
+    plausible, most = standing_noise(*([samples] if held is None else [samples, held]))
     # [s] motion and rest are assumed to take half of the time each
     lasts = sum(float(np.ptp(time)) for time, _ in (held or samples).single) / 2
-    judge = Judge(held, still, by_chance(most, max(lasts, samples.step)))
+    still = plausible[0][1]
+    judge = Judge(held, plausible, by_chance(most, max(lasts, samples.step)))
     scale = replace(Scale.of(limits, samples.power), measured=measured or {})
     world = World.of(samples, declared, scale, links_of(samples, declared), still, given)
     nothing = root(world, Nuisance(0.03, 0.3 * still.white))

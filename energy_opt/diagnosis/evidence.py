@@ -280,10 +280,20 @@ def drift_of(f: Fit, samples: Samples, centred: bool) -> np.ndarray:
         return np.zeros(len(samples.parts))
     common = 1 - float(np.mean(np.diff(levels) ** 2)) / 2 / whole
     common = common**0.5 if common > SURE / len(levels) ** 0.5 else 0.0
-    most = DRIFT * (f.world.scale.level + STEADY)
+    most = most_drift(f)
     at = np.array([samples.at[part].mean() for part in samples.parts])
     moved = common * np.interp(at, own[order], levels) + (0.0 if centred else middle)
     return np.asarray(np.clip(moved, -most, most))
+
+
+def most_drift(f: Fit) -> float:
+    """Largest drift [W] of a meter of the arm."""
+    return DRIFT * (f.world.scale.level + STEADY)
+
+
+def drifts_most(f: Fit) -> bool:
+    """True if a fit explains the levels of its runs by as large a drift of the meter as there is."""
+    return bool((np.abs(drift_of(f, f.world.samples, centred=False)) >= most_drift(f)).any())
 
 
 def without_steps(time: np.ndarray, levels: np.ndarray) -> np.ndarray:

@@ -75,8 +75,8 @@ class Judge:
         if self.held is None:
             return claim.odds
         out = np.zeros(len(self.plausible))
-        rows = zip(self._foreseen(more)[1], self._foreseen(less)[1], self.whiteners, strict=True)
-        for (errors, _), (others, before), noises in rows:
+        both = zip(self._foreseen(more)[1], self._foreseen(less)[1], self.whiteners, strict=True)
+        for (errors, _), (others, before), noises in both:
             table = np.column_stack([others[:, 0] - errors[:, 0], others[:, 1:]])
             for k, (_, whiten) in enumerate(noises):
                 apart, jacobian = np.split(whiten(table), [1], axis=1)
@@ -101,11 +101,11 @@ class Judge:
         """The fit, its `foresight`, and the log density (C,) of each held-out cluster, with an open noise."""
         assert self.held is not None
         if id(f) not in self.foreseen:
-            rows, values = foresight(f, self.held), []
-            for (table, before), noises in zip(rows, self.whiteners, strict=True):
+            tables, values = foresight(f, self.held), []
+            for (table, before), noises in zip(tables, self.whiteners, strict=True):
                 white = [(odds, whiten(table)) for odds, whiten in noises]
                 values.append(np.logaddexp.reduce([odds + density(x[:, 0], x[:, 1:], before) for odds, x in white]))
-            self.foreseen[id(f)] = f, rows, np.array(values)
+            self.foreseen[id(f)] = f, tables, np.array(values)
         return self.foreseen[id(f)]
 
     def trained(self, more: Fit, less: Fit) -> np.ndarray:

@@ -28,6 +28,7 @@ from energy_opt.diagnosis.claims import (
     plain_fit,
     shaped_otherwise,
     structures,
+    warms,
     widened,
     written,
 )
@@ -170,8 +171,7 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
     sure, claims = claimed(found, best)
     unsure = [c.term.kind for c in best.charts if c.term.name not in sure.names]
     # an uncertain warm-up is as likely the meter's drift
-    drifting = sure if all(kind.drifts and kind.overhead for kind in unsure) else best
-    judge.drifts = drifting
+    judge.drifts = drifting = sure if all(map(warms, unsure)) else best
     declared = judge.of_model(world.declared, nothing)
     accepted, claims = _borne_out(found, judge, sure, claims)
     log.info("alternatives", extra={"share": 0.8})
@@ -221,8 +221,7 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
     if not claims and not linked:
         linked = _links_are_off(found, loud, start, best)
         if linked or not (drifting.names or drifting.free):
-            judge = loud
-            declared, after = judge.of_model(world.declared, nothing), judge.of_model(model, accepted)
+            judge, declared, after = loud, loud.of_model(world.declared, nothing), loud.of_model(model, accepted)
     if linked:
         accepted, rivals = start, (start, *instead_of_links(found, start))
         model, after = written(start, links=True), judge.of_model(written(start, links=True), start, True)
@@ -269,16 +268,15 @@ def _searched(world: World, nothing: Fit, tried: list[Search]) -> tuple[Search, 
 def _links_are_off(found: Search, judge: Judge, start: Fit, best: Fit) -> bool:
     """True if links alone lower the held-out error to the noise, and one of them is surely (3 deviations) off.
 
-    The links of the URDF without an effect must be excluded, if not by deviating links then by an effect in place of
-    them: then these are alternatives.
+    Those of the URDF must be excluded by deviating ones, or also by the effects of `best`, which are alternatives then.
     """
     declared = judge.of_model(found.world.declared, start)
     after = judge.of_model(written(start, links=True), start, True)
-    if declared.ratio < NOISE or not (np.abs(start.amounts) > 3 * np.sqrt(np.diag(start.link_covariance))).any():
-        return False
     better = float(np.sum((declared.squares - after.squares) * after.counts)) > 0 and after.rmse < declared.rmse
+    if not (better and declared.ratio >= NOISE > after.ratio):
+        return False
     odds = links_odds(found.bank(start)) + max(0.0, found.score(best) - found.score(start))
-    return after.ratio < NOISE and better and odds > CLAIM
+    return odds > CLAIM and bool((np.abs(start.amounts) > 3 * np.sqrt(np.diag(start.link_covariance))).any())
 
 
 def _as_good(found: Search, judge: Judge, accepted: Fit) -> tuple[Fit, ...]:

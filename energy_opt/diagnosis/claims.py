@@ -68,8 +68,10 @@ def claimed(found: Search, best: Fit) -> tuple[Fit, tuple[Claim, ...]]:
             if c.term.name in found.world.given:
                 continue
             less = without(found, best, k)
-            claims.append(Claim(_profiled(found, best) - _profiled(found, less), less))
-            spare.append(claims[-1].odds - (RIVAL if warms(c.term.kind) and drifts_most(less) else CLAIM))
+            claim = Claim(_profiled(found, best) - _profiled(found, less), less)
+            no_drift = warms(c.term.kind) and drifts_most(less) and not is_a_line(best, claim)
+            claims.append(claim)
+            spare.append(claim.odds - (RIVAL if no_drift else CLAIM))
         if not claims:
             return best, ()
         if min(spare) >= DETAIL * max(c.odds for c in claims):

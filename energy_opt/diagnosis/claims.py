@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from energy_opt.diagnosis.candidates import Candidate
-from energy_opt.diagnosis.evidence import SPREADS, Bank, Subset, noise_of
+from energy_opt.diagnosis.evidence import SPREADS, Bank, Subset, drifts_most, noise_of
 from energy_opt.diagnosis.fit import Fit, Free, fit
 from energy_opt.diagnosis.hypothesis import Chart
 from energy_opt.diagnosis.kinks import other_drives
 from energy_opt.diagnosis.noise import Noise
 from energy_opt.diagnosis.predict import predict
 from energy_opt.diagnosis.search import FREE_ODDS, Search, buildable, free_block, moved, rarity, without
+from energy_opt.effects import Effect
 from energy_opt.power import PowerModel
 
 CLAIM = 7.0  # least log odds for claiming an effect: a thousand to one
@@ -58,21 +59,29 @@ def alike(a: Noise, b: Noise) -> bool:
 def claimed(found: Search, best: Fit) -> tuple[Fit, tuple[Claim, ...]]:
     """The hypothesis without its uncertain effects (the least certain is removed first), and the remaining claims.
 
-    No law holds in every detail. So the error of a very certain effect must not be claimed as another effect.
+    No law holds in every detail. So the error of a very certain effect must not be claimed as another effect. A warm-up
+    whose rival is a meter that drifts farther than meters do is claimed as soon as no rival is as likely.
     """
     while True:
-        claims = []
+        claims, spare = [], []
         for k, c in enumerate(best.charts):
             if c.term.name in found.world.given:
                 continue
             less = without(found, best, k)
-            claims.append(Claim(_profiled(found, best) - _profiled(found, less), less))
+            claim = Claim(_profiled(found, best) - _profiled(found, less), less)
+            no_drift = warms(c.term.kind) and drifts_most(less) and not is_a_line(best, claim)
+            claims.append(claim)
+            spare.append(claim.odds - (RIVAL if no_drift else CLAIM))
         if not claims:
             return best, ()
-        weakest = min(claims, key=lambda c: c.odds)
-        if weakest.odds >= CLAIM + DETAIL * max(c.odds for c in claims):
+        if min(spare) >= DETAIL * max(c.odds for c in claims):
             return best, tuple(claims)
-        best = weakest.without
+        best = claims[int(np.argmin(spare))].without
+
+
+def warms(kind: type[Effect]) -> bool:
+    """True if an effect changes the level of the power with time, as the drift of a meter does."""
+    return kind.drifts and kind.overhead
 
 
 def is_a_step(f: Fit, claim: Claim) -> bool:
@@ -90,7 +99,7 @@ def is_a_line(f: Fit, claim: Claim) -> bool:
     """True if the claim is a change of level whose time constant may exceed the set's duration: meter drift."""
     k = next(k for k, name in enumerate(f.names) if name not in claim.without.names)
     effect, samples = f.model.get(f.names[k]), f.world.samples
-    if effect is None or not (effect.drifts and effect.overhead):
+    if effect is None or not warms(type(effect)):
         return False
     f = widened(f)  # a prior that is too narrow for the level limits its time constant, too
     effect = f.model.get(effect.name) or effect
@@ -102,7 +111,8 @@ def is_a_line(f: Fit, claim: Claim) -> bool:
 def is_beyond_bounds(f: Fit, claim: Claim) -> bool:
     """True if the best value of a parameter of the claimed effect is beyond its bound, e.g. a negative resistance.
 
-    Another law is then the cause. The test: beyond the bound, the log likelihood would be larger by more than `RIVAL`.
+    Another law is then the cause. The test: beyond the bound, the log likelihood would be larger by more than `RIVAL`,
+    and `DETAIL` of the claim's log odds, which a law that is right loses by the errors of the others.
     """
     k = next(k for k, name in enumerate(f.names) if name not in claim.without.names)
     if not _at_bounds(f.charts[k], f.numbers[k]).any():
@@ -116,7 +126,7 @@ def is_beyond_bounds(f: Fit, claim: Claim) -> bool:
         loose = np.append(np.flatnonzero(~fixed), first + i)
         variance = float(np.linalg.inv(f.hessian[np.ix_(loose, loose)])[-1, -1])
         outwards = (pull[first + i] < 0) == (f.numbers[k][i] <= own.lower[i])
-        if outwards and 0.5 * pull[first + i] ** 2 * variance > RIVAL:
+        if outwards and 0.5 * pull[first + i] ** 2 * variance > RIVAL + DETAIL * claim.odds:
             return True
     return False
 

@@ -6,6 +6,7 @@ out runs whose power is damaged.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -50,6 +51,11 @@ def clusters(samples: Samples) -> list[list[int]]:
     return out
 
 
+def samples_of(samples: Samples, group: Sequence[int]) -> np.ndarray:
+    """Indices of the readings of some runs."""
+    return np.concatenate([np.arange(samples.parts[r].start, samples.parts[r].stop) for r in group])
+
+
 def split(samples: Samples, seed: int = 0) -> tuple[list[int], list[int]]:
     """Indices of training and holdout runs; repeats of a motion stay together.
 
@@ -92,8 +98,7 @@ def shared_functions(samples: Samples) -> Shared:
             part = samples.parts[r]
             phase = (samples.at[part] - samples.at[part][0]) / max(float(np.ptp(samples.at[part])), 1e-9)
             columns[part, :count] = np.maximum(0.0, 1 - np.abs(phase[:, None] * (count - 1) - np.arange(count)))
-        span = [np.arange(samples.parts[r].start, samples.parts[r].stop) for r in group]
-        motions.append((np.concatenate(span), count))
+        motions.append((samples_of(samples, group), count))
     return Shared(columns[:, : max((count for _, count in motions), default=0)], tuple(motions))
 
 

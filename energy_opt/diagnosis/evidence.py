@@ -23,7 +23,7 @@ from scipy.linalg import block_diag, solve_triangular
 from scipy.linalg.lapack import dposv
 
 from energy_opt.diagnosis.candidates import Candidate
-from energy_opt.diagnosis.clusters import clusters
+from energy_opt.diagnosis.clusters import clusters, samples_of
 from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.fit import DRIFTS, Fit, Free, Nuisance, World, columns_of, linearised, slopes
 from energy_opt.diagnosis.links import Links
@@ -212,30 +212,26 @@ def density(white: np.ndarray, jacobian: np.ndarray, before: np.ndarray) -> floa
     return -0.5 * (squares + float(np.linalg.slogdet(after)[1] - np.linalg.slogdet(before)[1]))
 
 
-def foresight(f: Fit, held: Samples, noise: Noise) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Errors, Jacobian and precision of each held-out cluster of runs under a fit, as `density` takes them.
+def foresight(f: Fit, held: Samples) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Of each held-out cluster of runs, errors and Jacobian (m, 1 + p) [W] under a fit, and the precision (p, p).
 
     Repeats count once. The level of a run follows from those of the runs fitted, as far as meters drift slowly.
     """
     w = f.world
     links = Links(w.links.basis, held.deviating(w.links.basis))
-    there = World.of(held, w.declared, w.scale, links, noise)
+    there = World.of(held, w.declared, w.scale, links, w.whiten.noise)
     times = [np.array([s.at[p].mean() for p in s.parts]) for s in (w.samples, held)]
     count = len(times[0])
     levels = f.nuisance.levels(np.concatenate(times))
     slope = np.linalg.solve(levels[:count, :count], levels[:count, count:]).T
     open_levels = levels[count:, count:] - slope @ levels[:count, count:]
-    theta = np.concatenate([*f.numbers, f.amounts, slope @ f.levels])
-    white = linearised(there, f.charts, np.zeros((len(held.power), 0)), theta)[3]
+    theta, drawn = np.concatenate([*f.numbers, f.amounts, slope @ f.levels]), np.zeros((len(held.power), 0))
+    model, p, residual, _ = linearised(there, f.charts, drawn, theta)
+    by_theta = slopes(there, model, f.charts, f.numbers, drawn, p)
     own = len(theta) - len(held.parts)
-    jacobian = np.column_stack([white[:, 1 : 1 + own], white[:, 1 + own :] @ slope, white[:, 1 + own :]])
+    table = np.column_stack([residual, by_theta[:, :own], by_theta[:, own:] @ slope, by_theta[:, own:]])
     before = block_diag(f.hessian, np.linalg.inv(open_levels))
-    out = []
-    for group in clusters(held):
-        samples = np.concatenate([np.arange(held.parts[r].start, held.parts[r].stop) for r in group])
-        once = len(group) ** -0.5
-        out.append((once * white[samples, 0], once * jacobian[samples], before))
-    return out
+    return [(len(group) ** -0.5 * table[samples_of(held, group)], before) for group in clusters(held)]
 
 
 def noise_of(f: Fit) -> Noise:
@@ -284,10 +280,20 @@ def drift_of(f: Fit, samples: Samples, centred: bool) -> np.ndarray:
         return np.zeros(len(samples.parts))
     common = 1 - float(np.mean(np.diff(levels) ** 2)) / 2 / whole
     common = common**0.5 if common > SURE / len(levels) ** 0.5 else 0.0
-    most = DRIFT * (f.world.scale.level + STEADY)
+    most = most_drift(f)
     at = np.array([samples.at[part].mean() for part in samples.parts])
     moved = common * np.interp(at, own[order], levels) + (0.0 if centred else middle)
     return np.asarray(np.clip(moved, -most, most))
+
+
+def most_drift(f: Fit) -> float:
+    """Largest drift [W] of a meter of the arm."""
+    return DRIFT * (f.world.scale.level + STEADY)
+
+
+def drifts_most(f: Fit) -> bool:
+    """True if a fit explains the levels of its runs by as large a drift of the meter as there is."""
+    return bool((np.abs(drift_of(f, f.world.samples, centred=False)) >= most_drift(f)).any())
 
 
 def without_steps(time: np.ndarray, levels: np.ndarray) -> np.ndarray:

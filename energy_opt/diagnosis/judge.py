@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
 from energy_opt.diagnosis.claims import CLAIM, Claim, written
-from energy_opt.diagnosis.clusters import clusters
+from energy_opt.diagnosis.clusters import clusters, samples_of
 from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.errors import Quality, quality
 from energy_opt.diagnosis.evidence import density, drift_of, foresight
 from energy_opt.diagnosis.fit import Fit
-from energy_opt.diagnosis.noise import Noise
+from energy_opt.diagnosis.noise import Noise, Whitener
 from energy_opt.power import PowerModel
 
 CHANCE = 2.0  # [standard deviations] by which log odds may be below their expectation
@@ -26,21 +27,26 @@ class Judge:
     """The error of fits on the motions held out; without any, on training motions left out one by one.
 
     Attributes:
-        held: runs never fitted. noise, most: of the meter at standstill, the likeliest one and the largest plausible
-            one.
+        held: runs never fitted. most: the largest plausible noise of the meter at standstill. plausible: those of
+            which one rules, with the logarithms of their odds, the likeliest first.
         drifts: the likeliest fit, whose levels show how far the meter drifts.
     """
 
     held: Samples | None
-    noise: Noise
+    plausible: tuple[tuple[float, Noise], ...]
     most: Noise
     drifts: Fit | None = None
     seen: dict[int, tuple[Fit, Quality]] = field(default_factory=dict)
-    foreseen: dict[int, tuple[Fit, list[tuple[np.ndarray, np.ndarray, np.ndarray]]]] = field(default_factory=dict)
+    foreseen: dict[int, tuple[Fit, list[tuple[np.ndarray, np.ndarray]], np.ndarray]] = field(default_factory=dict)
+
+    @property
+    def noise(self) -> Noise:
+        """The likeliest noise at standstill."""
+        return self.plausible[0][1]
 
     def under_most_noise(self) -> Judge:
         """The same judge under the largest plausible noise."""
-        return Judge(self.held, self.most, self.most, self.drifts)
+        return Judge(self.held, ((0.0, self.most),), self.most, self.drifts)
 
     def of(self, f: Fit) -> Quality:
         """Error of the model that is written for a fit."""
@@ -58,28 +64,49 @@ class Judge:
         """Log odds (C,) by which each motion is likelier under `more`; repeats count once."""
         if self.held is None:
             return left_out(more) - left_out(less)
-        return np.array([density(*row) for row in self._of(more)]) - [density(*row) for row in self._of(less)]
+        return self._foreseen(more)[2] - self._foreseen(less)[2]
 
     def expected(self, more: Fit, claim: Claim, less: Fit) -> float:
-        """Expected sum of `gains` if the law of a claim holds.
+        """Expected sum of `gains` if the law of a claim holds: the mean over the plausible noises.
 
         Half of the squared difference of both fits' predictions, weighted by the uncertainty of the parameters of
         `less`.
         """
         if self.held is None:
             return claim.odds
-        out = 0.0
-        for (errors, _, _), (others, jacobian, before) in zip(self._of(more), self._of(less), strict=True):
-            apart = others - errors
-            pull = jacobian.T @ apart
-            out += 0.5 * float(apart @ apart - pull @ np.linalg.solve(before + jacobian.T @ jacobian, pull))
+        out = np.zeros(len(self.plausible))
+        both = zip(self._foreseen(more)[1], self._foreseen(less)[1], self.whiteners, strict=True)
+        for (errors, _), (others, before), noises in both:
+            table = np.column_stack([others[:, 0] - errors[:, 0], others[:, 1:]])
+            for k, (_, whiten) in enumerate(noises):
+                apart, jacobian = np.split(whiten(table), [1], axis=1)
+                pull = jacobian.T @ apart[:, 0]
+                squares = float(np.sum(apart**2) - pull @ np.linalg.solve(before + jacobian.T @ jacobian, pull))
+                out[k] += 0.5 * squares
+        return float(np.average(out, weights=np.exp([odds for odds, _ in self.plausible])))
+
+    @cached_property
+    def whiteners(self) -> list[list[tuple[float, Whitener]]]:
+        """Of each held-out cluster and plausible noise: its whitener, and the logarithm of odds and density there."""
+        held, out = self.held, []
+        assert held is not None
+        for group in clusters(held):
+            times = [held.at[held.parts[r]] for r in group]
+            weights = held.weight[samples_of(held, group)]
+            whole = [(odds, Whitener(noise, times, weights)) for odds, noise in self.plausible]
+            out.append([(odds - 0.5 * w.log_determinant / len(group), w) for odds, w in whole])
         return out
 
-    def _of(self, f: Fit) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    def _foreseen(self, f: Fit) -> tuple[Fit, list[tuple[np.ndarray, np.ndarray]], np.ndarray]:
+        """The fit, its `foresight`, and the log density (C,) of each held-out cluster, with an open noise."""
         assert self.held is not None
         if id(f) not in self.foreseen:
-            self.foreseen[id(f)] = f, foresight(f, self.held, self.noise)
-        return self.foreseen[id(f)][1]
+            tables, values = foresight(f, self.held), []
+            for (table, before), noises in zip(tables, self.whiteners, strict=True):
+                white = [(odds, whiten(table)) for odds, whiten in noises]
+                values.append(np.logaddexp.reduce([odds + density(x[:, 0], x[:, 1:], before) for odds, x in white]))
+            self.foreseen[id(f)] = f, tables, np.array(values)
+        return self.foreseen[id(f)]
 
     def trained(self, more: Fit, less: Fit) -> np.ndarray:
         """Log odds of each training motion, from fits without it; empty if `gains` already has these."""
@@ -148,7 +175,7 @@ def _without_clusters(f: Fit) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarr
     whole = jacobian.T @ jacobian + f.precision
     open_ = jacobian.T @ white - f.precision @ (f.theta - f.mean)  # not zero at bounds
     for group in clusters(s):
-        samples = np.concatenate([np.arange(s.parts[r].start, s.parts[r].stop) for r in group])
+        samples = samples_of(s, group)
         own = jacobian[samples]
         before = whole - own.T @ own
         yield white[samples], own, before, np.linalg.solve(before, open_ - own.T @ white[samples])

@@ -115,11 +115,12 @@ WAVES, MEMORIES = (0.0, 0.3, 0.6, 1.0, 1.7, 3.0, 5.0), (0.08, 0.25, 0.7, 2.0)
 FINE_WAVES = (0.0, 0.15, 0.3, 0.45, 0.6, 0.8, 1.0, 1.3, 1.7, 2.2, 3.0, 4.0, 5.0)  # finer grid for readings at rest
 FINE_MEMORIES = (0.08, 0.14, 0.25, 0.42, 0.7, 1.2, 2.0)
 LESS = 0.7  # least white noise at rest over the noise of single readings; a wave contributes to their differences
+PLAUSIBLE = 3.0  # log odds below the likeliest noise within which others are plausible: twenty to one
 MISFITS = (0.0, 0.3, 0.7, 1.5, 3.0, 6.0, 12.0)  # grid of the misfit over the white noise
 
 
-def standing_noise(*sets: Samples) -> tuple[Noise, Noise]:
-    """The meter's noise at rest: the likeliest one, and the largest plausible one.
+def standing_noise(*sets: Samples) -> tuple[tuple[tuple[float, Noise], ...], Noise]:
+    """The meter's noise at rest: plausible ones with log odds, the likeliest first, and the largest of them.
 
     It is estimated from intervals at rest, each without its mean. An interval begins `SETTLED` after the arm stopped
     (if some standstills are long enough). It ends where the power jumps or a logged signal switches, because brakes
@@ -132,7 +133,8 @@ def standing_noise(*sets: Samples) -> tuple[Noise, Noise]:
         stretches = [x for samples in sets for x in _standing(samples, 0.0)]
     count = sum(len(t) for t, _ in stretches)
     if count < FEW:
-        return (Noise(single, 0.3 * single, 0.5),) * 2
+        usual = Noise(single, 0.3 * single, 0.5)
+        return ((0.0, usual),), usual
     times = [t for t, _ in stretches]
     y = np.concatenate([p for _, p in stretches])
     levels = np.repeat(np.eye(len(times)), [len(t) for t in times], axis=0)
@@ -149,12 +151,14 @@ def standing_noise(*sets: Samples) -> tuple[Noise, Noise]:
         return value, white**0.5
 
     found = weighed(worth, LESS * single, count - len(times), FINE_WAVES, FINE_MEMORIES)
-    value, best = max(found, key=lambda row: row[0])
+    found.sort(key=lambda row: -row[0])
+    value, best = found[0]
     odds = np.exp([v - value for v, _ in found])
     size = np.log([np.hypot(n.white, n.wave) for _, n in found])
     middle = np.average(size, weights=odds)
     most = np.exp(middle + np.average((size - middle) ** 2, weights=odds) ** 0.5)
-    return best, replace(best, wave=float(np.sqrt(max(most**2 - best.white**2, best.wave**2))))
+    plausible = tuple((v - value, n) for v, n in found if v > value - PLAUSIBLE)
+    return plausible, replace(best, wave=float(np.sqrt(max(most**2 - best.white**2, best.wave**2))))
 
 
 def by_chance(noise: Noise, lasts: float) -> Noise:

@@ -28,6 +28,7 @@ from energy_opt.diagnosis.claims import (
     plain_fit,
     shaped_otherwise,
     structures,
+    warms,
     widened,
     written,
 )
@@ -133,10 +134,11 @@ def infer(
     samples = weighted(samples, now)
     held = weighted(held, predict(declared, held)) if held is not None else None
     idle = tuple(int(j) for j in np.flatnonzero(~moving))
-    still, most = standing_noise(*([samples] if held is None else [samples, held]))
+    plausible, most = standing_noise(*([samples] if held is None else [samples, held]))
     # [s] motion and rest are assumed to take half of the time each
     lasts = sum(float(np.ptp(time)) for time, _ in (held or samples).single) / 2
-    judge = Judge(held, still, by_chance(most, max(lasts, samples.step)))
+    still = plausible[0][1]
+    judge = Judge(held, plausible, by_chance(most, max(lasts, samples.step)))
     scale = replace(Scale.of(limits, samples.power), measured=measured or {})
     world = World.of(samples, declared, scale, links_of(samples, declared), still, given)
     nothing = root(world, Nuisance(0.03, 0.3 * still.white))
@@ -169,8 +171,7 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
     sure, claims = claimed(found, best)
     unsure = [c.term.kind for c in best.charts if c.term.name not in sure.names]
     # an uncertain warm-up is as likely the meter's drift
-    drifting = sure if all(kind.drifts and kind.overhead for kind in unsure) else best
-    judge.drifts = drifting
+    judge.drifts = drifting = sure if all(map(warms, unsure)) else best
     declared = judge.of_model(world.declared, nothing)
     accepted, claims = _borne_out(found, judge, sure, claims)
     log.info("alternatives", extra={"share": 0.8})
@@ -178,8 +179,9 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
     odd = bool(claims and structures(found, accepted)) or any(g.signal != "time" for g in accepted.free)
     unknown = odd or bool(accepted.free) or judge.of(accepted).ratio >= NOISE
     imitated = found.score(sure) - found.score(accepted) > CLAIM  # not confirmed by held-out motions
-    loud = judge.under_most_noise().of(accepted)  # if the noise is larger than estimated, it is larger at rest, too
-    misfit = loud.motion / loud.noise_motion >= NOISE * max(1.0, loud.rest / loud.noise_rest)
+    loud = judge.under_most_noise()
+    most = loud.of(accepted)  # if the noise is larger than estimated, it is larger at rest, too
+    misfit = most.motion / most.noise_motion >= NOISE * max(1.0, most.rest / most.noise_rest)
     misspecified = odd or imitated or misfit
     if accepted.free:
         accepted = plain_fit(found, accepted)
@@ -191,7 +193,7 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
     start = root(found.world, best.nuisance)
     if claims:
         # an error above the noise may be noise, which then decides less between the alternatives
-        weigher = judge.under_most_noise() if unknown else judge
+        weigher = loud if unknown else judge
         rivals = _as_good(found, judge, accepted) if misspecified else left_open(found, weigher, rivals, reach)
         borne = {
             id(f): _borne_out(found, judge, *claimed(found, f), shaped=not unknown) for f in rivals if f is not accepted
@@ -214,11 +216,12 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
         start = accepted
         if not world.given:
             model, after = world.declared, declared
+    linked = not claims and _links_are_off(found, judge, start, best)
     # the residual may be noise alone: judge with the largest plausible noise
-    if not claims and not drifting.names and not drifting.free:
-        judge = replace(judge.under_most_noise(), drifts=drifting)
-        declared, after = judge.of_model(world.declared, nothing), judge.of_model(model, accepted)
-    linked = _links_are_off(found, judge, start, declared) if not claims else False
+    if not claims and not linked:
+        linked = _links_are_off(found, loud, start, best)
+        if linked or not (drifting.names or drifting.free):
+            judge, declared, after = loud, loud.of_model(world.declared, nothing), loud.of_model(model, accepted)
     if linked:
         accepted, rivals = start, (start, *instead_of_links(found, start))
         model, after = written(start, links=True), judge.of_model(written(start, links=True), start, True)
@@ -262,13 +265,18 @@ def _searched(world: World, nothing: Fit, tried: list[Search]) -> tuple[Search, 
     return found, settled(found, max([best, *other_drives(found, best)], key=found.score)), noise
 
 
-def _links_are_off(found: Search, judge: Judge, start: Fit, declared: Quality) -> bool:
-    """True if links alone lower the held-out error to the noise, and one of them is surely (3 deviations) off."""
-    if declared.ratio < NOISE or not (np.abs(start.amounts) > 3 * np.sqrt(np.diag(start.link_covariance))).any():
-        return False
+def _links_are_off(found: Search, judge: Judge, start: Fit, best: Fit) -> bool:
+    """True if links alone lower the held-out error to the noise, and one of them is surely (3 deviations) off.
+
+    Those of the URDF must be excluded by deviating ones, or also by the effects of `best`, which are alternatives then.
+    """
+    declared = judge.of_model(found.world.declared, start)
     after = judge.of_model(written(start, links=True), start, True)
     better = float(np.sum((declared.squares - after.squares) * after.counts)) > 0 and after.rmse < declared.rmse
-    return after.ratio < NOISE and better and links_odds(found.bank(start)) > CLAIM
+    if not (better and declared.ratio >= NOISE > after.ratio):
+        return False
+    odds = links_odds(found.bank(start)) + max(0.0, found.score(best) - found.score(start))
+    return odds > CLAIM and bool((np.abs(start.amounts) > 3 * np.sqrt(np.diag(start.link_covariance))).any())
 
 
 def _as_good(found: Search, judge: Judge, accepted: Fit) -> tuple[Fit, ...]:

@@ -10,6 +10,10 @@ from energy_opt.measured import read_set
 pytest.importorskip("mujoco")
 from misfit_world import World, write_world
 
+WARMING = [
+    World("z1", 620014, (0.03, 0.05), "ar1", "standby_drift"),
+    World("panda", 2100001, (0.03, 0.05), "ar1", "standby_drift"),
+]
 RESEMBLING = [
     (World("z1", 100002, (0.0, 0.05), "ar1", unlisted="dahl"), {"coulomb_friction", "asymmetric_friction"}),
     (World("z1", 8200002, (0.0, 0.05), "ar1", unlisted="dahl"), {"coulomb_friction"}),
@@ -63,3 +67,10 @@ def test_laws_that_resemble_each_other_are_alternatives(tmp_path, world, true):
     d = diagnose(read_set(truth.folder, truth.robot), truth.declared).document
     said = [{e["name"] for e in d["effects"]}, *map(set, d["alternatives"])]
     assert any({name} in said for name in true) or bool(world.unlisted and not d["effects"])
+
+
+@pytest.mark.parametrize("world", WARMING, ids=lambda world: world.arm)
+def test_a_warm_up_by_more_than_meters_drift_is_claimed(tmp_path, world):
+    """By 4 to 6 W, while meters of such arms drift by 2 to 3 W."""
+    truth = write_world(world, tmp_path / "set")
+    assert [x.name for x in diagnose(read_set(truth.folder, truth.robot), truth.declared).effects] == ["standby_drift"]

@@ -102,7 +102,7 @@ class Whitener:
         """Innovations of the Kalman filter of w and x, scaled to variance 1, column by column."""
         from scipy.linalg.lapack import dtbtrs
 
-        if self.noise.wave == 0:
+        if self.noise.wave == 0 or not flat.size:  # LAPACK writes beyond an array without columns
             return np.asarray(flat * self._scale[:, None])
         state = np.zeros_like(flat, dtype=float, order="F")
         state[1:] = self._feed[:, None] * flat[:-1]

@@ -4,10 +4,11 @@ The sets are `benchmarks/misfit_world.py`'s: MuJoCo, laws by other formulas, noi
 `benchmarks/unlisted_judge.py`, which reads the files only.
 """
 
-from __future__ import annotations
+from __future__ import subprocess
 
 import dataclasses
 import json
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -89,6 +90,16 @@ def test_a_misfit_that_repeats_share_is_one_piece_of_evidence():
 
     misfit = hats @ rng.normal(size=own)
     assert evidence(10, misfit) < 1.5 * evidence(1, misfit) < 3 * own
+
+
+def test_noise_without_shared_functions_is_whitened_in_its_own_memory():
+    """LAPACK writes beyond an array without columns: the process ended a moment later."""
+    code = (
+        "import numpy as np\nfrom energy_opt.diagnosis.noise import Noise, Shared, Whitener\nkept = []\n"
+        "for k in range(500):\n    none, t = Shared(np.zeros((154, 0)), ()), 0.1 * np.arange(154)\n"
+        "    kept.append(Whitener(Noise(0.5, 0.3, 0.25, misfit=1.0), [t], np.ones(154), none)(np.ones(154)))\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
 
 
 def test_every_claim_is_in_the_model_and_the_document_agrees_with_itself(repeated, tmp_path):

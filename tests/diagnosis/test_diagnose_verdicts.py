@@ -4,10 +4,11 @@ The sets are `benchmarks/misfit_world.py`'s: MuJoCo, laws by other formulas, noi
 `benchmarks/unlisted_judge.py`, which reads the files only.
 """
 
-from __future__ import subprocess
+from __future__ import annotations
 
 import dataclasses
 import json
+import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace

@@ -224,12 +224,13 @@ def test_differences_that_links_and_level_explain_do_not_count(ur5, proposed):
     assert left(higher, shut, 0.0) == pytest.approx(2.4) and left(higher, shut, 2.0) < 0.05
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_recorded_on_the_arm_it_settles_which_law_holds(tmp_path: Path):
     """Two short noisy runs leave open whether friction goes with load or gears lose a share; proposed motions tell.
 
     Both laws are the same to first order: a motion recorded three times brings the odds about as far as they need be.
-    Where they are not there yet, the next motion brings them.
+    Where they are not there yet, the next motion brings them. On some machines rounding leads to another motion, after
+    which they are 3.8 where 4.5 are needed, and this test fails.
     """
     pytest.importorskip("mujoco")
     from virtual_arms import draw_effect

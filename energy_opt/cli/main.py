@@ -59,7 +59,7 @@ def joined_vectors(arguments: Sequence[str]) -> list[str]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code."""
     words = joined_vectors(sys.argv[1:] if arguments is None else arguments)
-    gc.set_threshold(20_000, 50, 100)  # the usual one takes an eighth of a short run, and frees nothing that counts
+    gc.set_threshold(20_000, 50, 100)  # usual collections take 10 % of a short run
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it reports homes that it cannot write to
     os.environ["MPLBACKEND"] = "agg"  # no window is opened, and the user's choice may be one that is not installed
     with speaking_of_options():

@@ -1,10 +1,10 @@
 """CasADi functions of scalars evaluated over many points: each instruction at once for all points of a block.
 
 CasADi's own virtual machine takes 3 to 6 ns for an instruction at a point, mostly to find out what it says. In C
-(`program.c`) an instruction takes 12 ns for 48 points, so the Hessian of a seven-joint arm's node takes 8 us a point
-instead of 100; compiled, it takes 1.3 us, but the compiler needs half a minute. NumPy takes 0.5 us for an instruction
-and then 0.5 ns for each point; it serves from a few hundred points on where there is no compiler. All of them do the
-same operations in the same order.
+(`program.c`) an instruction takes 8 ns for 48 points, so the Hessian of a seven-joint arm's node takes 5 us a point
+instead of 100. Compiled, it takes 1.3 us; `benchmarks/compiled.py` shows what that is worth. NumPy takes 0.5 us for an
+instruction and then 0.5 ns for each point; it serves from a few hundred points on where there is no compiler. All of
+them do the same operations in the same order.
 """
 
 from __future__ import annotations
@@ -62,8 +62,9 @@ class Program:
     code: np.ndarray
 
     def over(self, arrays: Sequence[np.ndarray], width: int, c: ctypes.CDLL) -> Callable[[], object]:
-        """A call that evaluates in C, of arrays (K, entries) for arguments and results; K is a multiple of `width`,
-        and `width` one of LANES.
+        """A call that evaluates in C, of arrays (K, entries) for arguments and results.
+
+        K is a multiple of `width`, and `width` is a multiple of LANES.
         """
         places = _aligned(self.registers + sum(self.sizes) + len(self.constants), width)
         places[len(places) - len(self.constants) :] = self.constants[:, None]
@@ -80,14 +81,14 @@ class Program:
 
     def by_numpy(self, arrays: Sequence[np.ndarray]) -> None:
         """Evaluate for arrays (K, entries) for arguments and results, of which each column is one piece of memory."""
-        count = len(arrays[0])
+        count, code, constants = len(arrays[0]), self.code.tolist(), self.constants.tolist()
         own = np.empty((self.registers, min(POINTS, count)))
         with np.errstate(all="ignore"):
             for first in range(0, count, POINTS):
                 block = slice(first, first + POINTS)
                 at = [*own[:, : min(POINTS, count - first)], *(column for x in arrays for column in x[block].T)]
-                at += self.constants.tolist()
-                for operation, x, y, written in self.code.tolist():
+                at += constants
+                for operation, x, y, written in code:
                     read = (at[x],) if operation in SINGLE else (at[x], at[y])
                     OPERATIONS[operation](*read, out=at[written])
 

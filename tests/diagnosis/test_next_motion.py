@@ -229,8 +229,8 @@ def test_recorded_on_the_arm_it_settles_which_law_holds(tmp_path: Path):
     """Two short noisy runs leave open whether friction goes with load or gears lose a share; proposed motions tell.
 
     Both laws are the same to first order: a motion recorded three times brings the odds about as far as they need be.
-    Where they are not there yet, the next motion brings them. On some machines rounding leads to another motion, after
-    which they are 3.8 where 4.5 are needed, and this test fails.
+    Where they are not there yet, the next motion brings them. On one machine (821093b) this test failed: the log odds
+    were 3.8 where 4.5 are needed. On other machines it passed; why they differ is not known.
     """
     pytest.importorskip("mujoco")
     from virtual_arms import draw_effect

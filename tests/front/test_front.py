@@ -154,12 +154,13 @@ def test_moves_compare():
     assert one != other and len({eo.Move(START, GOAL), eo.Move(START, GOAL)}) == 1
 
 
-def test_a_payload_is_added_to_a_planner_without_building_it_again(panda, monkeypatch):
+def test_a_payload_is_added_to_a_planner_without_building_it_again(monkeypatch):
     built = []
     monkeypatch.setattr(
         "energy_opt.motion.plan.context.node_functions", lambda *a: built.append(a) or node_functions(*a)
     )
-    model = eo.source_model(panda) + eo.effects.ViscousFriction(b=0.01)  # built for no other test
+    panda = eo.load_robot("panda")  # its functions are built for no other test
+    model = eo.source_model(panda)
     planner = eo.Planner(panda, model, eo.Settings(**QUICK))
     move = eo.Move(START, GOAL, duration=2.5)
     losses = []

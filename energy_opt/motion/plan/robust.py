@@ -314,16 +314,16 @@ class RobustPlanner:
 
     def _effort_warnings(self, trajectory: Trajectory) -> list[str]:
         """Warnings for models other than the first under which a motor's torque exceeds its limit."""
-        limits = [limit for limit in self._planner.limits() if limit.name == "effort"]
-        found = (
-            (judge.name, certify(trajectory, s, limits)) for judge, s in zip(self._judges, self._scorers, strict=True)
-        )
-        return [
-            f"under {name!r} {c.worst['joint']} takes {c.worst['value']:.4g} at {c.worst['time']:.3f} s; its effort "
-            f"limit of {c.worst['bound']:.4g} is held under {self.rivals[0].name!r}"
-            for name, c in found
-            if c.violation > ALLOWED
-        ]
+        limits, out = [limit for limit in self._planner.limits() if limit.name == "effort"], []
+        for judge, scorer in zip(self._judges[1:], self._scorers[1:], strict=True):
+            found = certify(trajectory, scorer, limits)
+            if found.violation > ALLOWED:
+                worst, unit = found.worst, self.robot.unit("effort", str(found.worst["joint"]))
+                out.append(
+                    f"under {judge.name!r} {worst['joint']} takes {worst['value']:.4g} {unit} at {worst['time']:.3f} s"
+                    f", above its limit of {worst['bound']:.4g} {unit}; the plan holds it under {self.rivals[0].name!r}"
+                )
+        return out
 
     def _power_warnings(self, trajectory: Trajectory) -> list[str]:
         """Warnings for corners of assumed friction under which the peak power [W] exceeds the limit."""

@@ -207,8 +207,8 @@ def text(found: Mapping[str, Any]) -> str:
 def stated(robust: RobustPlanner, move: Move, front: Front, cycle: Cycle | None) -> Front:
     """A front computed for the mean of several models, stated under the first of them.
 
-    A point that costs more than the evenly slowed move under any model, or at a corner of assumed friction, is solved
-    again as in `optimize`.
+    A point that costs more than the evenly slowed move under any model, or at a corner of assumed friction, or that
+    exceeds a torque limit under any model, is solved again as in `optimize`.
 
     Args:
         robust: its `planner` computed the front.
@@ -223,7 +223,8 @@ def stated(robust: RobustPlanner, move: Move, front: Front, cycle: Cycle | None)
         trajectory = optimum.trajectory
         if trajectory.duration >= fastest.duration:
             slowed = fastest.slowed(trajectory.duration).trajectory(planner.robot.joints)
-            if robust.costs_more(trajectory, slowed) and robust.planner.certify(slowed, timed).valid:
+            costly = robust.costs_more(trajectory, slowed) and robust.planner.certify(slowed, timed).valid
+            if costly or robust.overloads(trajectory):
                 result = robust.solve(replace(move, duration=trajectory.duration, max_duration=None), [trajectory])
                 return Optimum(result.trajectory, result.energy, result.status == "solved")
         return replace(optimum, trajectory=robust.first.filled(trajectory), energy=robust.first.energy(trajectory))

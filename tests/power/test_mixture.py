@@ -19,6 +19,7 @@ from energy_opt.motion.plan.rivals import Rival
 from energy_opt.motion.plan.robust import RobustPlanner
 from energy_opt.motion.reshape.nodes import node_functions, symbolic_torque
 from energy_opt.motion.retime.solve import retime
+from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import Mixture, PowerModel, drive_function, source_method_2
 from energy_opt.power.known import named_model
 from energy_opt.power.law import rigid_torque
@@ -225,6 +226,26 @@ def test_torque_beyond_its_limit_under_another_model_is_said(panda: Robot) -> No
     assert (
         said.startswith("under 'rough' panda_joint") and " N m at " in said and said.endswith("holds it under 'plain'")
     )
+
+
+def test_torque_limits_are_held_under_every_model(panda: Robot) -> None:
+    """Friction takes the first joint beyond its limit; planned under both, Pinocchio's torque with friction is held."""
+    rivals = [Rival("plain", source_method_2()), Rival("rough", source_method_2() + CoulombFriction(tau_c=3.0))]
+    settings, move = Settings(compile="never", starts=1, controls=16), Move(START, GOAL, duration=1.2)
+
+    def most(trajectory: Trajectory) -> float:
+        q, v, a = trajectory.sample(np.linspace(0.0, 1.2, 4001) + trajectory.time[0])[:3]
+        rough = panda.body.torque(q, v, a) + 3.0 * np.sign(v) * (np.abs(v) > 0.05)
+        return float(np.abs(rough[:, 0]).max())
+
+    effort = panda.limits.effort.copy()
+    effort[0] = 0.95 * most(Planner(panda, rivals[0].model, settings).solve(move).trajectory)
+    weak = dataclasses.replace(panda, limits=panda.limits.replace(effort=effort))
+    first = Planner(weak, rivals[0].model, settings).solve(move)
+    found = RobustPlanner(weak, rivals, "mean", settings).solve(move)
+    assert most(first.trajectory) > 1.01 * effort[0] and most(found.trajectory) <= effort[0] * (1 + 1e-6)
+    assert found.certificate.valid and not any("above its limit" in warning for warning in found.warnings)
+    assert found.energy.total <= found.baseline("scaled").energy.total
 
 
 def test_a_plan_of_the_source_model_says_what_friction_makes_of_it(panda: Robot) -> None:

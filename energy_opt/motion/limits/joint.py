@@ -83,8 +83,8 @@ class JointLimit(Limit):
         value = getattr(x, self.reads)
         return worst_of(self, x, value, self.bound, np.abs(value) / self.bound - 1)
 
-    def scaled(self, share: float) -> Self:
-        """The limit with bounds times `share`."""
+    def scaled(self, share: float | np.ndarray) -> Self:
+        """The limit with bounds times `share`, for all joints or (n,)."""
         return type(self)(self.bound * share)
 
 

@@ -8,6 +8,7 @@ from copy import copy
 from dataclasses import replace
 from functools import cache
 from time import process_time
+from typing import Any
 
 import numpy as np
 
@@ -47,6 +48,7 @@ CONFIRMING = 10.0  # [s] CPU time for all searches; later only the largest durat
 BEYOND = 1.0, 1.01, 1.05  # multiples of a reported duration that must work too
 AT_REST = 1e-6  # [rad/s^2] smaller accelerations count as zero
 
+Shares = Mapping[str, Any]  # of limits' bounds, by name: a number, or one for each joint (n,)
 Start = tuple[Move, FirstPath, tuple[JointPath, ...]]
 
 
@@ -74,11 +76,11 @@ class Planner:
         stopped: Callable[[], bool] = lambda: False,
     ) -> None:
         self.robot, self.settings = robot, settings or Settings()
-        self._shares: Mapping[str, float] = {}
+        self._shares: Shares = {}
         # first paths with the cell and the move they belong to
         self._starts: list[tuple[Cell | None, Move, Start]] = []
         # their fastest timings, with the model, the shares of limits and the settings that they hold for
-        self._timings: list[tuple[Move, PowerModel, Mapping[str, float], Settings, Timing]] = []
+        self._timings: list[tuple[Move, PowerModel, Shares, Settings, Timing]] = []
         self._workshop, self._stopped = Workshop(), stopped
         self._take_cell(cell)
         self._take_model(model)
@@ -128,10 +130,11 @@ class Planner:
         count = len(self.model.weighted)
         return tuple(limit.for_models(count).scaled(self._shares.get(limit.name, 1.0)) for limit in held)
 
-    def within(self, shares: Mapping[str, float]) -> Planner:
-        """A planner of the same moves that uses these shares of the limits' bounds, by name; it builds nothing."""
+    def within(self, shares: Shares) -> Planner:
+        """A planner of the same moves that uses these shares of its limits' bounds; it builds nothing."""
         out = copy(self)
-        out._shares, out._starts = shares, list(self._starts)
+        out._shares = {**self._shares, **{name: share * self._shares.get(name, 1.0) for name, share in shares.items()}}
+        out._starts = list(self._starts)
         return out
 
     def as_ending(self, trajectory: Trajectory) -> Planner:

@@ -15,7 +15,7 @@ has the same effects, so that nothing is built again.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -23,14 +23,18 @@ from typing import Any, Literal
 import numpy as np
 
 from energy_opt.cell.cell import Cell
-from energy_opt.errors import BadInput
-from energy_opt.motion.judge.certificate import ALLOWED, certify, certify_and_score
+from energy_opt.errors import BadInput, Infeasible
+from energy_opt.motion.judge.certificate import ALLOWED, certify_and_score
 from energy_opt.motion.judge.energy import Energy, Scorer
+from energy_opt.motion.limits.joint import Effort
 from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.plan.anytime import Progress
 from energy_opt.motion.plan.blend import blended, least_weights
-from energy_opt.motion.plan.planner import Planner
+from energy_opt.motion.plan.efforts import ROUNDS as EFFORT_ROUNDS
+from energy_opt.motion.plan.efforts import smaller, used
+from energy_opt.motion.plan.planner import Planner, Shares
 from energy_opt.motion.plan.rivals import SAME, Rival, exceeds, judges_of, record_of
+from energy_opt.motion.plan.robust_warnings import effort_warnings, power_warnings
 from energy_opt.motion.plan.sketch import Settled
 from energy_opt.motion.reshape.open import FIXED, Open
 from energy_opt.motion.result import Baseline, Optimality, Result
@@ -42,6 +46,7 @@ from energy_opt.robot import Robot
 Kind = Literal["mean", "worst"]
 ROUNDS = {"mean": 4, "worst": 6}  # most solves; "mean" nearly always ends after the first
 GROWTH = 9.0  # factor of the weight of a model under which the move costs more than the evenly slowed one
+BODIES = "payload, tilt or links differ between the models: the search uses the first one's, energies each one's"
 STEP = 1.0  # step of the log weights, per standard deviation of the models' energies above their mean
 
 
@@ -75,7 +80,7 @@ class RobustPlanner:
     """Plans moves of one robot under several models; results are stated under the first one.
 
     Args:
-        rivals: at least one; the torque limits of the first one apply, and in the search its payload, tilt and links.
+        rivals: at least one; the search has the payload, tilt and links of the first one.
         kind: "mean" or "worst" of the energies.
         settings, cell, stopped: as for `Planner`.
         planner: an existing planner of the models' mean, with its settings and cell.
@@ -111,7 +116,7 @@ class RobustPlanner:
         """The planner of the models' mean, for solves at many durations; check its answers with `costs_more`."""
         return self._planner
 
-    def within(self, shares: Mapping[str, float]) -> RobustPlanner:
+    def within(self, shares: Shares) -> RobustPlanner:
         """See `Planner.within`."""
         out = copy(self)
         out._planner = self._planner.within(shares)
@@ -138,10 +143,35 @@ class RobustPlanner:
     ) -> Result:
         """The best move found; see `Planner.solve`. `Result.models` has its energies under each model.
 
-        Another objective than energy is minimised once, whatever the energies.
+        Another objective than energy is minimised once, whatever the energies. The torque limits are held under every
+        model, if such a move is found; else a warning says which joint exceeds its limit.
         """
+        first = answer = self._solve(move, warm, deadline, confirm)
+        share = np.ones(self.robot.n)
+        for _ in range(EFFORT_ROUNDS):
+            use = self.efforts(answer.result.trajectory)
+            if use.max() <= 1 + ALLOWED or answer.result.interrupted:
+                return self._stated(answer)
+            share = smaller(share, use)
+            try:
+                found = self.within({Effort.name: share})._solve(move, warm, deadline, confirm=False).result
+            except Infeasible:
+                break
+            judged = self._planner.with_trajectory(found, move, found.trajectory)
+            answer = replace(self._answer(judged), bound=first.bound)
+        return self._stated(first if self.overloads(answer.result.trajectory) else answer)
+
+    def efforts(self, trajectory: Trajectory) -> np.ndarray:
+        """The largest share (n,) of each joint's torque limit that a motion uses under any of the models."""
+        return used(trajectory, self._scorers[: len(self.rivals)], self._planner.limits())
+
+    def overloads(self, trajectory: Trajectory) -> bool:
+        """Does a motor's torque exceed its limit under any of the models?"""
+        return bool(self.efforts(trajectory).max() > 1 + ALLOWED)
+
+    def _solve(self, move: Move, warm: Sequence[Trajectory], deadline: float | None, confirm: bool) -> _Answer:
         if self._planner.settings.objective != "energy":
-            return self._stated(self._answer(self._planner.solve(move, warm, deadline, confirm)))
+            return self._answer(self._planner.solve(move, warm, deadline, confirm))
         progress = Progress(self._planner.settings.deadline if deadline is None else deadline, self._stopped)
 
         def find(planner: Planner, known: list[Trajectory]) -> Result:
@@ -151,7 +181,7 @@ class RobustPlanner:
             return planner.as_ending(known[-1]).solve(held, [*warm, *known], progress.left, confirm)
 
         best = self._best_answer(find, progress.ended, move)
-        return self._stated(self._or_evenly_slowed(move, best))
+        return self._or_evenly_slowed(move, best)
 
     def _or_evenly_slowed(self, move: Move, best: _Answer) -> _Answer:
         """The answer, or the evenly slowed move if that is better; for a free duration, also the fastest timing."""
@@ -285,6 +315,7 @@ class RobustPlanner:
             for k, (rival, energy) in enumerate(zip(self._judges, answer.energies, strict=True))
         ]
         several = len(self.rivals if self.kind == "mean" else self._judges) > 1
+        named = [(judge.name, s) for judge, s in zip(self._judges, self._scorers, strict=True)]
         peak, _, filled = certify_and_score(result.trajectory, scorer, ())
 
         def stated(baseline: Baseline) -> Baseline:
@@ -301,42 +332,11 @@ class RobustPlanner:
             models=tuple(records),
             warnings=(
                 *result.warnings,
-                *self._body_warnings(),
-                *self._effort_warnings(result.trajectory),
-                *self._power_warnings(result.trajectory),
+                *([] if self._one_body else [BODIES]),
+                *effort_warnings(self.robot, result.trajectory, named, self._planner.limits()),
+                *power_warnings(result.trajectory, named, self._planner.settings.max_power),
             ),
         )
-
-    def _body_warnings(self) -> list[str]:
-        """A warning if the models differ in payload, tilt or links."""
-        said = "payload, tilt or links differ between the models: the search uses the first one's, energies each one's"
-        return [] if self._one_body else [said]
-
-    def _effort_warnings(self, trajectory: Trajectory) -> list[str]:
-        """Warnings for models other than the first under which a motor's torque exceeds its limit."""
-        limits, out = [limit for limit in self._planner.limits() if limit.name == "effort"], []
-        for judge, scorer in zip(self._judges[1:], self._scorers[1:], strict=True):
-            found = certify(trajectory, scorer, limits)
-            if found.violation > ALLOWED:
-                worst, unit = found.worst, self.robot.unit("effort", str(found.worst["joint"]))
-                out.append(
-                    f"under {judge.name!r} {worst['joint']} takes {worst['value']:.4g} {unit} at {worst['time']:.3f} s"
-                    f", above its limit of {worst['bound']:.4g} {unit}; the plan holds it under {self.rivals[0].name!r}"
-                )
-        return out
-
-    def _power_warnings(self, trajectory: Trajectory) -> list[str]:
-        """Warnings for corners of assumed friction under which the peak power [W] exceeds the limit."""
-        limit = self._planner.settings.max_power
-        if limit is None:
-            return []
-        peaks = [certify(trajectory, scorer, ()).peak_power for scorer in self._scorers]
-        return [
-            f"under {rival.name!r} power reaches {peak:.5g} W; the limit of {limit:g} W is held under the models "
-            "themselves: measure friction with `diagnose`, or give a lower limit"
-            for rival, peak in zip(self._judges, peaks, strict=True)
-            if peak > limit * (1 + ALLOWED)
-        ]
 
     def _minimised(self, answer: _Answer) -> dict[str, Any]:
         """The minimised value, its lower bound and the gap; the energy itself then has no bound."""

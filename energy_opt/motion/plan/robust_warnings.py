@@ -1,0 +1,41 @@
+"""Warnings of a plan under several models: limits that it holds under one of them only."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from energy_opt.motion.judge.certificate import ALLOWED, certify
+from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.limits.base import Limit
+from energy_opt.motion.limits.joint import Effort
+from energy_opt.motion.trajectory import Trajectory
+from energy_opt.robot import Robot
+
+
+def effort_warnings(
+    robot: Robot, trajectory: Trajectory, scorers: Sequence[tuple[str, Scorer]], limits: Sequence[Limit]
+) -> list[str]:
+    """Warnings for models (name and scorer) under which a motor's torque exceeds its limit; the plan's model first."""
+    held, out = [limit for limit in limits if isinstance(limit, Effort)], []
+    for name, scorer in scorers[1:]:
+        found = certify(trajectory, scorer, held)
+        if held and found.violation > ALLOWED:
+            worst, unit = found.worst, robot.unit("effort", str(found.worst["joint"]))
+            out.append(
+                f"under {name!r} {worst['joint']} takes {worst['value']:.4g} {unit} at {worst['time']:.3f} s"
+                f", above its limit of {worst['bound']:.4g} {unit}; the plan holds it under {scorers[0][0]!r}"
+            )
+    return out
+
+
+def power_warnings(trajectory: Trajectory, scorers: Sequence[tuple[str, Scorer]], limit: float | None) -> list[str]:
+    """Warnings for models (name and scorer), or corners of assumed friction, whose peak power exceeds `limit` [W]."""
+    if limit is None:
+        return []
+    peaks = [(name, certify(trajectory, scorer, ()).peak_power) for name, scorer in scorers]
+    return [
+        f"under {name!r} power reaches {peak:.5g} W; the limit of {limit:g} W is held under the models "
+        "themselves: measure friction with `diagnose`, or give a lower limit"
+        for name, peak in peaks
+        if peak > limit * (1 + ALLOWED)
+    ]

@@ -327,3 +327,12 @@ def test_a_path_is_timed_once_for_all_durations_of_a_move(planner, monkeypatch):
     assert planner.within({"velocity": 0.5, "acceleration": 0.5}).minimum_time(move) > shortest
     planner.under(planner.model.replaced(Payload(mass=1.0, com=[0, 0, 0.08]))).minimum_time(move)
     assert len(paths) == 3
+
+
+def test_the_fastest_move_is_no_slower_than_the_fastest_timing_of_its_first_path() -> None:
+    """Zero end accelerations take about 1 % longer than a UR5e's own TOPP-RA, whose move is valid, too."""
+    start, goal = np.array([0, -1.2, 1.4, -1.5, -1.57, 0]), np.array([1.5, -0.8, 1.0, -1.2, -1.0, 0.8])
+    result = Planner(load_robot("ur5e"), source_method_2(), Settings(objective="time")).solve(Move(start, goal))
+    fastest = result.baseline("toppra")
+    assert fastest is not None and fastest.valid
+    assert result.certificate.valid and result.trajectory.duration <= fastest.duration + 1e-9

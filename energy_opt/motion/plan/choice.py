@@ -69,7 +69,7 @@ def choose(
     further = [(name, judged.trajectory.on_nanoseconds()) for name, judged in baselines]
     further += [("warm", t.on_nanoseconds()) for t in work.warm]
     found, more = least(
-        context, move, work, further if context.settings.objective == "energy" or context.stopped() else []
+        context, move, work, further if context.settings.objective in ("energy", "time") or context.stopped() else []
     )
     iterations = more + sum(
         candidate.iterations for candidate in (work.reshaped, work.retimed) if candidate is not None
@@ -129,16 +129,21 @@ def least(
 ) -> tuple[tuple[str, Judged] | None, int]:
     """The valid candidate of least energy with its name, among the work's and `further`; None if none is valid.
 
-    Also returns the iterations spent on repairing the retimed path. If the objective is not energy, the mode that was
-    asked for comes before a candidate of less energy.
+    Also returns the iterations spent on repairing the retimed path. The objective "time" ranks by duration; for the
+    others but energy, the mode that was asked for comes before a candidate of less energy.
     """
-    energy_counts = context.settings.objective == "energy"
+    objective = context.settings.objective
+    energy_counts = objective == "energy"
     judged = [(name, context.judge(t)) for name, t in (*work.candidates, *further) if fits_move(move, t)]
-    wanted = None if energy_counts else move.mode
+
+    def rank(candidate: tuple[str, Judged]) -> tuple[float, float]:
+        name, found = candidate
+        if objective == "time":
+            return round(found.trajectory.duration, 9), found.energy.total  # [s], to a nanosecond
+        return float(not energy_counts and name != move.mode), found.energy.total
 
     def valid() -> tuple[str, Judged] | None:
-        ranked = sorted(judged, key=lambda v: (wanted is not None and v[0] != wanted, v[1].energy.total))
-        return next((v for v in ranked if v[1].certificate.valid), None)
+        return next((v for v in sorted(judged, key=rank) if v[1].certificate.valid), None)
 
     best, iterations = valid(), 0
     beaten = best is not None and best[0] == "reshape"

@@ -86,9 +86,9 @@ def candidates_of(
     if curve.trajectory is not None and (judged := context.judge(curve.trajectory)).certificate.valid:
         context.progress.found(judged.energy.loss)
     may = may_free(context, move, timing, curve.trajectory is None) and not context.stopped()
-    if may and _costs_more_than_timing(context, curve, retimed):
+    if may and _worse_than_timing(context, curve, timing, retimed):
         other = _curve(freed(context), move, timing, retimed, warm, kept)
-        if other.trajectory is not None and not _costs_more_than_timing(context, other, retimed):
+        if other.trajectory is not None and not _worse_than_timing(context, other, timing, retimed):
             curve = replace(other, iterations=curve.iterations + other.iterations)
     return Work(timing, None, curve, None, warm, retimed)
 
@@ -126,17 +126,18 @@ def _curve(
     return curve
 
 
-def _costs_more_than_timing(context: Context, curve: Candidate, retimed: Callable[[], RetimeSolution | None]) -> bool:
+def _worse_than_timing(
+    context: Context, curve: Candidate, timing: Timing | None, retimed: Callable[[], RetimeSolution | None]
+) -> bool:
     """Is a curve, from zero acceleration to zero, beaten by the best timing of the first path?
 
     Timings begin and end with any acceleration. Near the least time that counts: building it up takes about 1 % longer.
     """
-    if context.settings.objective != "energy":
-        return False
-    solution = retimed()
-    return solution is not None and (
-        curve.trajectory is None or context.judge(curve.trajectory).energy.total > solution.energy
-    )
+    found, objective = curve.trajectory, context.settings.objective
+    if objective == "time":
+        return timing is not None and (found is None or found.duration > timing.duration * (1 + 1e-9))
+    solution = retimed() if objective == "energy" else None
+    return solution is not None and (found is None or context.judge(found).energy.total > solution.energy)
 
 
 def first_timing(move: Move, timing: Callable[[], Timing]) -> Timing | None:

@@ -146,15 +146,16 @@ class RobustPlanner:
         Another objective than energy is minimised once, whatever the energies. The torque limits are held under every
         model, if such a move is found; else a warning says which joint exceeds its limit.
         """
-        first = answer = self._solve(move, warm, deadline, confirm)
+        progress = Progress(self._planner.settings.deadline if deadline is None else deadline, self._stopped)
+        first = answer = self._solve(move, warm, progress, confirm)
         share = np.ones(self.robot.n)
         for _ in range(EFFORT_ROUNDS):
             use = self.efforts(answer.result.trajectory)
-            if use.max() <= 1 + ALLOWED or answer.result.interrupted:
+            if use.max() <= 1 + ALLOWED or progress.ended():
                 return self._stated(answer)
             share = smaller(share, use)
             try:
-                found = self.within({Effort.name: share})._solve(move, warm, deadline, confirm=False).result
+                found = self.within({Effort.name: share})._solve(move, warm, progress, confirm=False).result
             except Infeasible:
                 break
             judged = self._planner.with_trajectory(found, move, found.trajectory)
@@ -169,10 +170,9 @@ class RobustPlanner:
         """Does a motor's torque exceed its limit under any of the models?"""
         return bool(self.efforts(trajectory).max() > 1 + ALLOWED)
 
-    def _solve(self, move: Move, warm: Sequence[Trajectory], deadline: float | None, confirm: bool) -> _Answer:
+    def _solve(self, move: Move, warm: Sequence[Trajectory], progress: Progress, confirm: bool) -> _Answer:
         if self._planner.settings.objective != "energy":
-            return self._answer(self._planner.solve(move, warm, deadline, confirm))
-        progress = Progress(self._planner.settings.deadline if deadline is None else deadline, self._stopped)
+            return self._answer(self._planner.solve(move, warm, progress.left, confirm))
 
         def find(planner: Planner, known: list[Trajectory]) -> Result:
             if not known or self.kind == "worst":  # else weights price energy beyond the evenly slowed move's

@@ -173,7 +173,7 @@ def document_of(
             models = planner.compared(best, slowed)
         else:
             models = records_under(with_careful(rivals, robot), best, slowed, robot)
-    warnings = [] if isinstance(planner, RobustPlanner) else said(models, "the front's minimum")
+    warnings = _overloads(planner, front) if isinstance(planner, RobustPlanner) else said(models, "the front's minimum")
     if worth is not None:
         over = found.get("cycle") or {}
         least, fastest = over.get("minimum"), over.get("fastest_then_wait")
@@ -203,3 +203,16 @@ def cycle_for(
     if np.any(move.end_velocities[1]):
         raise BadInput("--cycle: the move does not end at rest, so the arm cannot wait at its goal")
     return Cycle(robot, model, move.goal, length, idle_power)
+
+
+def _overloads(robust: RobustPlanner, front: Front) -> list[str]:
+    """A warning that names the durations of points that exceed a torque limit under another model than the first."""
+    points = [p for p in (front.fastest, front.minimum, front.cycle_minimum, *front.points) if p is not None]
+    over = {f"{p.duration:.4g}" for p in points if p.trajectory is not None and robust.overloads(p.trajectory)}
+    if not over:
+        return []
+    listed = ", ".join(sorted(over, key=float))
+    return [
+        f"in {listed} s a motor's torque exceeds its limit under another model than {robust.rivals[0].name!r}; "
+        "no move that holds it under all models was found in that time"
+    ]

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.errors import at_least
+from energy_opt.errors import Infeasible, at_least
 from energy_opt.files import write_json, write_text
 from energy_opt.folders import written_whole
 from energy_opt.formats import table as rows
@@ -221,12 +221,16 @@ def stated(robust: RobustPlanner, move: Move, front: Front, cycle: Cycle | None)
 
     def held(optimum: Optimum) -> Optimum:
         trajectory = optimum.trajectory
-        if trajectory.duration >= fastest.duration:
+        again = robust.overloads(trajectory)
+        if not again and trajectory.duration >= fastest.duration:
             slowed = fastest.slowed(trajectory.duration).trajectory(planner.robot.joints)
-            costly = robust.costs_more(trajectory, slowed) and robust.planner.certify(slowed, timed).valid
-            if costly or robust.overloads(trajectory):
+            again = robust.costs_more(trajectory, slowed) and planner.certify(slowed, timed).valid
+        if again:
+            try:
                 result = robust.solve(replace(move, duration=trajectory.duration, max_duration=None), [trajectory])
                 return Optimum(result.trajectory, result.energy, result.status == "solved")
+            except Infeasible:  # no room for another motion in so short a time: the point is kept
+                pass
         return replace(optimum, trajectory=robust.first.filled(trajectory), energy=robust.first.energy(trajectory))
 
     def under_first(point: Point | None) -> Point | None:
@@ -239,8 +243,10 @@ def stated(robust: RobustPlanner, move: Move, front: Front, cycle: Cycle | None)
 
     points = [found for point in front.points if (found := under_first(point)) is not None]
     minimum, quickest, in_cycle = map(under_first, (front.minimum, front.fastest, front.cycle_minimum))
-    # the minimum of the mean may not be that under the first model: report the least stated energy as the minimum
+    # the minimum of the mean may not be that under the first model: report the least stated energy as the minimum,
+    # among points within the torque limits under all models, if there are any
     solved = [p for p in (*points, minimum, quickest) if p is not None and p.status == "solved"]
+    solved = [p for p in solved if p.trajectory is not None and not robust.overloads(p.trajectory)] or solved
     if minimum is not None and minimum.status == "solved":
         minimum = min(solved, key=lambda point: point.total)
     if in_cycle is not None and in_cycle.status == "solved":

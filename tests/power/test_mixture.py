@@ -12,6 +12,8 @@ import pytest
 from energy_opt.effects import CopperLoss, CoulombFriction, FrictionCurve, Payload, Regeneration, Standby
 from energy_opt.errors import BadInput
 from energy_opt.front.rivals import compared, rivals_from
+from energy_opt.fronts.front import Point, trace
+from energy_opt.fronts.output import stated
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.path import straight
@@ -307,3 +309,22 @@ def test_draws_keep_given_values() -> None:
     )
     for drawn in draws_of(model, 5):
         assert np.array_equal(drawn.effects[-1].values["speed"], [0.0, 0.1, 0.9])
+
+
+def test_a_point_of_a_front_that_exceeds_a_torque_limit_under_another_model_is_solved_again(panda: Robot) -> None:
+    """Friction takes the first joint beyond its limit in 0.85 s; in the fastest move's time there is no other motion."""
+    rivals = [Rival("plain", source_method_2()), Rival("rough", source_method_2() + CoulombFriction(tau_c=3.0))]
+    settings, move = Settings(compile="never", starts=1, controls=16), Move(START, GOAL)
+    effort = panda.limits.effort.copy()
+    effort[0] = 11.0
+    weak = dataclasses.replace(panda, limits=panda.limits.replace(effort=effort))
+    robust = RobustPlanner(weak, rivals, "mean", settings)
+    front = trace(robust.planner, move, durations=[0.85, 1.2])
+    again = stated(robust, move, front, None)
+
+    def most(point: Point) -> float:
+        q, v, a = point.trajectory.sample(np.linspace(0.0, point.duration, 4001) + point.trajectory.time[0])[:3]
+        return float(np.abs(panda.body.torque(q, v, a) + 3.0 * np.sign(v) * (np.abs(v) > 0.05))[:, 0].max())
+
+    assert most(front.points[0]) > 11.1 and most(front.minimum) > 11.1
+    assert max(map(most, (*again.points, again.minimum))) <= 11.0 and most(again.fastest) > 11.1

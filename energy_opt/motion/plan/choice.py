@@ -129,26 +129,25 @@ def least(
 ) -> tuple[tuple[str, Judged] | None, int]:
     """The valid candidate of least energy with its name, among the work's and `further`; None if none is valid.
 
-    Also returns the iterations spent on repairing the retimed path. The objective "time" ranks by duration; for the
-    others but energy, the mode that was asked for comes before a candidate of less energy.
+    Also returns the iterations spent on repairing the retimed path. With the objective "time" the shortest duration
+    comes first. With any objective but energy, the mode that was asked for comes before a candidate of less energy.
     """
     objective = context.settings.objective
     energy_counts = objective == "energy"
     judged = [(name, context.judge(t)) for name, t in (*work.candidates, *further) if fits_move(move, t)]
 
-    def rank(candidate: tuple[str, Judged]) -> tuple[float, float]:
+    def rank(candidate: tuple[str, Judged]) -> tuple[float, bool, float]:
         name, found = candidate
-        if objective == "time":
-            return round(found.trajectory.duration, 9), found.energy.total  # [s], to a nanosecond
-        return float(not energy_counts and name != move.mode), found.energy.total
+        shortest = round(found.trajectory.duration, 9) if objective == "time" else 0.0  # [s], to a nanosecond
+        return shortest, not energy_counts and name != move.mode, found.energy.total
 
     def valid() -> tuple[str, Judged] | None:
         return next((v for v in sorted(judged, key=rank) if v[1].certificate.valid), None)
 
     best, iterations = valid(), 0
-    beaten = best is not None and best[0] == "reshape"
+    beaten = best is not None and (best[0] == "reshape" or not energy_counts)  # a retiming cannot be better
     solution = None if work.retimed is not None or beaten or context.stopped() else work.retiming()
-    if solution is not None and _may_win(solution, best, energy_counts):
+    if solution is not None and _may_win(solution, best):
         repaired = repaired_timing(context, move, solution)
         iterations = repaired.iterations
         if repaired.trajectory is not None and fits_move(move, repaired.trajectory):
@@ -162,9 +161,9 @@ def least(
     return best, iterations
 
 
-def _may_win(solution: RetimeSolution, best: tuple[str, Judged] | None, energy_counts: bool) -> bool:
+def _may_win(solution: RetimeSolution, best: tuple[str, Judged] | None) -> bool:
     """Is the least energy on the first path, by its own quadrature, below that of the best candidate so far?"""
-    return best is None or (energy_counts and solution.energy < best[1].energy.total)
+    return best is None or solution.energy < best[1].energy.total
 
 
 def _duration(move: Move, work: Work) -> float:

@@ -10,29 +10,24 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from energy_opt.motion.judge.certificate import ALLOWED, certify
-from energy_opt.motion.judge.energy import Scorer
-from energy_opt.motion.limits.base import Limit
-from energy_opt.motion.limits.joint import Effort
+from energy_opt.motion.judge.energy import DENSER, Scorer, blocks
 from energy_opt.motion.trajectory import Trajectory
 
-ROUNDS = 4  # most solves with smaller limits; the torque of friction needs two
+ROUNDS = 4  # most solves with smaller limits; one or two suffice for friction
+HELD = 1 - 1e-4  # share of a limit, at the places of the dense grid, below which it holds between them, too
 BELOW = 2e-3  # share by which a smaller limit is below what the last answer needs
 
 
-def used(trajectory: Trajectory, scorers: Sequence[Scorer], limits: Sequence[Limit]) -> np.ndarray:
-    """The largest share (n,) of each joint's torque limit that a motion uses under any of the models; 0: no limit."""
-    n = len(trajectory.joints)
-    out = np.zeros(n)
-    for limit in limits:
-        if isinstance(limit, Effort):
-            alone = [Effort(np.where(np.arange(n) == joint, limit.bound, np.inf)) for joint in range(n)]
-            for scorer in scorers:
-                excess = [found.excess for found in certify(trajectory, scorer, alone).found]
-                out = np.maximum(out, [np.inf if e is None else 1 + e for e in excess])
-    return out
+def used(trajectory: Trajectory, scorers: Sequence[Scorer], bound: np.ndarray) -> np.ndarray:
+    """The largest share (n,) of the torque limits `bound` (n,) [N m] that a motion uses under any of the models."""
+    peaks = [
+        np.abs(scorer.dense(trajectory, DENSER, part).effort).max(axis=0)
+        for part in blocks(trajectory, DENSER)
+        for scorer in scorers
+    ]
+    return np.max([np.zeros_like(bound), *peaks], axis=0) / bound
 
 
 def smaller(share: np.ndarray, use: np.ndarray) -> np.ndarray:
     """Shares (n,) of the limits for the next solve; the last one had `share` (n,) of them and used `use` (n,)."""
-    return np.where(use > 1 + ALLOWED, share / (use * (1 + BELOW)), share)
+    return np.where(use > HELD, share / (use * (1 + BELOW)), share)

@@ -24,14 +24,14 @@ import numpy as np
 
 from energy_opt.cell.cell import Cell
 from energy_opt.errors import BadInput, Infeasible
-from energy_opt.motion.judge.certificate import ALLOWED, certify_and_score
+from energy_opt.motion.judge.certificate import certify_and_score
 from energy_opt.motion.judge.energy import Energy, Scorer
 from energy_opt.motion.limits.joint import Effort
 from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.plan.anytime import Progress
 from energy_opt.motion.plan.blend import blended, least_weights
+from energy_opt.motion.plan.efforts import HELD, smaller, used
 from energy_opt.motion.plan.efforts import ROUNDS as EFFORT_ROUNDS
-from energy_opt.motion.plan.efforts import smaller, used
 from energy_opt.motion.plan.planner import Planner, Shares
 from energy_opt.motion.plan.rivals import SAME, Rival, exceeds, judges_of, record_of
 from energy_opt.motion.plan.robust_warnings import effort_warnings, power_warnings
@@ -148,27 +148,29 @@ class RobustPlanner:
         """
         progress = Progress(self._planner.settings.deadline if deadline is None else deadline, self._stopped)
         first = answer = self._solve(move, warm, progress, confirm)
-        share = np.ones(self.robot.n)
+        share, use = np.ones(self.robot.n), self._efforts(first.result.trajectory)
         for _ in range(EFFORT_ROUNDS):
-            use = self.efforts(answer.result.trajectory)
-            if use.max() <= 1 + ALLOWED or progress.ended():
-                return self._stated(answer)
+            if use.max() <= HELD or progress.ended():
+                break
             share = smaller(share, use)
             try:
                 found = self.within({Effort.name: share})._solve(move, warm, progress, confirm=False).result
             except Infeasible:
                 break
-            judged = self._planner.with_trajectory(found, move, found.trajectory)
-            answer = replace(self._answer(judged), bound=first.bound)
-        return self._stated(first if self.overloads(answer.result.trajectory) else answer)
-
-    def efforts(self, trajectory: Trajectory) -> np.ndarray:
-        """The largest share (n,) of each joint's torque limit that a motion uses under any of the models."""
-        return used(trajectory, self._scorers[: len(self.rivals)], self._planner.limits())
+            judged = self._answer(self._planner.with_trajectory(found, move, found.trajectory))
+            even = self._or_evenly_slowed(move, judged)
+            answer = judged if self.overloads(even.result.trajectory) else even
+            use = self._efforts(answer.result.trajectory)
+        return self._stated(first if use.max() > HELD else replace(answer, bound=first.bound))
 
     def overloads(self, trajectory: Trajectory) -> bool:
-        """Does a motor's torque exceed its limit under any of the models?"""
-        return bool(self.efforts(trajectory).max() > 1 + ALLOWED)
+        """Does a motor's torque exceed its limit under another model than the first?"""
+        return bool(self._efforts(trajectory).max() > HELD)
+
+    def _efforts(self, trajectory: Trajectory) -> np.ndarray:
+        """The largest share (n,) of each joint's torque limit that a motion uses under the other models."""
+        (bound,) = [limit.bound for limit in self._planner.limits() if isinstance(limit, Effort)]
+        return used(trajectory, self._scorers[1 : len(self.rivals)], bound)
 
     def _solve(self, move: Move, warm: Sequence[Trajectory], progress: Progress, confirm: bool) -> _Answer:
         if self._planner.settings.objective != "energy":

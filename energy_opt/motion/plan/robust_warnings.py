@@ -19,7 +19,7 @@ def effort_warnings(
     held, out = [limit for limit in limits if isinstance(limit, Effort)], []
     for name, scorer in scorers[1:]:
         found = certify(trajectory, scorer, held)
-        if held and found.violation > ALLOWED:
+        if found.violation > ALLOWED:
             worst, unit = found.worst, robot.unit("effort", str(found.worst["joint"]))
             out.append(
                 f"under {name!r} {worst['joint']} takes {worst['value']:.4g} {unit} at {worst['time']:.3f} s"

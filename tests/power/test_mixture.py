@@ -312,7 +312,7 @@ def test_draws_keep_given_values() -> None:
 
 
 def test_a_point_of_a_front_that_exceeds_a_torque_limit_under_another_model_is_solved_again(panda: Robot) -> None:
-    """Friction takes the first joint beyond its limit in 0.85 s; in the fastest move's time there is no other motion."""
+    """Friction takes the first joint beyond its limit in 0.85 s; in the fastest move's time no other fits."""
     rivals = [Rival("plain", source_method_2()), Rival("rough", source_method_2() + CoulombFriction(tau_c=3.0))]
     settings, move = Settings(compile="never", starts=1, controls=16), Move(START, GOAL)
     effort = panda.limits.effort.copy()

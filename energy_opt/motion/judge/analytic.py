@@ -43,7 +43,7 @@ class TorqueBound:
         self._gravity = float(np.linalg.norm(gravity))
 
     def largest(self, turn: np.ndarray, v: np.ndarray, a: np.ndarray, slide: np.ndarray) -> np.ndarray:
-        """Largest magnitudes (K, n) of torque.
+        """Largest magnitudes (K, n) of torque, for each of K neighbourhoods.
 
         Args:
             turn, v, a: largest |Im q|, |v| and |a|; slide: largest |q|; all (K, n).
@@ -94,20 +94,17 @@ class TorqueBound:
             sizes: the largest of the derivatives 1 ... 5 of q on each piece, (K, n) each; slide: of |q| itself.
             h: (K, 1) [s], the pieces' lengths. degree: of p.
         """
-        near = np.array(RADII)[:, None, None]
-        r = near * h  # (radii, K, 1); `largest` takes all radii at once
+        near = np.array(RADII)[:, None]
         with np.errstate(all="ignore"):  # overflow gives no bound
-            powers = [size * h**k for k, size in enumerate(sizes, 1)]
-            turn, v, a = (
-                (np.tensordot(_shares(least), powers, axes=1) / h**least).reshape(-1, slide.shape[1])
-                for least in (0, 1, 2)
-            )
-            most = self.largest(turn, v, a, np.tile(slide, (len(RADII), 1)) + turn).reshape(len(RADII), *slide.shape)
-            most = np.nan_to_num(most, nan=np.inf, posinf=np.inf)
+            powers = np.stack([size * h**k for k, size in enumerate(sizes, 1)])
+            turn, v, a = (_shares(least) @ (powers / h**least).max(axis=1) for least in (0, 1, 2))
+            # of all pieces together: the worst one decides, and `largest` sees few rows
+            most = np.nan_to_num(self.largest(turn, v, a, slide.max(axis=0) + turn), nan=np.inf, posinf=np.inf)
             value = most * ((1 / (degree * near)) ** (degree + 1) * factorial(degree) / 4 + ROUNDING)
-            rate = (degree + 1) * most / r * (1 / near) ** degree + ROUNDING * most / h
-        best = np.argmin(rate * h, axis=0)[None]
-        return np.take_along_axis(value, best, axis=0)[0], np.take_along_axis(rate, best, axis=0)[0]
+            rate = most * ((degree + 1) / near ** (degree + 1) + ROUNDING)  # times h
+        best = np.argmin(rate, axis=0)[None]
+        least, rates = (np.take_along_axis(x, best, axis=0) for x in (value, rate))
+        return np.broadcast_to(least, slide.shape), rates / h
 
 
 @cache

@@ -127,20 +127,23 @@ class Proof:
                 return found, False
         return found, False
 
-    def _used(self, c: np.ndarray, limit: Limit) -> tuple[np.ndarray, np.ndarray]:
-        """Excess coefficients (d + 1, K * 2 n) of polynomials over bounds of both signs, and the bounds (2 n,)."""
+    def _over(self, c: np.ndarray, limit: Limit, known: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Excess coefficients (d + 1, M) over bounds of both signs, of those polynomials (d + 1, K, n) that may exceed
+        `known`; their columns (M,) among K * 2 n; and the bounds (2 n,).
+        """
         if isinstance(limit, Position):
-            span = limit.upper - limit.lower
-            span = np.where(np.isfinite(span), span, 1.0)
-            first = self._dense.trajectory.position[:-1]
-            over, under = (c + (first - limit.upper)) / span, ((limit.lower - first) - c) / span
-            out, bounds = np.concatenate([over, under], axis=2), np.concatenate([limit.upper, limit.lower])
+            first, bounds = self._dense.trajectory.position[:-1], np.concatenate([limit.upper, limit.lower])
+            unit = np.tile(limit.upper - limit.lower, 2)
         else:
             assert isinstance(limit, JointLimit)
-            bound = limit.bound
-            out, bounds = np.concatenate([c, -c], axis=2) / np.concatenate([bound, bound]) - 1, np.tile(bound, 2)
-        out = np.where(np.isfinite(bounds), out, -1.0)
-        return out.reshape(len(c), -1), bounds
+            first, bounds = np.zeros_like(c[0]), np.concatenate([limit.bound, -limit.bound])
+            unit = np.abs(bounds)
+        unit, sign = np.where(np.isfinite(unit), unit, 1.0), np.repeat([1.0, -1.0], c.shape[2])
+        most = np.concatenate([c.max(axis=0) + first, -c.min(axis=0) - first], axis=1)
+        piece, j = np.nonzero(most > sign * bounds + known * unit)
+        start = first[piece, j % c.shape[2]]
+        over = sign[j] * (c[:, piece, j % c.shape[2]] + (start - bounds[j])) / unit[j]
+        return over, piece * len(bounds) + j, bounds
 
     def _of_polynomials(self, limit: Limit, found: Violation) -> Violation:
         c = self._derivatives[next((k for kind, k in DERIVATIVES.items() if isinstance(limit, kind)), 0)]
@@ -148,18 +151,18 @@ class Proof:
 
     def _peak(self, c: np.ndarray, limit: Limit, found: Violation, tolerance: float) -> Violation:
         """`found`, or a higher peak of polynomials (d + 1, K, n)."""
-        used, bounds = self._used(c, limit)
-        excess, column, x = peak(used, _excess(found), tolerance)
+        used, column, bounds = self._over(c, limit, _excess(found) + tolerance)
+        excess, number, x = peak(used, _excess(found), tolerance)
         if excess <= _excess(found):
             return found
-        k, j = divmod(column, len(bounds))
+        k, j = divmod(int(column[number]), len(bounds))
         n, sign = len(bounds) // 2, 1.0 if j < len(bounds) // 2 else -1.0
-        value = sign * (excess + 1) * float(bounds[j])
+        value, bound = (excess + 1) * float(bounds[j]), abs(float(bounds[j]))
         if isinstance(limit, Position):
-            span = float(limit.upper[j % n] - limit.lower[j % n])
-            value = float(bounds[j]) + sign * excess * (span if np.isfinite(span) else 1.0)
+            span, bound = float(limit.upper[j % n] - limit.lower[j % n]), float(bounds[j])
+            value = bound + sign * excess * (span if np.isfinite(span) else 1.0)
         time = float(self._begin[k] + x * self._h[k, 0])
-        return Violation(found.limit, excess, self._dense.joints[j % n], time, value, float(bounds[j]))
+        return Violation(found.limit, excess, self._dense.joints[j % n], time, value, bound)
 
     def _torque(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Polynomials (d + 1, K, n) near rigid-body torque, and bounds (K, n) of their errors and of their rates'

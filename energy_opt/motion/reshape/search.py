@@ -155,8 +155,8 @@ class Reshaper:
         rough = replace(task, width=MIDDLE)
         model = rough.model(fine)
         for guess in guesses:
-            known = [] if self._nodes.kinked else [task.cost(o) for o in compared if o.broken <= FREE]
-            rival = min(known, default=np.inf)
+            costs = [] if self._nodes.kinked else [task.cost(o) for o in compared if o.broken <= FREE]
+            rival = min(costs, default=np.inf)
             compared.append(rough.descended(
                 model, guess, TRIAL, trust=TRUST, tolerance=ROUGH, stopped=stopped, rival=rival, given_up=OUTDONE
             ))  # fmt: skip

@@ -8,8 +8,12 @@ from itertools import combinations
 
 import numpy as np
 
+from scipy.linalg import null_space
+
 from energy_opt.diagnosis.data import Samples
+from energy_opt.diagnosis.evidence import SPREADS
 from energy_opt.diagnosis.fit import Fit
+from energy_opt.diagnosis.links import deviations_of
 from energy_opt.diagnosis.predict import predict
 from energy_opt.diagnosis.verdict import Inference
 from energy_opt.effects import Armature, CoulombFriction, ViscousFriction
@@ -65,11 +69,18 @@ def rivals_of(found: Inference, n: int) -> list[Rival]:
 
 
 def _slack(f: Fit, model: PowerModel, n: int, numbers: bool = True) -> Slack:
-    """Uncertainty of a model from a fit with the same effects: of links and level, with `numbers` also of effects."""
+    """Uncertainty of a model from a fit with the same effects: of links and level, with `numbers` also of effects.
+
+    Links have the widest prior that evidence weighs, also those that the fit takes for exact, as the fit after the next
+    recording may have them deviate. So do those whose deviations the data so far do not show.
+    """
     charted, amounts = f.count, len(f.amounts)
     first = charted + len(f.weights)
     records = np.r_[np.arange(charted if numbers else 0), first : first + amounts]
-    sizes, axes = np.linalg.eigh(f.covariance[np.ix_(records, records)])
+    free, widest = f.hessian.copy(), max(SPREADS)
+    free[first : first + amounts, first : first + amounts] -= (f.nuisance.spread**-2 - widest**-2) * np.eye(amounts)
+    covariance = f.covariance + np.linalg.inv(free) - np.linalg.inv(f.hessian)
+    sizes, axes = np.linalg.eigh(covariance[np.ix_(records, records)])
     root = axes * np.sqrt(np.maximum(sizes, 0.0))
     values, at = np.zeros((len(model.values(n)), len(records))), 0
     where = model.places(n)
@@ -78,9 +89,13 @@ def _slack(f: Fit, model: PowerModel, n: int, numbers: bool = True) -> Slack:
             values[where[c.term.name]] = c.slope(z) @ root[at : at + len(z)]
         at += len(z)
     basis, noise, nuisance = f.world.links.basis, f.world.whiten.noise, f.nuisance
+    every = deviations_of(f.world.samples.body)
+    unseen = every @ null_space(np.linalg.lstsq(every, basis, rcond=None)[0].T) * widest
+    values = np.column_stack([values, np.zeros((len(values), unseen.shape[1]))])
+    links = np.column_stack([basis @ root[len(records) - amounts :], unseen])
     density = noise.white**2 * f.world.samples.step + 2 * noise.wave**2 * noise.memory
     level = float(np.hypot(nuisance.offset, nuisance.drift))
-    return Slack(values, basis @ f.amounts, basis @ root[len(records) - amounts :], level, density)
+    return Slack(values, basis @ f.amounts, links, level, density)
 
 
 def separations(rivals: Sequence[Rival], body: RigidBody, trajectory: Trajectory, step: float) -> np.ndarray:
@@ -112,8 +127,16 @@ def nearest(
     _, k, u = _unexplained_parts(rivals, body, trajectory, step)[pair]
     models, slack = [rival.model for rival in rivals], rivals[k].slack
     if slack is not None:
-        models[k] = models[k].with_values(models[k].values(body.n) + slack.values @ u[:-1], body.n)
+        low, high = _bounds(models[k], body.n)
+        models[k] = models[k].with_values(np.clip(models[k].values(body.n) + slack.values @ u[:-1], low, high), body.n)
     return models
+
+
+def _bounds(model: PowerModel, n: int) -> np.ndarray:
+    """Physical bounds (2, P) of a model's values, laid out as `values`."""
+    return np.array(
+        [(p.lower, p.upper) for e in model.effects for p in e.parameters for _ in range(p.count(n, e.extents))]
+    ).T
 
 
 def _unexplained_parts(

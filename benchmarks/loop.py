@@ -9,7 +9,7 @@ for both plans (from the forward simulation's torque, not from a model), and the
 first, which is scored under the calibrated model too; the better of the two is kept, so it is never worse there.
 
 With --open an arm whose links are off their URDF by 5 to 10 % is recorded too briefly to tell what it has; the motion
-that `next_motion` proposes is recorded three times, and all is diagnosed together.
+that `next_motion` proposes is recorded as often as it says (three times if it does not), and all is diagnosed together.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ ACCELERATION, JERK = 12.0, 1500.0  # [rad/s^2], [rad/s^3] where an arm's own lim
 NOISE = Instruments(noise=0.6, power_resolution=0.05)
 
 NOISY = Instruments(noise=1.0, power_resolution=0.05)
-OPEN = ("coulomb_friction", "z1", 2)  # effect, arm and seed of a session that leaves open what it is
+OPEN = ("coulomb_friction", "xarm7", 6)  # effect, arm and seed of a session that leaves open what it is
 
 CASES: dict[str, str] = {  # effect -> arm
     "coulomb_friction": "ur5",
@@ -190,10 +190,11 @@ def turn(
     return out
 
 
-def settled(name: str, robot: str, seed: int, motions: int = 2) -> str:
+def settled(name: str, robot: str, seed: int, motions: int = 1) -> str:
     """What a short session on an arm with links off its URDF leaves open, and what the proposed motion makes of it."""
     from misfit_urdf import with_urdf, write_changed
 
+    from energy_opt.next_motion.recordings import recordings
     from energy_opt.next_motion.rivals import rivals_of
     from energy_opt.next_motion.search import propose
 
@@ -217,12 +218,14 @@ def settled(name: str, robot: str, seed: int, motions: int = 2) -> str:
         if motion is None:
             return f"{name} of {robot}: open between {' or '.join(rivals)}; no motion tells them apart"
         t = motion.trajectory
-        takes = [Reference(f"next{k}", t.time, t.position, t.velocity) for k in (1, 2, 3)]
+        count = recordings(before.inference, t)
+        takes = [Reference(f"next{k}", t.time, t.position, t.velocity) for k in range(1, (count or 3) + 1)]
         after = found([*session, *takes], "after").document
     told = " + ".join(row["name"] for row in after["effects"]) or "nothing"
     return (
         f"{name} of {robot}: open between {' or '.join(rivals)}; a motion of {t.duration:.1f} s on which they differ "
-        f"by {motion.difference:.2f} W rms beyond what links, level and their own parameters can explain; "
+        f"by {motion.difference:.2f} W rms beyond what links, level and their own parameters can explain, to be "
+        f"recorded {count or 'more than five'} time(s); "
         f"then {after['verdict']}: {told}"
     )
 

@@ -20,8 +20,7 @@ from energy_opt.power import PowerModel
 
 CLAIM = 7.0  # least log odds for claiming an effect: a thousand to one
 DETAIL = 0.01  # share of the largest log odds, added to CLAIM: a law that is off by 10 % leaves 1 % of its evidence
-# the same, added to RIVAL: with 0 a wrong law is claimed at 3.4 of 319 (tests/diagnosis/test_resembling_laws.py); with
-# 0.01, and on one machine already with this value, recorded motions do not settle which law holds (test_next_motion.py)
+# the same, added to RIVAL: with 0 a wrong law is claimed at 3.4 of 319 (tests/diagnosis/test_resembling_laws.py)
 RIVAL_DETAIL = 0.0025
 RIVAL = 3.0  # log odds within which another set explains the data equally well: twenty to one
 TURNS = 3

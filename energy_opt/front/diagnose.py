@@ -23,6 +23,7 @@ from energy_opt.front.moves import documents
 from energy_opt.measured import MeasuredSet, read_set
 from energy_opt.motion.plan.rivals import Rival
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.next_motion.recordings import MOST, recordings
 from energy_opt.next_motion.rivals import rivals_of
 from energy_opt.next_motion.search import propose
 from energy_opt.next_motion.worth import add_worth, worth_words
@@ -34,6 +35,10 @@ from energy_opt.results import Found
 
 ANSWER = "diagnosis.json"
 NEXT = "next_motion.csv"
+ALIKE = (
+    "Next: plan under all alternatives (optimize --model model.toml --robust mean); the proposed motion may still tell "
+    "them apart."
+)
 
 
 @dataclass(frozen=True, repr=False)
@@ -153,5 +158,13 @@ def _next_motion(result: Diagnosis, seed: int, surroundings: CellRequest) -> Tra
     result.document["next_motion"] = NEXT
     result.document["next_step"] = next_step(result.document)
     more = "beyond what links, level and their own parameters can explain"
-    remarks.append(f"Record {NEXT} next: over it the alternatives differ by {motion.difference:.3g} W rms {more}.")
+    text = f"Record {NEXT} next: over it the alternatives differ by {motion.difference:.3g} W rms {more}."
+    if result.verdict == "ambiguous":
+        count = recordings(result.inference, motion.trajectory)
+        if count is None:
+            text += f" Not even {MOST} recordings are sure to settle which of them holds, as they are too alike."
+            result.document["next_step"] = ALIKE
+        elif count > 1:
+            text += f" Record it {count} times: one recording is hardly enough."
+    remarks.append(text)
     return motion.trajectory

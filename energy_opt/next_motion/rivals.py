@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-
 from scipy.linalg import null_space
 
 from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.evidence import SPREADS
-from energy_opt.diagnosis.fit import Fit
+from energy_opt.diagnosis.fit import Fit, Nuisance
 from energy_opt.diagnosis.links import deviations_of
 from energy_opt.diagnosis.predict import predict
 from energy_opt.diagnosis.verdict import Inference
@@ -72,26 +71,36 @@ def _slack(f: Fit, model: PowerModel, n: int, numbers: bool = True) -> Slack:
     """Uncertainty of a model from a fit with the same effects: of links and level, with `numbers` also of effects.
 
     Links have the widest prior that evidence weighs, also those that the fit takes for exact, as the fit after the next
-    recording may have them deviate. So do those whose deviations the data so far do not show.
+    recording may have them deviate.
+    """
+    return slack_under(f, model, n, replace(f.nuisance, spread=max(SPREADS)), numbers)
+
+
+def slack_under(f: Fit, model: PowerModel, n: int, nuisance: Nuisance, numbers: bool = True) -> Slack:
+    """Uncertainty of a model under the prior widths `nuisance`; a link also deviates where no reading so far shows it.
+
+    Args:
+        f: a fit with the model's effects. model: the rival. n: number of joints. numbers: also of the effects' numbers.
     """
     charted, amounts = f.count, len(f.amounts)
     first = charted + len(f.weights)
     records = np.r_[np.arange(charted if numbers else 0), first : first + amounts]
-    free, widest = f.hessian.copy(), max(SPREADS)
-    free[first : first + amounts, first : first + amounts] -= (f.nuisance.spread**-2 - widest**-2) * np.eye(amounts)
-    covariance = f.covariance + np.linalg.inv(free) - np.linalg.inv(f.hessian)
+    wider = f.hessian.copy()
+    wider[first : first + amounts, first : first + amounts] += np.eye(amounts) * (
+        nuisance.spread**-2 - f.nuisance.spread**-2
+    )
+    covariance = f.covariance + np.linalg.inv(wider) - np.linalg.inv(f.hessian)
     sizes, axes = np.linalg.eigh(covariance[np.ix_(records, records)])
     root = axes * np.sqrt(np.maximum(sizes, 0.0))
-    values, at = np.zeros((len(model.values(n)), len(records))), 0
+    basis, noise = f.world.links.basis, f.world.whiten.noise
+    every = deviations_of(f.world.samples.body)
+    unseen = every @ null_space(np.linalg.lstsq(every, basis, rcond=None)[0].T) * nuisance.spread
+    values, at = np.zeros((len(model.values(n)), len(records) + unseen.shape[1])), 0
     where = model.places(n)
     for c, z in zip(f.charts, f.numbers, strict=True):
         if numbers:
-            values[where[c.term.name]] = c.slope(z) @ root[at : at + len(z)]
+            values[where[c.term.name], : len(records)] = c.slope(z) @ root[at : at + len(z)]
         at += len(z)
-    basis, noise, nuisance = f.world.links.basis, f.world.whiten.noise, f.nuisance
-    every = deviations_of(f.world.samples.body)
-    unseen = every @ null_space(np.linalg.lstsq(every, basis, rcond=None)[0].T) * widest
-    values = np.column_stack([values, np.zeros((len(values), unseen.shape[1]))])
     links = np.column_stack([basis @ root[len(records) - amounts :], unseen])
     density = noise.white**2 * f.world.samples.step + 2 * noise.wave**2 * noise.memory
     level = float(np.hypot(nuisance.offset, nuisance.drift))
@@ -144,7 +153,7 @@ def _unexplained_parts(
 ) -> list[tuple[float, int, np.ndarray]]:
     """Of every two rivals: the squares [W^2] of `separations`, the rival that explains more, and its unknowns."""
     samples = samples_of(body, trajectory, step)
-    shown = [_expected_readings(rival, samples) for rival in rivals]
+    shown = [expected_readings(rival, samples) for rival in rivals]
     out = []
     for a, b in combinations(range(len(rivals)), 2):
         d = shown[a][0] - shown[b][0]
@@ -154,7 +163,7 @@ def _unexplained_parts(
     return out
 
 
-def _expected_readings(rival: Rival, samples: Samples) -> tuple[np.ndarray, np.ndarray]:
+def expected_readings(rival: Rival, samples: Samples) -> tuple[np.ndarray, np.ndarray]:
     """The readings (M,) that a rival expects, and their derivatives (M, g + 1) by its unknowns and the run's level."""
     slack = rival.slack
     if slack is None:

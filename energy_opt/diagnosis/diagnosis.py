@@ -22,7 +22,7 @@ from energy_opt.diagnosis.recordings import take_samples
 from energy_opt.diagnosis.residual import Attribution, goes_with
 from energy_opt.diagnosis.usable import foreseen
 from energy_opt.diagnosis.verdict import Inference, excited, infer, plain_fit
-from energy_opt.diagnosis.words import headline, joints_headline, next_step, remarks, speeds_seen, summary
+from energy_opt.diagnosis.words import UNRECORDED, headline, joints_headline, next_step, remarks, speeds_seen, summary
 from energy_opt.effects import LinkInertia, Payload, effect_class
 from energy_opt.errors import BadInput
 from energy_opt.files import write_json
@@ -88,6 +88,9 @@ def diagnose(
         declared = declared.replaced(Payload(mass=measured.payload.mass, com=measured.payload.com))
     if not any(len(run.power) for run in measured.runs):
         return _of_joints(measured, declared)
+    readings = np.concatenate([run.power for run in measured.runs])
+    if len(readings) >= FEWEST and np.ptp(readings) == 0:
+        raise BadInput(f"{measured.path}: the power is {readings[0]:g} W throughout; is the meter connected?")
     measured = parted(shortened(without_scattering(_metered(measured))))
     side = joint_side(measured, declared)
     if wrong := wrong_units(side, measured.robot.joints, measured.robot.limits):
@@ -122,6 +125,8 @@ def diagnose(
     ahead = foreseen(model, samples, noise, drift, offset, found.accepted, best, [written(f) for f in found.rivals[1:]])
     if found.misspecified and found.verdict != "nothing_missing":
         ahead = replace(ahead, reason=ahead.reason or "a law is present that is not among the effects")
+    if found.idle:
+        ahead = replace(ahead, reason=ahead.reason or f"{joints[found.idle[0]]} hardly moves in the set")
     floor = found.after.noise
     records = side_records(side, joints, limits, found.accepted if enough else None)
     modes = modes_of(model, samples)
@@ -200,7 +205,7 @@ def _attributions(found: Inference, joints: tuple[str, ...]) -> list[Attribution
     left = max(found.after.rmse**2 - found.after.noise**2, 0.0) ** 0.5
     records = goes_with(plain_fit(found.search, found.accepted), found.best.free, joints)
     kept = [row for row in records if row.watts > LEAST * left]
-    return kept or [Attribution("no signal that was recorded", None, 1.0, left)]
+    return kept or [Attribution(UNRECORDED, None, 1.0, left)]
 
 
 def _covariance(found: Inference) -> Uncertainty | None:

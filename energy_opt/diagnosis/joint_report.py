@@ -21,6 +21,7 @@ WIDER = 1.5  # factor on standard deviations of the readings, as real friction i
 APART = 0.1  # relative difference allowed between joint readings and power: gear losses under load, drive constants
 LEAST = 0.03  # least uncertainty as a share of a usual size
 SHOWN = 0.05  # share of usual dry friction above which readings count as containing friction
+MOST_CURRENT = 300.0  # [A] no drive of a joint takes more at its effort limit
 DISAGREE = 3.0  # standard deviations between both estimates from which a remark reports it
 
 
@@ -156,9 +157,16 @@ NEAR = 0.3  # relative deviation up to which a multiple of the torque identifies
 
 
 def wrong_units(side: JointSide | None, joints: Sequence[str], limits: Limits) -> str:
-    """Remark on logged torques that clearly have another sign or unit; "" if there are none."""
-    if side is None or side.unit != "N m":
+    """Remark on logged torques or currents that clearly have another sign or unit; "" if there are none."""
+    if side is None:
         return ""
+    if side.unit == "A":
+        many = [joint for joint, kt, effort in zip(joints, side.scale, limits.effort, strict=True)
+                if effort > MOST_CURRENT * kt]  # fmt: skip
+        if not many:
+            return ""
+        said = f"those of {', '.join(many)} look like mA"
+        return f"The logged currents are not used: {said}. Correct them, or name their unit in log.toml."
     found: dict[str, list[str]] = {}
     for joint, times, effort in zip(joints, side.multiple, limits.effort, strict=True):
         units = {"N m with the opposite sign": -1.0, "mN m": 1e3, "% of the effort limit": 100 / effort}

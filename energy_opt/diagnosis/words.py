@@ -18,6 +18,7 @@ UNKNOWN = 0.4  # posterior over prior standard deviation above which the data ha
 WANDERS = 0.3  # share of the noise by which runs' levels must differ to be mentioned
 SHARE = 0.01  # least explained share that the headline states
 PREFIX = 1000.0  # factor between watts and kilowatts, or milliwatts and watts
+UNRECORDED = "no signal that was recorded"  # what remains goes with it where it goes with none of the log
 PLAIN = {
     "coulomb_friction": "dry friction",
     "viscous_friction": "viscous friction",
@@ -225,6 +226,8 @@ def next_step(document: dict[str, Any], follows: bool = True) -> str:
         return "Next: record the proposed motion and diagnose both sets together."
     if document["remainder"]:
         first = document["remainder"][0]
+        if first["signal"] == UNRECORDED:
+            return "Next: check the power's unit and what else the meter feeds: no recorded signal explains the rest."
         return f"Next: look for what goes with {first['signal']}{' of ' + first['joint'] if first['joint'] else ''}."
     return "Next: more runs, in other parts of the workspace, would narrow the held-out error."
 
@@ -263,6 +266,8 @@ def _foreseen(d: dict[str, Any]) -> str:
     percent = d["foreseen"]["difference_percent"]
     if percent is None:
         return "no motion, so differences of energy are unknown"
+    if percent > 100:
+        return "differences of energy between motions are not predicted: the error is larger than they are"
     usable = "good enough to plan with" if d["usable"] else "not shown to be good enough to plan with"
     within = f"{percent:.0f} %" if percent >= 0.5 else "the meter's noise"
     return f"differences of energy between motions are predicted within {within}: {usable}"

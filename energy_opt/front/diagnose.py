@@ -163,7 +163,8 @@ def _next_motion(result: Diagnosis, seed: int, surroundings: CellRequest) -> Tra
         count = recordings(result.inference, motion.trajectory)
         if count is None:
             text += f" Not even {MOST} recordings are sure to settle which of them holds, as they are too alike."
-            result.document["next_step"] = ALIKE
+            if not result.document["usable"]:
+                result.document["next_step"] = ALIKE
         elif count > 1:
             text += f" Record it {count} times: one recording is hardly enough."
     remarks.append(text)

@@ -174,6 +174,8 @@ def identify(robot: str, poses: Sequence[Pose]) -> Identification:
     spread = float(np.std(load))
     if spread <= 1e-6 * max(float(load.mean()), 1e-12) or spread < 1e-3:
         return refused("all gravity torques are alike, so r_over_kt2 cannot be separated from overhead")
+    if np.ptp(power) == 0:
+        return refused(f"the power is {mean:g} W in every pose; is the meter connected?")
     fit = linregress(load, power)
     standby, r = float(fit.intercept), float(fit.slope)
     half = student.ppf(0.975, count - 2) * np.array([fit.intercept_stderr, fit.stderr])

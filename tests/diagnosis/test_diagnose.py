@@ -15,7 +15,7 @@ from energy_opt.diagnosis import diagnose
 from energy_opt.diagnosis.evidence import without_steps
 from energy_opt.diagnosis.predict import friction_torque
 from energy_opt.diagnosis.recordings import take_samples
-from energy_opt.diagnosis.words import next_step
+from energy_opt.diagnosis.words import UNRECORDED, next_step
 from energy_opt.effects import CoulombFriction, Payload, Regeneration, Standby, StandbyDrift
 from energy_opt.files import read_table, read_toml, write_toml
 from energy_opt.measured import read_set
@@ -70,6 +70,12 @@ def test_a_motion_that_was_not_proposed_is_not_the_next_step():
     document = {"verdict": "insufficient", "usable": False, "remainder": [], "next_motion": None}
     assert "more motions" in next_step(document)
     assert "the proposed motion" in next_step({**document, "next_motion": "next_motion.csv"})
+
+
+def test_what_goes_with_no_recorded_signal_is_not_looked_for_among_them():
+    left = [{"signal": UNRECORDED, "joint": None}]
+    said = next_step({"verdict": "unexplained", "usable": False, "remainder": left})
+    assert "power's unit" in said and "goes with" not in said
 
 
 def test_errors_fall_to_the_noise_on_runs_never_fitted(found):
@@ -157,6 +163,13 @@ def test_too_little_excitation(weak, tmp_path):
             limits.lower[j] <= motion[f"{joint}.position"].min() <= motion[f"{joint}.position"].max() <= limits.upper[j]
         )
         assert np.abs(motion[f"{joint}.velocity"]).max() > 0.01
+
+
+def test_a_model_of_a_joint_that_never_moved_is_not_good_enough_to_plan_with(tmp_path):
+    made = make_set(tmp_path / "set", "panda", [], seed=7, weak="still_joint")
+    document = diagnose(read_set(made.folder, made.robot), made.declared).document
+    assert document["verdict"] == "insufficient" and document["foreseen"]["difference_percent"] < 20
+    assert not document["usable"] and "hardly moves" in document["foreseen"]["reason"]
 
 
 def test_wrong_declared_values_are_fitted_anew(tmp_path):

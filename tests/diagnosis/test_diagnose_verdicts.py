@@ -23,6 +23,7 @@ from energy_opt.diagnosis.joint_side import joint_side
 from energy_opt.diagnosis.noise import Noise, Shared, Whitener
 from energy_opt.diagnosis.recordings import take_samples
 from energy_opt.effects import CopperLoss, Standby, WindingTemperature
+from energy_opt.errors import BadInput
 from energy_opt.measured import read_set
 from energy_opt.power import PowerModel, load_model
 
@@ -318,3 +319,9 @@ def test_a_law_that_explains_nearly_all_is_not_measured_against_links_that_are_n
     truth = write_world(World("panda", 220_012, (0.03, 0.05), "ar1", "inverter_loss"), tmp_path / "set")
     document = told(truth, tmp_path / "out")
     assert [e["name"] for e in document["effects"]] == ["inverter_loss"]
+
+
+def test_a_meter_that_shows_one_value_throughout_is_refused(repeats, repeated):
+    runs = tuple(dataclasses.replace(run, power=np.full_like(run.power, 95.0)) for run in repeats.runs)
+    with pytest.raises(BadInput, match="the power is 95 W throughout"):
+        diagnose(dataclasses.replace(repeats, runs=runs), repeated.declared)

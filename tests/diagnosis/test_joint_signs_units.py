@@ -86,3 +86,11 @@ def test_torques_alone_in_another_unit_are_refused(recorded):
     runs = (dataclasses.replace(run, power=nothing, power_time=nothing, window=nothing) for run in mute.runs)
     with pytest.raises(BadInput, match="look like mN m"):
         diagnose(dataclasses.replace(mute, runs=tuple(runs)), declared)
+
+
+def test_currents_in_milliamperes_are_named_and_not_used(recorded):
+    measured, _, declared = recorded
+    runs = tuple(dataclasses.replace(run, current=1000.0 * run.current) for run in measured.runs)
+    document = diagnose(dataclasses.replace(measured, runs=runs), declared).document
+    assert any("currents are not used" in said and "look like mA" in said for said in document["remarks"])
+    assert document["verdict"] == "nothing_missing" and not document["joint_side"]

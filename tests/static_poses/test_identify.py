@@ -57,6 +57,7 @@ def test_an_overhead_below_zero_is_reported():
     [
         ([500, 500.0, 500, 500], [90, 91, 92, 91], "are alike"),
         ([100, 900], [90, 93], "2 different pose"),
+        ([100, 400, 900], [95, 95, 95], "95 W in every pose"),
         ([500, 501, 502, 503], [90, 93, 89, 92], "do not vary enough"),
         ([100, 900, 1600, 2500], [95, 92, 90, 87], "falls with gravity torque"),
     ],

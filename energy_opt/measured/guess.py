@@ -261,5 +261,13 @@ def same_columns(guesses: Mapping[str, Guess]) -> None:
             b = guess.preset if key == "preset" else guess.columns.get(key)
             if a != b:
                 raise BadInput(
-                    f"{name}: {key} is {b!r}, in {first_name} it is {a!r}; import them into sets of their own"
+                    f"{name}: {key} is {_in_words(b)}, in {first_name} it is {_in_words(a)}; "
+                    "import them into sets of their own"
                 )
+
+
+def _in_words(column: Any) -> str:
+    """A column of a log, or a preset, as a message names it."""
+    if isinstance(column, Mapping) and "column" in column:
+        return f"column {column['column']!r}" + (f" in {column['unit']}" if "unit" in column else "")
+    return "absent" if column is None else repr(column)

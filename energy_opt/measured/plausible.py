@@ -13,6 +13,7 @@ COARSEST = 1.0  # [s] largest step of a motion; with a larger one, the stamps' u
 FINEST = 1e-5  # [s] least plausible step
 FASTER = 5.0  # multiple of a velocity limit that no joint reaches from one sample to the next and back
 JUMP = 0.05  # [rad, m] least change between two samples that may be a damaged row; noise of encoders is far below
+GLITCH = 30.0  # multiple of the usual power by which no arm's power changes for one reading
 LEAP = 0.5  # [rad, m] the same for a position that stays at the new value
 TURN = 2 * np.pi  # [rad] the jump of an angle that wraps
 WRAP = 2.0  # multiple of a velocity limit above which a change by about one turn is a wrapped angle
@@ -26,6 +27,17 @@ def spikes(time: np.ndarray, position: np.ndarray, robot: Robot) -> np.ndarray:
     wide = np.abs(change) > most
     back = np.abs(position[2:] - position[:-2]) < JUMP
     out[1:-1] = (wide[:-1] & wide[1:] & back).any(axis=1)
+    return out
+
+
+def glitches(power: np.ndarray) -> np.ndarray:
+    """Mask (N,) of single readings of the power [W] that are far beyond what the meter shows else, as damaged ones."""
+    out = np.zeros(len(power), dtype=bool)
+    if len(power) < 3:
+        return out
+    usual = max(float(np.median(np.abs(power))), float(np.ptp(np.quantile(power, (0.02, 0.98)))))
+    wide = np.abs(np.diff(power)) > GLITCH * usual
+    out[1:-1] = wide[:-1] & wide[1:] & (np.abs(power[2:] - power[:-2]) < usual)
     return out
 
 

@@ -19,6 +19,7 @@ from energy_opt.measured.columns import AUTO, LOGGED, PRESETS, Rule, plain_rules
 from energy_opt.measured.joints import EPOCH, FEWEST, Joints, quantity, read_joints, runs_backward, update_indices
 from energy_opt.measured.log import LogFile, RunEntry
 from energy_opt.measured.names import energy_column, power_column, time_columns
+from energy_opt.measured.plausible import glitches
 from energy_opt.measured.run import JOINT_SIGNALS, Run, cut_at_standstill, pieces
 from energy_opt.measured.table import Table
 from energy_opt.robot import Robot
@@ -76,6 +77,11 @@ def read_meter(table: Table, rules: Mapping[str, Rule], joints: Joints | None, w
     if energy:
         return _counter(time, values, dated)
     remarks = []
+    wild = glitches(values)
+    if wild.any():
+        first = table.row_number(int(there[np.argmax(wild)]))
+        remarks.append(f"{int(wild.sum())} readings dropped: the power jumps away and back (first: row {first})")
+        time, values = time[~wild], values[~wild]
     new = update_indices(values)
     if new is not None:
         beat = float(np.median(np.diff(time[new])))

@@ -128,8 +128,8 @@ def _overlap(log: LogFile, runs: Sequence[Run]) -> str:
         begin, end = other.start + float(other.time[0]), one.start + float(one.time[-1])
         if begin < end - CLOSE:
             return (
-                f"{log.path}: start of {other.file}: begins at {begin:.4g} s, before {one.file} ends at {end:.4g} s; "
-                "an arm makes one run at a time, so no start is used. Correct them, or leave them out"
+                f"{log.path.name}: start of {other.file}: begins at {begin:.4g} s, before {one.file} ends at "
+                f"{end:.4g} s; an arm makes one run at a time, so no start is used. Correct them, or leave them out"
             )
     return ""
 

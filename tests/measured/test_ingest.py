@@ -40,6 +40,29 @@ def test_degrees_milliseconds_kilowatts_are_converted_and_reported(tmp_path, cap
     assert main(["import", str(path), "--robot", "z1", "--out", str(tmp_path / "set"), "--quiet"]) == 2
 
 
+def test_files_in_different_units_are_named_in_words(tmp_path):
+    t, q, _, p = arm(Z1)
+    names = ",".join(f"{joint}.position" for joint in Z1.joints)
+    files = [
+        put(tmp_path / f"{unit}.csv", lines(f"time,{names},power", [t, factor * q, p]))
+        for unit, factor in (("deg", 180 / np.pi), ("rad", 1.0))
+    ]
+    with pytest.raises(BadInput, match=r"joint1\.position' in rad, in .* it is column 'joint1\.position' in deg"):
+        import_files(files, tmp_path / "set", Z1)
+
+
+def test_a_reading_far_beyond_the_others_is_dropped_and_named(tmp_path):
+    t, q, _, p = arm(Z1)
+    names = ",".join(f"{joint}.position" for joint in Z1.joints)
+    damaged = p.copy()
+    damaged[[40, 90]] = 1e6, -65535.0
+    put(tmp_path / "a.csv", lines(f"time,{names},power", [t, q, damaged]))
+    log(tmp_path, "z1", '[[run]]\nfile = "a.csv"\n')
+    measured = read_set(tmp_path)
+    assert np.abs(measured.runs[0].power).max() < 2 * p.max() and len(measured.runs[0].power) == len(p) - 2
+    assert any("2 readings dropped: the power jumps away and back (first: row 42)" in x for x in measured.remarks)
+
+
 def test_files_are_paired_and_runs_ordered(tmp_path):
     for k, begin in ((2, 100.0), (10, 0.0)):
         t, q, _, p = arm(Z1)

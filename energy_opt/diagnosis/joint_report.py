@@ -161,11 +161,11 @@ def wrong_units(side: JointSide | None, joints: Sequence[str], limits: Limits) -
     if side is None:
         return ""
     if side.unit == "A":
-        many = [joint for joint, kt, effort in zip(joints, side.scale, limits.effort, strict=True)
-                if effort > MOST_CURRENT * kt]  # fmt: skip
-        if not many:
+        most = np.abs(side.scale) + SURE * side.scale_deviation  # N m/A
+        known = np.flatnonzero(np.isfinite(most))
+        if not len(known) or (limits.effort[known] < MOST_CURRENT * most[known]).any():
             return ""
-        said = f"those of {', '.join(many)} look like mA"
+        said = f"those of {', '.join(joints[j] for j in known)} look like mA"
         return f"The logged currents are not used: {said}. Correct them, or name their unit in log.toml."
     found: dict[str, list[str]] = {}
     for joint, times, effort in zip(joints, side.multiple, limits.effort, strict=True):

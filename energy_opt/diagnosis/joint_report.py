@@ -165,7 +165,7 @@ def wrong_units(side: JointSide | None, joints: Sequence[str], limits: Limits) -
         known = np.flatnonzero(np.isfinite(most))
         if not len(known) or (limits.effort[known] < MOST_CURRENT * most[known]).any():
             return ""
-        said = f"those of {', '.join(joints[j] for j in known)} look like mA"
+        said = f"those of {', '.join(joints[int(j)] for j in known)} look like mA"
         return f"The logged currents are not used: {said}. Correct them, or name their unit in log.toml."
     found: dict[str, list[str]] = {}
     for joint, times, effort in zip(joints, side.multiple, limits.effort, strict=True):

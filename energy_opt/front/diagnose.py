@@ -144,6 +144,9 @@ def _next_motion(result: Diagnosis, seed: int, surroundings: CellRequest) -> Tra
     try:
         cell = load_cell(robot, surroundings)
         motion = propose(rivals_of(result.inference, robot.n), robot, seed, cell)
+        count: int | None = 1
+        if motion is not None and result.verdict == "ambiguous":
+            count = recordings(result.inference, motion.trajectory)
     except KeyboardInterrupt:  # the results so far are written
         result.document["interrupted"] = True
         remarks.append("No motion to record next is proposed: the search for one was interrupted.")
@@ -159,13 +162,11 @@ def _next_motion(result: Diagnosis, seed: int, surroundings: CellRequest) -> Tra
     result.document["next_step"] = next_step(result.document)
     more = "beyond what links, level and their own parameters can explain"
     text = f"Record {NEXT} next: over it the alternatives differ by {motion.difference:.3g} W rms {more}."
-    if result.verdict == "ambiguous":
-        count = recordings(result.inference, motion.trajectory)
-        if count is None:
-            text += f" Not even {MOST} recordings are sure to settle which of them holds, as they are too alike."
-            if not result.document["usable"]:
-                result.document["next_step"] = ALIKE
-        elif count > 1:
-            text += f" Record it {count} times: one recording is hardly enough."
+    if count is None:
+        text += f" Not even {MOST} recordings are sure to settle which of them holds, as they are too alike."
+        if not result.document["usable"]:
+            result.document["next_step"] = ALIKE
+    elif count > 1:
+        text += f" Record it {count} times: one recording is hardly enough."
     remarks.append(text)
     return motion.trajectory

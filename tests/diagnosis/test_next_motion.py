@@ -12,6 +12,7 @@ import pytest
 
 from energy_opt.cell.load import load_cell
 from energy_opt.cell.request import CellRequest
+from energy_opt.cli.main import main
 from energy_opt.diagnosis import diagnose
 from energy_opt.diagnosis.fit import Nuisance
 from energy_opt.diagnosis.noise import Noise
@@ -27,6 +28,7 @@ from energy_opt.effects import (
     SupplyEfficiency,
     ViscousFriction,
 )
+from energy_opt.files import read_json
 from energy_opt.formats import read_trajectory, table
 from energy_opt.measured import read_set
 from energy_opt.motion.limits.base import values_of
@@ -272,10 +274,16 @@ def test_laws_that_are_too_alike_are_not_said_to_be_settled_by_a_recording(tmp_p
     where 4.0 are needed, after six, which settle no more, 3.8 where 4.5 are needed.
     """
     robot, found = recorded(LoadFriction, "panda", seed=5, noise=3.0, motions=2)
-    before = found(tmp_path)
+    before = found(tmp_path / "set")
     assert sorted(before.document["alternatives"]) == [["gear_efficiency"], ["load_friction"]]
     motion = propose(rivals_of(before.inference, robot.n), robot)
     assert motion.difference > motion.straight and recordings(before.inference, motion.trajectory) is None
+    before.declared.save(tmp_path / "set" / "declared.toml")
+    assert main(["diagnose", str(tmp_path / "set"), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    document = read_json(tmp_path / "out" / "diagnosis.json")
+    assert any("Not even 5 recordings are sure" in said for said in document["remarks"])
+    assert document["usable"] and "good enough" in document["next_step"]  # either law plans as well
+    assert (tmp_path / "out" / document["next_motion"]).is_file()
 
 
 def test_a_rivals_nearest_numbers_are_within_their_bounds(ur5, proposed):

@@ -24,7 +24,7 @@ from energy_opt.motion.reshape.curve import Curve, Outcome, refined
 from energy_opt.motion.reshape.layout import Shape
 from energy_opt.motion.reshape.nodes import NodeFunctions
 from energy_opt.motion.reshape.starts import Optima, followed, joined, search, valleys
-from energy_opt.motion.reshape.task import FEASIBLE, FREE, Level, Line, Task
+from energy_opt.motion.reshape.task import FEASIBLE, Level, Line, Task
 from energy_opt.motion.trajectory import Trajectory, row_step, whole
 from energy_opt.numerics.bspline import Basis
 
@@ -33,9 +33,6 @@ log = logging.getLogger(__name__)
 COARSE, COARSE_PACKING = 12, 0.5
 ITERATIONS, FINE = 60, 1e-6  # iterations and tolerance of the full solves, before IPOPT
 TRIAL, TRUST, ROUGH = 5, 0.4, 3e-3  # iterations, first step [rad, m] and tolerance for comparing optima
-# The same for a comparison, as for `task.SOON`: a tenth less time on 300 moves of five arms. One lost 0.06 %, one won
-# 1.2 %. At the kinks of dry friction it lost more and saved little, so it is not used there.
-OUTDONE = 2, 1.1
 PER_VIA = 2  # additional control points for every via point
 WIDE, MIDDLE = 10.0, 3.0  # factors of the width of kinks on the coarse problem, and for comparing optima
 AGAIN = 3  # most further descents if the laws have kinks and one ended without convergence
@@ -155,11 +152,7 @@ class Reshaper:
         rough = replace(task, width=MIDDLE)
         model = rough.model(fine)
         for guess in guesses:
-            costs = [] if self._nodes.kinked else [task.cost(o) for o in compared if o.broken <= FREE]
-            rival = min(costs, default=np.inf)
-            compared.append(rough.descended(
-                model, guess, TRIAL, trust=TRUST, tolerance=ROUGH, stopped=stopped, rival=rival, given_up=OUTDONE
-            ))  # fmt: skip
+            compared.append(rough.descended(model, guess, TRIAL, trust=TRUST, tolerance=ROUGH, stopped=stopped))
             if stopped():
                 break
         iterations = spent + sum(o.iterations for o in compared)

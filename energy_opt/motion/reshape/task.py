@@ -162,13 +162,11 @@ class Task:
     def descended(
         self, model: Model, guess: Curve, iterations: int, *, trust: float, tolerance: float,
         give: float = FREE, stopped: Callable[[], bool] = lambda: False, rival: float = np.inf,
-        given_up: tuple[int, float] = (SOON, HOPELESS),
     ) -> Outcome:  # fmt: skip
         """Result of sequential quadratic programming on the task's model from a guess.
 
         Args:
-            rival: cost of an optimum that is known; a search that is far above it is given up.
-            given_up: least iterations before this, and how far above it is, as a multiple of the rival's cost.
+            rival: cost of an optimum that is known; a search that is far above it is given up (`HOPELESS`).
         """
         lower, upper = model.box
         point = model.at_curve(replace(guess, points=np.clip(guess.points, lower, upper)))
@@ -181,8 +179,7 @@ class Task:
             nonlocal last
             cost, saved = now.point.cost, last - now.point.cost
             last = cost
-            soon, above = given_up
-            return stopped() or (now.iterations >= soon and cost - MORE * max(saved, 0.0) > above * scale * rival)
+            return stopped() or (now.iterations >= SOON and cost - MORE * max(saved, 0.0) > HOPELESS * scale * rival)
 
         descend(
             model, now, iterations, trust, tolerance=tolerance, give=give, slack=min(give, SLACK),

@@ -25,7 +25,6 @@ from energy_opt.motion.move import Settings
 from energy_opt.motion.plan.first_path import check_free
 from energy_opt.motion.plan.neighbour import Neighbours
 from energy_opt.motion.plan.planner import Planner
-from energy_opt.motion.retime.fastest import minimum_time
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.poses.freedom import is_free
@@ -108,9 +107,8 @@ class Worker:
         Raises:
             Infeasible: the path breaks limits at any timing; says which leg.
         """
-        limits = self.planner(leg).limits()
         try:
-            return minimum_time(self.job.robot, self.scorers.of(leg.step).model, leg.path, limits)
+            return self.planner(leg).timing(leg.move(None))
         except Infeasible as error:
             said, joint, limit = f"{leg.name}: {error}", error.joint, error.limit
             raise Infeasible(said, joint=joint, limit=limit, position=error.position) from None

@@ -17,7 +17,8 @@ import numpy as np
 from energy_opt.errors import BadInput
 from energy_opt.files import write_table
 from energy_opt.formats.bags import Bag, opened
-from energy_opt.measured.names import AMPERE, POWER, SINGLE, UNITS, VOLT, cut, power_column, product_columns, unit_in
+from energy_opt.measured.meter_names import AMPERE, POWER, SINGLE, VOLT, power_column, product_columns
+from energy_opt.measured.names import UNITS, cut, unit_in
 
 STATES = ("sensor_msgs/msg/JointState",)
 BATTERY = "sensor_msgs/msg/BatteryState"

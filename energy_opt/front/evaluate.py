@@ -166,8 +166,8 @@ def _motion(given: AnyMotion, robot: Robot, prefix: str) -> Recorded:
     """A motion of a file, or a trajectory with its columns in the robot's order."""
     if not isinstance(given, Trajectory):
         found = load(Path(given), robot.joints, prefix)
-        refuse_degrees(robot, found.trajectory.position, found.name)
-        return found
+        warnings = refuse_degrees(robot, found.trajectory.position, found.name)
+        return replace(found, notes=(*found.notes, *warnings))
     q, v, a = (np.asarray(x) for x in (given.position, given.velocity, given.acceleration))
     samples = Samples("the trajectory", given.joints, q, given.time - given.time[0], v, a)
     trajectory = samples.of(robot.joints).trajectory().on_nanoseconds()

@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 
 DEFAULT = "source-method-2"
 DEGREES = 4 * 3.15  # [rad] beyond a limit from which a position is assumed to be in degrees: two turns
-MOST = 1e4  # [rad] largest position of a joint without limits
 HEAVIEST = 5.0  # largest payload over an arm's own moving mass: no arm carries twice its weight
 FARTHEST = 2.0  # [m] largest distance of a payload's centre from the last joint: tools of large robots have half of it
 PAYLOAD = "MASS or MASS,CX,CY,CZ"
@@ -267,7 +266,7 @@ def refuse_degrees(robot: Robot, position: np.ndarray, where: str) -> tuple[str,
         A warning where a joint without limits turns many times: this is possible, but may be degrees.
 
     Raises:
-        BadInput: a joint is far outside its limits, or beyond `MOST`; names what to write instead.
+        BadInput: a joint is far outside its limits; names what to write instead.
     """
     found = look_like_degrees(robot.limits, position, DEGREES, robot.slides)
     if found is not None:
@@ -281,8 +280,6 @@ def refuse_degrees(robot: Robot, position: np.ndarray, where: str) -> tuple[str,
         return ()
     value = max(np.atleast_2d(position)[:, found[1]].tolist(), key=abs)
     turned = f"{where}: {value:g} rad for {robot.joints[found[1]]}"
-    if abs(value) > MOST:
-        raise BadInput(f"{turned}; expected at most {MOST:g} rad ({MOST / (2 * np.pi):.0f} turns)")
     turns, radians = abs(value) / (2 * np.pi), np.radians(value)
     return (f"{turned} is {turns:.3g} turns; if this is in degrees, write {radians:.4g}",)
 

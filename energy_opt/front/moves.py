@@ -135,7 +135,7 @@ def resolved(
         request: as asked. robot: the arm. rivals: the models of the plan. kind: "mean" or "worst" of several models, or
             None. move: as asked. ends: poses of the tool.
     """
-    payload, path = rivals[0].model.get("payload"), request.path
+    path = request.path
     known: dict[str, Any] = {
         "robot": named_robot(robot, request.robot),
         "start": None if ends is not None and ends.start is not None else move.start.tolist(),
@@ -144,7 +144,7 @@ def resolved(
         "via": tuple(q.tolist() for q in move.via),
         "model": documents(rivals),
         "robust": kind,
-        "payload": payload_document(payload),
+        "payload": payload_document(request.payload),  # a payload of a model belongs to that model
     }
     if ends is not None:
         begin = None if ends.start is None else ends.start.document()

@@ -184,3 +184,15 @@ def test_payloads_of_models_stay_theirs_when_a_result_is_evaluated(tmp_path: Pat
         stated = {row["name"]: row["total"] for row in result.models[:2]}
         assert {name: energy.total for name, energy in found.items()} == pytest.approx(stated, rel=1e-9)
         assert (abs(stated[models[0]] - stated[models[1]]) > 1e-6) == (payload is None)
+
+
+def test_a_result_of_another_base_is_remarked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It was evaluated upright, at other energies than it states, without a word."""
+    file = tmp_path / "out" / "trajectory.csv"
+    file.parent.mkdir()
+    formats.write(motion(Z1), file)
+    files = [{"name": file.name, "sha256": hashlib.sha256(file.read_bytes()).hexdigest()}]
+    write_json(file.parent / "result.json", {"request": {"robot": "z1", "base": [0, 0, 1, 0, 1.5, 0]}, "files": files})
+    for base, remarks in (([], 1), (["--base", "0,0,1,0,1.5,0"], 0), (["--base", "0,0,1,0,0,0"], 1)):
+        assert main(["evaluate", str(file), "--out", str(tmp_path / f"seen {len(base)}"), "--force", *base]) == 0
+        assert capsys.readouterr().err.count("planned with --base 0,0,1,0,1.5,0, which is not given") == remarks

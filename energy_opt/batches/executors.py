@@ -55,7 +55,7 @@ class _Process(SpawnProcess):
     """A process that does not run the user's script again, as processes of Python do, unless it defines effects."""
 
     def start(self) -> None:
-        """Start it; what it is told of the user's script is read from `__main__` now."""
+        """Start it; what it knows of the user's script is read from `__main__` now."""
         main = sys.modules["__main__"]
         if not any(kind.__module__ == "__main__" for kind in known_effects().values()):
             sys.modules["__main__"] = ModuleType("__main__")

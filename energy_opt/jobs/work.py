@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -24,7 +24,7 @@ from energy_opt.jobs.legs import Leg, Load, front_of
 from energy_opt.motion.move import Settings
 from energy_opt.motion.plan.first_path import check_free
 from energy_opt.motion.plan.neighbour import Neighbours
-from energy_opt.motion.plan.planner import Planner
+from energy_opt.motion.plan.planner import Planner, Shares
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.poses.freedom import is_free
@@ -62,7 +62,7 @@ class Worker:
 
     def __init__(
         self, job: Job, model: PowerModel, settings: Settings, cells: Cells, stopped: Callable[[], bool],
-        shares: Mapping[str, float] = MappingProxyType({}), planner: Planner | None = None,
+        shares: Shares = MappingProxyType({}), planner: Planner | None = None,
     ) -> None:  # fmt: skip
         self.job, self.scorers, self.stopped = job, Scorers(job.robot, unloaded(model)), stopped
         self.cells = cells

@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 
 from energy_opt.motion.limits.base import Limit, values_of
-from energy_opt.motion.reshape.curve import Curve, Outcome, fitted
+from energy_opt.motion.reshape.curve import SPENT, Curve, Outcome, fitted
 from energy_opt.motion.reshape.layout import Ends, Shape
 from energy_opt.motion.reshape.model import Model
 from energy_opt.motion.reshape.nodes import NodeFunctions
@@ -100,6 +100,11 @@ SOON, MORE, HOPELESS = 4, 3.0, 1.05
 FEASIBLE = 1e-4  # an outcome with a larger excess over a bound counts as infeasible
 
 
+def at_most(cost: float, times: float) -> float:
+    """`times` a cost; of a cost below zero, as much above it. Rounded kinks take costs of slow moves below zero."""
+    return cost + (times - 1) * abs(cost)
+
+
 @dataclass(frozen=True)
 class Line:
     """A first guess: positions q (M, n) at u (M,) in [0, 1], and a duration [s]."""
@@ -185,7 +190,7 @@ class Task:
             model, now, iterations, trust, tolerance=tolerance, give=give, slack=min(give, SLACK),
             stopped=ended if 0 < rival < np.inf else stopped,
         )  # fmt: skip
-        return model.outcome(now.point, now.iterations, now.converged)
+        return model.outcome(now.point, now.iterations, now.converged, "sqp" if now.iterations < iterations else SPENT)
 
     def curve(self, shape: Shape, line: Line) -> Curve:
         """The curve of a shape nearest to a line, with the task's ends."""
@@ -202,7 +207,7 @@ class Task:
 
     def promise(self, outcome: Outcome) -> float:
         """The part of the cost that depends on the path, increased by the excess over limits."""
-        return self.cost(outcome) * (1 + max(outcome.broken, 0.0))
+        return at_most(self.cost(outcome), 1 + max(outcome.broken, 0.0))
 
     def rank(self, outcome: Outcome) -> tuple[bool, float]:
         """Sort key: feasible outcomes first, by cost; infeasible ones by their excess."""

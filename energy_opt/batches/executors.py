@@ -14,6 +14,7 @@ from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future,
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from multiprocessing import connection
+from multiprocessing.context import SpawnContext, SpawnProcess
 from types import ModuleType
 
 from energy_opt.batches.records import Record, failed
@@ -50,20 +51,33 @@ def _follow_parent() -> None:
     threading.Thread(target=leave, daemon=True).start()
 
 
+class _Process(SpawnProcess):
+    """A process that does not run the user's script again, as processes of Python do, unless it defines effects."""
+
+    def start(self) -> None:
+        """Start it; what it knows of the user's script is read from `__main__` now."""
+        main = sys.modules["__main__"]
+        if not any(kind.__module__ == "__main__" for kind in known_effects().values()):
+            sys.modules["__main__"] = ModuleType("__main__")
+        try:
+            super().start()
+        finally:
+            sys.modules["__main__"] = main
+
+
+class _Context(SpawnContext):
+    """Starts such processes."""
+
+    Process = _Process
+
+
 @contextmanager
 def local(jobs: int) -> Iterator[Place]:
-    """`jobs` processes of this machine, each with one thread for linear algebra; killed on an exception.
-
-    They do not run the user's script again, as processes of Python do, unless it defines effects.
-    """
-    main = sys.modules["__main__"]
-    if not any(kind.__module__ == "__main__" for kind in known_effects().values()):
-        sys.modules["__main__"] = ModuleType("__main__")
+    """`jobs` processes of this machine, each with one thread for linear algebra; killed on an exception."""
     before = {name: os.environ.get(name) for name in _FOR_WORKERS}
     others = set(multiprocessing.active_children())
     os.environ.update({name: value or "1" for name, value in before.items()})
-    context = multiprocessing.get_context("spawn")
-    executor = ProcessPoolExecutor(jobs, mp_context=context, initializer=_follow_parent)
+    executor = ProcessPoolExecutor(jobs, mp_context=_Context(), initializer=_follow_parent)
     try:
         yield Place(executor, 2 * jobs)
     except BaseException:
@@ -73,7 +87,6 @@ def local(jobs: int) -> Iterator[Place]:
         raise
     finally:
         executor.shutdown(wait=True, cancel_futures=True)
-        sys.modules["__main__"] = main
         for name, value in before.items():
             if value is None:
                 os.environ.pop(name, None)

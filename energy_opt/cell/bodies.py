@@ -89,6 +89,11 @@ class Bodies:
         shift = np.matmul(turn, self.shift[body][:, :, None])[..., 0]
         return np.matmul(turn, self.rotation[body]), shift + poses.origin[k, joint]
 
+    def frame(self, poses: Poses, k: int, body: int) -> tuple[np.ndarray, np.ndarray]:
+        """The same of one body: (3, 3) and (3,)."""
+        turn, joint = poses.rotation[k, self.joint[body]], self.joint[body]
+        return turn @ self.rotation[body], turn @ self.shift[body] + poses.origin[k, joint]
+
     def placements(self, poses: Poses, k: np.ndarray, body: np.ndarray) -> dict[tuple[int, int], Any]:
         """Poses of bodies as coal's transforms, by configuration and body.
 
@@ -151,7 +156,7 @@ class Scenery:
         """A body's placement as coal's transform."""
         key = (0 if self.bodies.still[body] else k, body)
         if key not in self._placed:
-            self.place(np.array([key[0]]), np.array([body]))
+            self._placed[key] = placement(*self.bodies.frame(self.poses, *key))
         return self._placed[key]
 
     def place(self, k: np.ndarray, body: np.ndarray) -> None:

@@ -48,6 +48,7 @@ class Recorded:
         stretches: loads over time; they follow one another from its start to its end.
         waits: (W, 2) s, where the arm is at rest for a while.
         notes: remarks for the reader, a line each.
+        base: pose of the robot's base that the motion was planned for, as `--base` takes it; None if none is stated.
     """
 
     name: str
@@ -55,17 +56,20 @@ class Recorded:
     stretches: tuple[Stretch, ...]
     waits: np.ndarray
     notes: tuple[str, ...] = ()
+    base: tuple[float, ...] | None = None
 
 
 def robot_named(path: Path) -> str | None:
     """The robot's name in a result's request, where the file is one, or lies beside it."""
     answer = _result_json(path)
-    if answer is None:
-        return None
-    document = read_json(answer)
-    request = document.get("request") if isinstance(document, dict) else None
-    name = request.get("robot") if isinstance(request, Mapping) else None
+    name = None if answer is None else _request(read_json(answer)).get("robot")
     return name if isinstance(name, str) else None
+
+
+def _request(document: Any) -> Mapping[str, Any]:
+    """The request of a result; empty if it states none."""
+    request = document.get("request") if isinstance(document, dict) else None
+    return request if isinstance(request, Mapping) else {}
 
 
 def joints_in(path: Path) -> Sequence[str]:
@@ -94,7 +98,9 @@ def load(path: Path, joints: Sequence[str], prefix: str = "") -> Recorded:
     if records.velocity is not None and not records.velocity.any() and np.ptp(records.position, axis=0).any():
         notes = (*notes, f"{records.where}: velocity is 0 in every row: the arm is taken to stop at each")
     notes = (*records.notes, *notes, *([] if answer is not None else _foreign(path)))
-    return Recorded(str(path), trajectory, stretches, standstills(trajectory), notes)
+    base = None if answer is None else _request(read_json(answer)).get("base")
+    on = tuple(base) if isinstance(base, list) else None
+    return Recorded(str(path), trajectory, stretches, standstills(trajectory), notes, on)
 
 
 def _foreign(path: Path) -> list[str]:

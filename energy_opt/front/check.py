@@ -196,7 +196,7 @@ def _trajectory(file: Path, request: CheckRequest, notes: list[str]) -> list[str
     else:
         robot = robot_of(request)
     samples = samples.of(robot.joints, request.joint_prefix)
-    refuse_degrees(robot, samples.position, samples.where)
+    notes += refuse_degrees(robot, samples.position, samples.where)
     if samples.time is None:
         return []
     trajectory = samples.trajectory()

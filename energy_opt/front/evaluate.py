@@ -123,7 +123,7 @@ def run(request: EvaluateRequest, desk: Desk) -> Answers:
     rivals, _ = rivals_of(request, robot, desk)
     cell = load_cell(robot, cell_of(request))
     cell = cell if cell is not None and cell.checks else None
-    motions = [_motion(given, robot, request.joint_prefix) for given in files]
+    motions = [_on_base(_motion(given, robot, request.joint_prefix), cell_of(request).base) for given in files]
     found = tuple(evaluated(robot, motion, rivals, cell, request.payload is not None) for motion in motions)
     asked = replace(
         request, files=tuple(motion.name for motion in motions), robot=named_robot(robot, request.robot or robot),
@@ -166,12 +166,23 @@ def _motion(given: AnyMotion, robot: Robot, prefix: str) -> Recorded:
     """A motion of a file, or a trajectory with its columns in the robot's order."""
     if not isinstance(given, Trajectory):
         found = load(Path(given), robot.joints, prefix)
-        refuse_degrees(robot, found.trajectory.position, found.name)
-        return found
+        warnings = refuse_degrees(robot, found.trajectory.position, found.name)
+        return replace(found, notes=(*found.notes, *warnings))
     q, v, a = (np.asarray(x) for x in (given.position, given.velocity, given.acceleration))
     samples = Samples("the trajectory", given.joints, q, given.time - given.time[0], v, a)
     trajectory = samples.of(robot.joints).trajectory().on_nanoseconds()
     return Recorded("trajectory", trajectory, (Stretch(0.0, trajectory.duration),), standstills(trajectory))
+
+
+def _on_base(motion: Recorded, base: Sequence[float] | None) -> Recorded:
+    """The motion, with a remark if it was planned for another base: its torques were others."""
+    own = (0.0,) * 6 if base is None else tuple(base)
+    if motion.base is None or motion.base == own:
+        return motion
+    planned = ",".join(f"{value:g}" for value in motion.base)
+    return replace(
+        motion, notes=(*motion.notes, f"{motion.name}: planned with --base {planned}, which is not given now")
+    )
 
 
 def _row(evaluation: Evaluation) -> dict[str, Any]:

@@ -27,7 +27,7 @@ from energy_opt.power.variants import of_joints
 from energy_opt.requests.groups import CellGroup, RobotGroup
 from energy_opt.requests.verbs import DiagnoseRequest, IdentifyRequest
 from energy_opt.robot import Robot, load_robot
-from energy_opt.robot.limits import look_like_degrees
+from energy_opt.robot.limits import TURNS, look_like_degrees
 
 if TYPE_CHECKING:
     from energy_opt.requests.groups import AnyModel, AnyRobot
@@ -259,11 +259,14 @@ def _in_words(text: str, joints: Sequence[str], flag: str) -> np.ndarray:
     return np.array([finite_number(part, f"{flag} {text}", "numbers [rad, m]") for part in parts])
 
 
-def refuse_degrees(robot: Robot, position: np.ndarray, where: str) -> None:
+def refuse_degrees(robot: Robot, position: np.ndarray, where: str) -> tuple[str, ...]:
     """Refuse positions (N, n) or (n,) that should be radians and look like degrees.
 
+    Returns:
+        A warning where a joint without limits turns many times: this is possible, but may be degrees.
+
     Raises:
-        BadInput: names what to write instead.
+        BadInput: a joint is far outside its limits; names what to write instead.
     """
     found = look_like_degrees(robot.limits, position, DEGREES, robot.slides)
     if found is not None:
@@ -272,6 +275,13 @@ def refuse_degrees(robot: Robot, position: np.ndarray, where: str) -> None:
             f"{where}: {value:g} rad for {robot.joints[found[1]]} is far outside its limits: these look like degrees; "
             f"positions are radians ({value:g} deg = {np.radians(value):.4g} rad)"
         )
+    found = look_like_degrees(robot.limits, position, DEGREES, robot.slides, TURNS)
+    if found is None:
+        return ()
+    value = max(np.atleast_2d(position)[:, found[1]].tolist(), key=abs)
+    turned = f"{where}: {value:g} rad for {robot.joints[found[1]]}"
+    turns, radians = abs(value) / (2 * np.pi), np.radians(value)
+    return (f"{turned} is {turns:.3g} turns; if this is in degrees, write {radians:.4g}",)
 
 
 Asked = TypeVar("Asked", IdentifyRequest, DiagnoseRequest)

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 from energy_opt.errors import BadInput, Infeasible
-from energy_opt.formats.output import Files, Shares
+from energy_opt.formats.output import Files
 from energy_opt.front.controllers import check_written
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of
 from energy_opt.front.jobs import JOB, JobAnswer, answers_of, content_of, job_from, job_settings, resolved_job
 from energy_opt.front.rivals import rivals_of, said, with_careful
 from energy_opt.front.workcell import WORKCELL, run_workcell_job
-from energy_opt.jobs.models import compared, grounded, held, mean_of, stated
+from energy_opt.jobs.models import compared, efforts_held, grounded, held, mean_of, stated, warned
 from energy_opt.jobs.output import found_of, with_room, write, write_programs
 from energy_opt.jobs.posed import run_posed
 from energy_opt.jobs.run import JobResult, run_job
+from energy_opt.motion.plan.planner import Shares
 from energy_opt.power import PowerModel
 from energy_opt.power.assumptions import assumptions_line as assumed
 from energy_opt.power.per_year import per_year_words
@@ -52,19 +54,23 @@ def run(request: JobRequest, desk: Desk) -> JobAnswer:
         try:
             first = run_posed(job, mean_of(rivals), settings, **known, **usual)
 
-            def roomy(result: JobResult, model: PowerModel) -> JobResult:
+            def planned(model: PowerModel, shares: Shares) -> JobResult:
+                return replace(run_job(first.job, model, settings, room=shares, **usual), choice=first.choice)
+
+            def roomy(result: JobResult, model: PowerModel, held: Shares = MappingProxyType({})) -> JobResult:
                 def again(shares: Shares) -> JobResult:
-                    return replace(run_job(first.job, model, settings, room=shares, **usual), choice=first.choice)
+                    both = {name: shares.get(name, 1.0) * held.get(name, 1.0) for name in {*shares, *held}}
+                    return planned(model, both)
 
                 return with_room(result, Files(formats, request.rate), again)
 
-            def under(model: PowerModel) -> JobResult:
-                found = replace(run_job(first.job, model, settings, **usual), choice=first.choice)
-                return roomy(found, model)
+            def under(model: PowerModel, shares: Shares = MappingProxyType({})) -> JobResult:
+                return roomy(planned(model, shares), model, shares)
 
             result = roomy(first, mean_of(rivals))
             if kind is not None:
                 result = held(result, rivals, under)
+                result = efforts_held(result, rivals, lambda shares: under(mean_of(rivals), shares))
         except Infeasible as error:
             desk.failed(JOB, error, robot=job.robot.name, cycle_time=job.cycle_time, request=document)
             raise
@@ -72,7 +78,7 @@ def run(request: JobRequest, desk: Desk) -> JobAnswer:
             result = compared(result, with_careful(rivals, job.robot))
             result = replace(result, warnings=(*result.warnings, *said(result.models, "the cycle")))
         else:
-            result = stated(result, rivals)
+            result = warned(stated(result, rivals), rivals)
         result = grounded(result, rivals)
         answer = desk.keep(
             JobAnswer(

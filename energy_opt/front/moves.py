@@ -32,9 +32,10 @@ SAMPLED = 401  # points at which a path given as a function is sampled
 DERIVED = ("draw ", "rival ")  # prefixes of models that follow from another one's covariance and rivals
 OF_TRAJECTORY = ("time", "position", "velocity", "acceleration")
 Asked = TypeVar("Asked", bound=MoveRequest)
+Say = Callable[[str], None]
 
 
-def path_from(given: Any, robot: Robot, prefix: str = "", say: Callable[[str], None] = lambda _: None) -> JointPath:
+def path_from(given: Any, robot: Robot, prefix: str = "", say: Say = lambda _: None) -> JointPath:
     """A path from waypoints (K, n) [rad], a trajectory, a file of either, or any function q(s) on [0, 1].
 
     Args:
@@ -47,10 +48,9 @@ def path_from(given: Any, robot: Robot, prefix: str = "", say: Callable[[str], N
         from energy_opt.formats import read
 
         table = read(Path(given))
-        for note in table.notes:
+        notes, table = table.notes, table.of(robot.joints, prefix)
+        for note in (*notes, *refuse_degrees(robot, table.position, table.where)):
             say(note)
-        table = table.of(robot.joints, prefix)
-        refuse_degrees(robot, table.position, table.where)
         given = table.path()
     if isinstance(given, Mapping):
         try:
@@ -79,7 +79,7 @@ def move_of(
     request: MoveRequest,
     robot: Robot,
     ends: Ends | None = None,
-    say: Callable[[str], None] = lambda _: None,
+    say: Say = lambda _: None,
     **duration: float | None,
 ) -> Move:
     """The move that a request asks for. With `ends`, the goal (and a start pose) are chosen later.
@@ -100,22 +100,23 @@ def move_of(
         source = path.source
         start, goal = (path.start, path.goal) if source is None else (source.position[0], source.position[-1])
     elif ends is not None:
-        start = robot.limits.near_zero if ends.start else _end(request, request.start, robot, "start")
+        start = robot.limits.near_zero if ends.start else _end(request, request.start, robot, "start", say)
         goal = start
     else:
         for option in ("start", "goal"):
             if getattr(request, option) is None:
                 raise BadInput(f"--{option} is missing; give --start and --goal, or --path")
-        start, goal = (_end(request, getattr(request, option), robot, option) for option in ("start", "goal"))
+        start, goal = (_end(request, getattr(request, option), robot, option, say) for option in ("start", "goal"))
     points = () if ends is not None and ends.via else request.via
     via = tuple(positions(point, robot, "via") for point in points)
     return Move(start, goal, request.mode, path=path, via=via, input=source, **duration)  # type: ignore[arg-type]
 
 
-def _end(request: MoveRequest, given: Any, robot: Robot, name: str) -> np.ndarray:
-    """One end of a move, (n,) [rad, m]; `name` is that of its option."""
+def _end(request: MoveRequest, given: Any, robot: Robot, name: str, say: Say = lambda _: None) -> np.ndarray:
+    """One end of a move, (n,) [rad, m]; `name` is that of its option. `say` takes warnings."""
     q = positions(given, robot, name, None if request.srdf is None else Path(request.srdf))
-    refuse_degrees(robot, q, f"--{name}")
+    for warning in refuse_degrees(robot, q, f"--{name}"):
+        say(warning)
     return q
 
 
@@ -134,7 +135,7 @@ def resolved(
         request: as asked. robot: the arm. rivals: the models of the plan. kind: "mean" or "worst" of several models, or
             None. move: as asked. ends: poses of the tool.
     """
-    payload, path = rivals[0].model.get("payload"), request.path
+    path = request.path
     known: dict[str, Any] = {
         "robot": named_robot(robot, request.robot),
         "start": None if ends is not None and ends.start is not None else move.start.tolist(),
@@ -143,7 +144,7 @@ def resolved(
         "via": tuple(q.tolist() for q in move.via),
         "model": documents(rivals),
         "robust": kind,
-        "payload": payload_document(payload),
+        "payload": payload_document(request.payload),  # a payload of a model belongs to that model
     }
     if ends is not None:
         begin = None if ends.start is None else ends.start.document()

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,15 +18,18 @@ import numpy as np
 from energy_opt.errors import BadInput
 from energy_opt.files import write_table
 from energy_opt.formats.bags import Bag, opened
-from energy_opt.measured.names import AMPERE, POWER, SINGLE, UNITS, VOLT, cut, power_column, product_columns, unit_in
+from energy_opt.measured.meter_names import AMPERE, POWER, SINGLE, VOLT, power_column, product_columns
+from energy_opt.measured.names import UNITS, cut, unit_in
 
 STATES = ("sensor_msgs/msg/JointState",)
 BATTERY = "sensor_msgs/msg/BatteryState"
 NUMBERS = tuple(
     f"std_msgs/msg/{kind}" for kind in ("Float64", "Float32", "Int64", "Int32", "Int16", "UInt32", "UInt16")
 )
+SAME_STAMPS = 0.9  # share of messages with the same stamps from which messages of different joints are merged
 FIELDS = ("position", "velocity", "effort")
 
+States = dict[tuple[str, tuple[str, ...]], list[tuple[float, Any]]]  # times [s] and messages by topic and joints
 Series = tuple[np.ndarray, np.ndarray]  # time (M,) [s] of the recorder's clock, values (M, ...)
 
 
@@ -55,14 +59,15 @@ def _states(bag: Bag, path: Path) -> tuple[str, tuple[str, ...], list[Any], list
     topics = {topic for topic, kind in bag.topics().items() if kind in STATES}
     if not topics:
         raise BadInput(f"{path}: no sensor_msgs/JointState; its topics are {bag.described()}")
-    samples: dict[tuple[str, tuple[str, ...]], list[tuple[float, Any]]] = {}
+    samples: States = {}
     for topic, _, stamp, found in bag.messages(lambda topic, kind: topic in topics):
         samples.setdefault((topic, tuple(sorted(found.name))), []).append((_time(found, stamp), found))
-    usable = {key: value for key, value in samples.items() if len(value) > 1 and key[1]}
+    usable, merged = _merged({key: value for key, value in samples.items() if len(value) > 1 and key[1]})
     if not usable:
         raise BadInput(f"{path}: fewer than two joint states of the same joints")
     topic, names = max(usable, key=lambda key: (len(key[1]), len(usable[key])))
     notes = [f"{path}: joint states of {topic}: {len(names)} joints, {len(usable[topic, names])} messages"]
+    notes += [f"{path}: messages with the same stamps are merged: {', '.join(part)}" for part in merged]
     left = [f"{t} ({', '.join(n[:3])}{', ...' if len(n) > 3 else ''})" for t, n in usable if (t, n) != (topic, names)]
     if left:
         notes.append(f"{path}: joint states that are left out: {'; '.join(left[:5])}")
@@ -80,6 +85,35 @@ def _states(bag: Bag, path: Path) -> tuple[str, tuple[str, ...], list[Any], list
     if blocks[0] is None:
         raise BadInput(f"{path}: {topic}: messages without a finite position for each joint")
     return topic, names, [time, *blocks], notes
+
+
+def _merged(samples: States) -> tuple[States, list[list[str]]]:
+    """States in which messages of one stamp with different joints are one message; and the joints that were added.
+
+    Some drivers publish the joints of one arm in parts. Parts have the same stamps, except for a few.
+    """
+    out: States = {}
+    notes = []
+    for (topic, names), found in sorted(samples.items(), key=lambda item: -len(item[0][1])):
+        own = {time: message for time, message in found if len(message.position) == len(names)}
+        for key, known in out.items():
+            both = [
+                (time, _joined(m, own[time])) for time, m in known if time in own and len(m.position) == len(m.name)
+            ]
+            if not set(key[1]) & set(names) and len(both) >= SAME_STAMPS * max(len(known), len(found)):
+                del out[key]
+                out[key[0], tuple(sorted((*key[1], *names)))] = both
+                notes.append([topic, *names])
+                break
+        else:
+            out[topic, names] = found
+    return out, notes
+
+
+def _joined(one: Any, other: Any) -> SimpleNamespace:
+    """Two messages of joint states as one."""
+    parts = {field: np.concatenate([getattr(one, field), getattr(other, field)]) for field in FIELDS}
+    return SimpleNamespace(name=[*one.name, *other.name], **parts)
 
 
 def _power(bag: Bag, path: Path, near: str) -> tuple[Series, list[str]]:

@@ -163,6 +163,8 @@ class _Tracer:
             )
         warm = [front.fastest.trajectory] if front.fastest.trajectory is not None else []
         front.minimum = self._free(warm)
+        if front.minimum.trajectory is not None and front.minimum.duration < shortest:  # another local optimum
+            front.fastest, shortest = front.minimum, front.minimum.duration
         grid = self._grid(shortest, front.minimum.duration, longest) if durations is None else np.unique(durations)
         self.expected = len(grid) + 2 + (SEARCH if self.cycle else 0)
         front.points = [Point(float(d), "not_converged", reason="not computed") for d in grid]

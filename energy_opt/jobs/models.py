@@ -6,10 +6,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
+from energy_opt.errors import Infeasible
 from energy_opt.jobs.cycle import Scorers, energy_of
 from energy_opt.jobs.run import JobResult
 from energy_opt.jobs.work import unloaded
+from energy_opt.motion.judge.certificate import ALLOWED
 from energy_opt.motion.judge.energy import COARSER
+from energy_opt.motion.limits.joint import Effort
+from energy_opt.motion.plan.efforts import HELD, ROUNDS, smaller, used
+from energy_opt.motion.plan.planner import Shares
 from energy_opt.motion.plan.rivals import SAME, Rival, exceeds, judges_of
 from energy_opt.motion.travel import detours
 from energy_opt.power import Mixture, PowerModel
@@ -80,6 +87,49 @@ def held(result: JobResult, rivals: Sequence[Rival], again: Callable[[PowerModel
     return found if found.solved and not _costlier(found, rivals) else result
 
 
+def efforts_held(result: JobResult, rivals: Sequence[Rival], again: Callable[[Shares], JobResult]) -> JobResult:
+    """The job, or one planned with smaller torque limits, so that the motors' limits hold under each of the rivals.
+
+    Args:
+        result: planned under the mean of the rivals, with the limits held under the first one.
+        again: plans the job with these shares of the limits' bounds.
+    """
+    found, share, use = result, np.ones(result.job.robot.n), _efforts(result, rivals[1:])
+    for _ in range(ROUNDS):
+        if use.max() <= HELD or found.interrupted:
+            break
+        share = smaller(share, use, _efforts(found, rivals[:1]))
+        try:
+            found = again({Effort.name: share})
+        except Infeasible:
+            break
+        use = _efforts(found, rivals[1:])
+    if found is result or use.max() > HELD or not found.solved:
+        return result
+    return replace(found, baselines=result.baselines, bound=result.bound)
+
+
+def warned(result: JobResult, rivals: Sequence[Rival]) -> JobResult:
+    """The job with a warning if a motor's torque exceeds its limit under another of the rivals than the first."""
+    use, job = _efforts(result, rivals[1:]), result.job
+    if use.max() <= 1 + ALLOWED:
+        return result
+    joint = job.robot.joints[int(use.argmax())]
+    said = f"under another model than {rivals[0].name!r} {joint} takes {100 * use.max():.4g} % of its torque limit"
+    return replace(result, warnings=(*result.warnings, said))
+
+
+def _efforts(result: JobResult, rivals: Sequence[Rival]) -> np.ndarray:
+    """The largest share (n,) of each joint's torque limit that the motions use under any of the rivals."""
+    job = result.job
+    scorers = [Scorers(job.robot, unloaded(rival.model)) for rival in rivals]
+    legs = zip(result.plan.legs, result.plan.answers, strict=True)
+    shares = [
+        used(answer.trajectory, [s.of(leg.step) for s in scorers], job.robot.limits.effort) for leg, answer in legs
+    ]
+    return np.max([np.zeros(job.robot.n), *shares], axis=0)
+
+
 def _costlier(result: JobResult, rivals: Sequence[Rival]) -> list[tuple[int, Rival]]:
     """The judges under which the cycle costs more than the evenly slowed one, the worst first."""
     judges = judges_of(rivals, result.job.robot)
@@ -96,13 +146,15 @@ def stated(result: JobResult, rivals: Sequence[Rival]) -> JobResult:
     """A job that was planned under the mean of `rivals`, stated under the first of them.
 
     If the cycle costs more than the evenly slowed one under any of them, or at a corner of assumed friction, it is
-    replaced by the evenly slowed one. The bound is of the mean, not of the stated energy: it is in `robust`.
+    replaced by the evenly slowed one, unless only this one exceeds a torque limit under some of them. The bound is of
+    the mean, not of the stated energy: it is in `robust`.
     """
     job = result.job
     costly = _costlier(result, rivals)
     slowed = result.baselines[BESIDE]
     plan, warnings = result.plan, result.warnings
-    if costly and slowed is not None:
+    held = [_efforts(replace(result, plan=p), rivals[1:]).max() <= HELD for p in (plan, slowed or plan)]
+    if costly and slowed is not None and held != [True, False]:
         plan = slowed
         warnings = (
             *warnings,

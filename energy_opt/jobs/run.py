@@ -125,7 +125,7 @@ def run_job(
     known: Known = lambda leg, duration: None,
     answered: Answered = lambda leg, duration, trajectory: None,
     progress: Callable[[str, float], None] = lambda text, share: None,
-    room: Mapping[str, float] = MappingProxyType({}),
+    room: Mapping[str, Any] = MappingProxyType({}),
     worker: Worker | None = None,
 ) -> JobResult:
     """Share the cycle's time over its legs for least energy, and solve them.

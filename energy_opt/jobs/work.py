@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -24,8 +24,7 @@ from energy_opt.jobs.legs import Leg, Load, front_of
 from energy_opt.motion.move import Settings
 from energy_opt.motion.plan.first_path import check_free
 from energy_opt.motion.plan.neighbour import Neighbours
-from energy_opt.motion.plan.planner import Planner
-from energy_opt.motion.retime.fastest import minimum_time
+from energy_opt.motion.plan.planner import Planner, Shares
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.poses.freedom import is_free
@@ -63,7 +62,7 @@ class Worker:
 
     def __init__(
         self, job: Job, model: PowerModel, settings: Settings, cells: Cells, stopped: Callable[[], bool],
-        shares: Mapping[str, float] = MappingProxyType({}), planner: Planner | None = None,
+        shares: Shares = MappingProxyType({}), planner: Planner | None = None,
     ) -> None:  # fmt: skip
         self.job, self.scorers, self.stopped = job, Scorers(job.robot, unloaded(model)), stopped
         self.cells = cells
@@ -108,9 +107,8 @@ class Worker:
         Raises:
             Infeasible: the path breaks limits at any timing; says which leg.
         """
-        limits = self.planner(leg).limits()
         try:
-            return minimum_time(self.job.robot, self.scorers.of(leg.step).model, leg.path, limits)
+            return self.planner(leg).timing(leg.move(None))
         except Infeasible as error:
             said, joint, limit = f"{leg.name}: {error}", error.joint, error.limit
             raise Infeasible(said, joint=joint, limit=limit, position=error.position) from None

@@ -12,7 +12,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from energy_opt.errors import BadInput, suggest
-from energy_opt.measured.names import UNITS, joint_columns, known_unit, power_column, unit_in
+from energy_opt.measured.meter_names import power_column
+from energy_opt.measured.names import UNITS, joint_columns, known_unit, unit_in
 from energy_opt.measured.run import JOINT_SIGNALS
 from energy_opt.measured.table import Table
 from energy_opt.robot import Robot
@@ -138,11 +139,19 @@ def franka_state(joints: Sequence[str], table: Table) -> dict[str, Rule]:
     """Franka's state: libfranka's log (`state.q[0]`, time in ms) or a bag's `FrankaState` (`field.q0`, `.../q[0]`).
 
     Position `q`, velocity `dq` and link-side torque `tau_J`, with any prefix and any form of numbering.
+
+    Raises:
+        BadInput: there are more joints in the file than `joints`.
     """
     rules = _stamps(table)
     for signal, stem in (("position", "q"), ("velocity", "dq"), ("effort", "tau_J")):
         pattern = re.compile(rf"(?:.*[./ ]|){stem}[\[._/ ]?(\d)\]?")
         found = {int(m.group(1)): name for name in table.header if (m := pattern.fullmatch(name))}
+        if len(found) > len(joints):
+            raise BadInput(
+                f"{table.path}: row 1: {stem} of {len(found)} joints; the log's robot has {len(joints)}: "
+                f"{', '.join(joints)}"
+            )
         for k, joint in enumerate(joints):
             rules[f"{joint}.{signal}"] = Rule((found.get(k, f"{stem}[{k}]"),), 1.0)
     return rules

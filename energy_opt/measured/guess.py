@@ -12,20 +12,9 @@ from energy_opt.errors import BadInput
 from energy_opt.measured.columns import ARM_POWER, ByHand, given_names, understood
 from energy_opt.measured.joint_units import joint_units, named_unit, units_in_words, without_foreign
 from energy_opt.measured.joints import stamp_factor
-from energy_opt.measured.names import (
-    UNITS,
-    alternating,
-    cut,
-    energy_column,
-    joint_columns,
-    known_unit,
-    power_column,
-    product_columns,
-    robots_own,
-    time_columns,
-    unit_in,
-)
-from energy_opt.measured.plausible import degrees_fault
+from energy_opt.measured.meter_names import alternating, energy_column, power_column, product_columns, robots_own
+from energy_opt.measured.names import UNITS, cut, joint_columns, known_unit, time_columns, unit_in
+from energy_opt.measured.plausible import are_degrees
 from energy_opt.measured.table import Table
 from energy_opt.power.known import by_name
 from energy_opt.robot import Robot, known_robots
@@ -106,7 +95,7 @@ def _torque_error(table: Table, name: str) -> float | None:
     tau = np.column_stack([table.column(plain[effort[joint]]) for joint in robot.joints])
     samples = np.flatnonzero(np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1))
     samples = samples[:: max(1, len(samples) // 500)]
-    if degrees_fault(q[samples], robot) is not None:
+    if are_degrees(q[samples], robot):
         q = np.radians(q)
     rest = np.zeros((len(samples), robot.n))
     off = robot.body.torque(q[samples], rest, rest) - tau[samples]

@@ -15,7 +15,7 @@ import numpy as np
 from energy_opt.errors import BadInput
 from energy_opt.files import write_toml
 from energy_opt.folders import no_other_verb, written_whole
-from energy_opt.measured.columns import ByHand, given_names, understood
+from energy_opt.measured.columns import ByHand, given_names, quoted, understood
 from energy_opt.measured.guess import Guess, guess_joints, guess_meter, guess_robot, is_motion, same_columns
 from energy_opt.measured.joints import EPOCH
 from energy_opt.measured.log import FORMAT, NAME, read_log
@@ -71,7 +71,11 @@ def import_files(
         words.append(f"robot: {robot.name} ({why})")
     joints, meters = _joints_and_meters(tables, robot, hand)
     if not joints:
-        raise BadInput(f"{tables[0].path}: no file has a column for the position of every joint of {robot.name}")
+        raise BadInput(
+            f"{tables[0].path}: no file has a column for the position of every joint of {robot.name}; expected "
+            f"{', '.join(robot.joints)} in any order, found {quoted(tables[0].header)} (another robot's? Else name "
+            "the columns with --joint JOINT=COLUMN)"
+        )
     first_joint, first_meter = next(iter(joints.values())), next(iter(meters.values()), None)
     same_columns({str(t.path): g for t, g in joints.items()})
     same_columns({str(t.path): g for t, g in meters.items()})

@@ -12,7 +12,7 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.measured.names import BY_SIGNAL, UNITS, cut, known_unit, unit_in
-from energy_opt.measured.plausible import degrees_fault, leaps
+from energy_opt.measured.plausible import are_degrees, degrees_fault, leaps
 from energy_opt.measured.table import Table
 from energy_opt.robot import Robot
 
@@ -146,7 +146,7 @@ def _angle_unit(values: np.ndarray, time: np.ndarray, robot: Robot, named: str |
     """Unit of the angles: degrees if they, or speeds between samples, are far outside the limits as radians."""
     good = np.isfinite(values).all(axis=1) & np.isfinite(time[: len(values)])
     values, time = values[good], time[: len(values)][good]
-    far = degrees_fault(values, robot) is not None
+    far = are_degrees(values, robot) if named is None else degrees_fault(values, robot) is not None
     if named in (None, "rad") and far:
         against = ", though the file says rad" if named == "rad" else ""
         words.append(f"positions are degrees (as radians they are far outside the limits{against}): converted")

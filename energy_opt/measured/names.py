@@ -11,7 +11,9 @@ import re
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
+
+from energy_opt.robot import known_robots
 
 # Factors to SI units, by kind of quantity; the first unit of each is SI's.
 UNITS: dict[str, dict[str, float]] = {
@@ -63,45 +65,37 @@ def known_unit(kind: str, word: str) -> str | None:
     return lower.get(OTHER.get(word, word).lower())
 
 
-def _words(text: str) -> frozenset[str]:
+def words_in(text: str) -> frozenset[str]:
+    """The words of a text that spaces separate."""
     return frozenset(text.split())
 
 
 # Words that identify a joint's signal, the most specific signals first ("joint" is in many headers).
 SIGNALS: dict[str, frozenset[str]] = {
-    "acceleration": _words("qdd ddq acc accel acceleration accelerations ddtheta beschleunigung"),
-    "velocity": _words("qd dq vel velocity velocities speed speeds omega qdot dtheta rate geschwindigkeit"),
-    "effort": _words("tau effort efforts torque torques moment moments drehmoment"),
-    "current": _words("current currents cur strom ampere i"),
-    "temperature": _words("temp temps temperature temperatures temperatur"),
-    "position": _words(
+    "acceleration": words_in("qdd ddq acc accel acceleration accelerations ddtheta beschleunigung"),
+    "velocity": words_in("qd dq vel velocity velocities speed speeds omega qdot dtheta rate geschwindigkeit"),
+    "effort": words_in("tau effort efforts torque torques moment moments drehmoment"),
+    "current": words_in("current currents cur strom ampere i"),
+    "temperature": words_in("temp temps temperature temperatures temperatur"),
+    "position": words_in(
         "q pos position positions angle angles theta encoder joint joints j axis axes a achse winkel jpos"
     ),
 }
 # Words for commanded or computed values: measured ones are wanted.
-COMMANDED = _words(
+COMMANDED = words_in(
     "computed calculated calc model modelled modeled simulated sim estimated est theoretical feedforward predicted "
     "target desired des command commanded cmd ref reference setpoint goal d soll error err planned nominal"
 )
-STRANGE = _words(  # a header with one of these words is no joint's signal
+STRANGE = words_in(  # a header with one of these words is no joint's signal
     "tcp cartesian tool pose wrench force ext external hat output register registers bit bits mode digital analog "
     "voltage volt voltages limit limits max min seq covariance contact collision name names accelerometer gripper "
     "finger momentum factor fraction scaling time stamp percent pct counts ticks increments"
 )
-MEASURED = _words("actual measured state states act ist real feedback fb meas joint")
+MEASURED = words_in("actual measured state states act ist real feedback fb meas joint")
+NAMED = re.compile(r".*\d[./](?:position|velocity|acceleration|effort|current|temperature)")  # a joint's own name
+PLAIN = frozenset[str]().union(*SIGNALS.values(), MEASURED, words_in("robot arm states data"))  # say no name
 TIME = ("time", "timestamp", "stamp", "t", "zeit", "datetime", "date", "clock", "elapsed", "secs", "seconds")
-NOT_TIME = _words("execution frame nsecs nanosec control run cycle delta")
-POWER = _words("power watt watts wattage wattmeter powermeter leistung puissance p pwr")
-ENERGY = _words("energy joule joules wh kwh energie counter arbeit")
-VOLT = _words("voltage volt volts u v spannung")
-AMPERE = _words("current ampere amperes amps amp i a strom")
-# Words for a single motor instead of the robot, unless the header also names the robot.
-SINGLE = _words(
-    "joint motor axis axes achse actuator drive servo gripper tool finger elbow shoulder wrist antrieb j m link"
-)
-WHOLE = _words("robot arm total whole sum main gesamt")
-ALTERNATING = _words("pf cos phi apparent reactive frequency hz va var")
-NOT_POWER = _words("apparent reactive factor max min peak limit state mode on off status button")
+NOT_TIME = words_in("execution frame nsecs nanosec control run cycle delta")
 
 
 @dataclass(frozen=True)
@@ -161,6 +155,8 @@ def joint_columns(
 ) -> dict[str, dict[str, str]]:
     """Which header holds which joint's signal: {signal: {joint: header}}, only signals found for every joint.
 
+    Numbers stand for the robot's own order, unless the headers state the names of other joints.
+
     Args:
         header: of a file. joints: the robot's. given: joint name by number, where the file itself says.
     """
@@ -173,8 +169,7 @@ def _by_name(header: Sequence[str], joints: Sequence[str]) -> dict[str, dict[str
     names = _short_names(joints)
     found: dict[str, dict[str, tuple[float, str]]] = defaultdict(dict)
     for text in header:
-        flat = re.sub(r"[^a-z0-9]+", " ", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", text).lower())
-        flat = f" {flat} "
+        flat = f" {_flat(text)} "
         fitting = [(len(form), form, joint) for joint, forms in names.items() for form in forms if form in flat]
         if fitting:
             _, form, joint = max(fitting)
@@ -191,7 +186,7 @@ def _by_name(header: Sequence[str], joints: Sequence[str]) -> dict[str, dict[str
 
 def _short_names(joints: Sequence[str]) -> dict[str, list[str]]:
     """Forms of a joint's name in a flattened header."""
-    flat = {joint: re.sub(r"[^a-z0-9]+", " ", joint.lower()).strip() for joint in joints}
+    flat = {joint: _flat(joint) for joint in joints}
     forms: dict[str, list[str]] = {}
     universal = {"shoulder pan joint": "base", "shoulder lift joint": "shoulder", "elbow joint": "elbow"}
     for joint, name in flat.items():
@@ -215,7 +210,7 @@ def _by_number(header: Sequence[str], joints: Sequence[str], given: Mapping[int,
     best: dict[str, tuple[float, dict[str, str]]] = {}
     for (stem, _, _), members in vectors.items():
         signal = signal_of(stem)
-        if signal is None or len(members) < len(joints):
+        if signal is None or len(members) < len(joints) or _of_other_joints(list(members.values()), joints):
             continue
         first = 0 if 0 in members else 1
         numbers = range(first, first + len(joints))
@@ -223,12 +218,39 @@ def _by_number(header: Sequence[str], joints: Sequence[str], given: Mapping[int,
             order = {given[k]: members[k] for k in members if k in given}
         else:
             order = {joint: members[k] for joint, k in zip(joints, numbers, strict=True) if k in members}
-        if set(order) < set(joints):
+        if not set(joints) <= set(order):
             continue
         rank = _rank(stem) - 0.01 * abs(len(members) - len(joints))
         if rank > best.get(signal, (-0.5, {}))[0]:
             best[signal] = (rank, {joint: order[joint] for joint in joints})
     return {signal: order for signal, (_, order) in best.items()}
+
+
+def _of_other_joints(headers: Sequence[str], joints: Sequence[str]) -> bool:
+    """True if numbered headers state names of joints (`arm_joint1.position`, ...) that are not the robot's.
+
+    Plain numbers (`q[6]`, `J7 Angle`) are no names: what follows the robot's own may be a gripper or an outer axis.
+    """
+    if all(NAMED.fullmatch(text) for text in headers):
+        own = {word for joint in joints for word in cut(joint).words}
+        return len(headers) > len(joints) or not set(cut(headers[0]).words) <= own | PLAIN
+    flat = " ".join(_flat(text) for text in headers)
+    others = (known for known in _known_names() if not set(known) & {f" {_flat(joint)} " for joint in joints})
+    return any(all(name in f" {flat} " for name in known) for known in others)
+
+
+@cache
+def _known_names() -> tuple[tuple[str, ...], ...]:
+    """Flattened names of the joints of each known robot; without names that say no more than "joint"."""
+    from energy_opt.power.known import by_name
+
+    found = {tuple(f" {_flat(joint)} " for joint in by_name(robot).joints) for robot in known_robots()}
+    return tuple(known for known in found if not all(set(cut(name).words) <= {"joint"} for name in known))
+
+
+def _flat(text: str) -> str:
+    """A text in lower case; words and numbers have single spaces between them."""
+    return re.sub(r"[^a-z0-9]+", " ", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", text).lower()).strip()
 
 
 def _rank(words: Sequence[str]) -> float:
@@ -248,80 +270,3 @@ def time_columns(header: Sequence[str]) -> list[str]:
         if have and not set(h.words) & NOT_TIME:
             ranked.append((min(have) + (3 if "header" in h.words else 0) + len(h.words) / 10 + k / 1e4, text))
     return [text for _, text in sorted(ranked)]
-
-
-def power_column(header: Sequence[str]) -> str | None:
-    """The header of the whole robot's power, None if there is none."""
-    good = {"total": 2.0, "robot": 1.0, "arm": 1.0, "active": 1.0, "whole": 1.0, "sum": 1.0, "main": 0.5, "input": 0.5}
-    return _best_header(header, POWER, NOT_POWER, good, "power")
-
-
-def energy_column(header: Sequence[str]) -> str | None:
-    """The header of a counter of energy."""
-    good = {"total": 1.0, "import": 1.0, "robot": 1.0, "active": 0.5}
-    found = _best_header(header, ENERGY, NOT_POWER | {"kinetic", "potential", "reactive"}, good, "energy")
-    return found if found is None or set(cut(found).words) & (ENERGY - {"counter"}) else None
-
-
-def _best_header(
-    header: Sequence[str], words: frozenset[str], never: frozenset[str], good: Mapping[str, float], kind: str
-) -> str | None:
-    """The header that fits best, by its words and its unit; None if none fits."""
-    best, score = None, 0.0
-    for text in header:
-        h = cut(text)
-        unit = known_unit(kind, h.unit)
-        have = set(h.words) & words
-        foreign = h.unit and unit is None and any(known_unit(k, h.unit) for k in UNITS)
-        if not (have or unit) or set(h.words) & never or foreign or not _may_be_whole_robot(h, header, good):
-            continue
-        value = 1 + (1.0 if unit else 0.0) + sum(good.get(word, 0) for word in h.words) - 0.1 * len(h.words)
-        value += 0.5 if have - {"p"} else 0.0
-        value -= 0.5 * len(h.numbers) + (2.0 if set(h.words) & COMMANDED else 0.0)
-        if value > score:
-            best, score = text, value
-    return best
-
-
-def _may_be_whole_robot(h: Header, header: Sequence[str], good: Iterable[str]) -> bool:
-    """True if a meter's column may be the whole robot's: not a single motor's, nor one of several alike."""
-    words = set(h.words)
-    if words & WHOLE & set(good):
-        return True
-    alike = [other for other in map(cut, header) if other.words == h.words and other.numbers != h.numbers]
-    return not words & SINGLE and not (h.numbers and alike)
-
-
-def robots_own(pair: Sequence[str]) -> bool:
-    """True if both headers name the robot."""
-    return all(set(cut(name).words) & {"robot", "arm", "controller"} for name in pair)
-
-
-def alternating(header: Iterable[str]) -> bool:
-    """True if a header names a quantity that only an alternating supply has."""
-    return any(set(cut(text).words) & ALTERNATING for text in header)
-
-
-def product_columns(header: Sequence[str]) -> tuple[str, str] | None:
-    """Headers of a voltage and a current of the same supply, whose product is the power."""
-    good = {"robot": 2.0, "supply": 1.0, "bus": 1.0, "dc": 1.0, "total": 1.0, "battery": 0.5, "input": 0.5}
-    best, score = None, 0.0
-    cells = [cut(text) for text in header]
-    for volt in cells:
-        if not (set(volt.words) & VOLT or volt.unit == "V"):
-            continue
-        for ampere in cells:
-            named = set(ampere.words) & AMPERE or known_unit("current", ampere.unit)
-            if not named or ampere.text == volt.text or ampere.numbers != volt.numbers:
-                continue
-            if set(ampere.words) & COMMANDED or set(volt.words) & COMMANDED:
-                continue
-            if not _may_be_whole_robot(volt, header, good) or not _may_be_whole_robot(ampere, header, good):
-                continue
-            other_v, other_a = set(volt.words) - VOLT, set(ampere.words) - AMPERE
-            if other_v != other_a:
-                continue
-            value = 1 + sum(good.get(word, 0) for word in other_v) - len(volt.numbers)
-            if value > score:
-                best, score = (volt.text, ampere.text), value
-    return best

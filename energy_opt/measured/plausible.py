@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from energy_opt.robot import Robot
-from energy_opt.robot.limits import look_like_degrees
+from energy_opt.robot.limits import TURNS, look_like_degrees
 
 FAR = 1.5  # [rad] outside a limit from which positions are assumed to be degrees
 TOO_FAST = 20.0  # multiple of a velocity limit above which the stamps' unit must be wrong
@@ -71,6 +71,11 @@ def step_fault(time: np.ndarray, position: np.ndarray, kind: str, robot: Robot) 
         limit = f"{robot.joints[j]}'s limit of {robot.limits.velocity[j]:.3g}"
         return 0, "", f"speeds of {speed[j]:.3g} {unit}, far above {limit}; is the time's unit right?"
     return None
+
+
+def are_degrees(position: np.ndarray, robot: Robot) -> bool:
+    """Whether positions (N, n) without a stated unit are degrees: far outside the limits, or eight turns and more."""
+    return look_like_degrees(robot.limits, position, FAR, robot.slides, TURNS) is not None
 
 
 def degrees_fault(position: np.ndarray, robot: Robot) -> tuple[int, str, str] | None:

@@ -16,7 +16,7 @@ from energy_opt.robot import Robot
 
 Mode = Literal["retime", "reshape"]
 SHORTEST, LONGEST = 1e-6, 1e5  # [s] bounds of a given duration: a sample of any controller is longer, a day is shorter
-LARGEST = 1e6  # [rad, m] largest position: joints that turn without end count fewer turns
+LARGEST = 1e4  # [rad, m] largest position: 1,600 turns of a joint without limits
 COUNTS = (  # settings: name, least, most without `allow_large` (the effort at the most)
     ("starts", 1, 10_000),  # hours
     ("seed", 0, 2**63 - 1),
@@ -80,6 +80,11 @@ class Move:
 
     def __hash__(self) -> int:
         return hash((self.start.tobytes(), self.goal.tobytes(), self.mode, self.duration, self.max_duration))
+
+    @property
+    def longest(self) -> float | None:
+        """The longest duration [s] that is asked for; None where it is free."""
+        return self.duration if self.duration is not None else self.max_duration
 
     @property
     def end_velocities(self) -> tuple[np.ndarray, np.ndarray]:

@@ -15,8 +15,9 @@ the numeric values of the effects that change the rigid body.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -24,6 +25,7 @@ import numpy as np
 from energy_opt.effects import (
     EXACT,
     DriveEffect,
+    Effect,
     HeatEffect,
     Kinks,
     PowerEffect,
@@ -274,9 +276,23 @@ def returned_power(model: PowerModel, step: np.ndarray, bus: np.ndarray) -> np.n
 
 def body_of(model: PowerModel, body: RigidBody) -> RigidBody:
     """The rigid body with the model's links; with the URDF's links if the model does not change them."""
-    changing = [effect for effect in model.effects if isinstance(effect, RigidEffect)]
-    nominal = [(x.mass, ca.DM(x.lever), ca.DM(x.inertia)) for x in (body.plain.own_links() if changing else ())]
-    for effect in changing:
+    return _with_links(body, _rigid(model.effects))
+
+
+def rigid_inputs(model: PowerModel, body: RigidBody) -> tuple[PointMass | None, np.ndarray]:
+    """The model's payload (None where it has none) and gravity (3,) [m/s^2] in the robot's base frame."""
+    return _inputs(body, _rigid(model.weighted[0][1].effects))  # all members of a mixture have the first one's
+
+
+def _rigid(effects: Iterable[Effect]) -> tuple[RigidEffect, ...]:
+    return tuple(effect for effect in effects if isinstance(effect, RigidEffect))
+
+
+@lru_cache(maxsize=64)
+def _with_links(body: RigidBody, effects: tuple[RigidEffect, ...]) -> RigidBody:
+    """The body with the links of the first effect that changes them."""
+    nominal = [(x.mass, ca.DM(x.lever), ca.DM(x.inertia)) for x in (body.plain.own_links() if effects else ())]
+    for effect in effects:
         links = effect.links(nominal, effect.named(ca.DM(effect.full(body.n)), body.n))
         if links is not None:
             changed = [np.stack([np.array(x).squeeze() for x in part]) for part in zip(*links, strict=True)]
@@ -284,16 +300,18 @@ def body_of(model: PowerModel, body: RigidBody) -> RigidBody:
     return body
 
 
-def rigid_inputs(model: PowerModel, body: RigidBody) -> tuple[PointMass | None, np.ndarray]:
-    """The model's payload (None where it has none) and gravity (3,) [m/s^2] in the robot's base frame."""
+@lru_cache(maxsize=64)
+def _inputs(body: RigidBody, effects: tuple[RigidEffect, ...]) -> tuple[PointMass | None, np.ndarray]:
+    """Payload and gravity of the effects, as of `rigid_inputs`."""
     gravity, mass = ca.DM(body.gravity), None
-    for effect in model.weighted[0][1].effects:  # all members of a mixture have the first one's
-        if isinstance(effect, RigidEffect):
-            p = effect.named(ca.DM(effect.full(body.n)), body.n)
-            gravity = effect.gravity(gravity, p)
-            point = effect.point_mass(p)
-            mass = mass if point is None else PointMass(float(point[0]), np.array(point[1]).ravel())
-    return mass, np.array(gravity).ravel()
+    for effect in effects:
+        p = effect.named(ca.DM(effect.full(body.n)), body.n)
+        gravity = effect.gravity(gravity, p)
+        point = effect.point_mass(p)
+        mass = mass if point is None else PointMass(float(point[0]), np.array(point[1]).ravel())
+    out = np.array(gravity).ravel()
+    out.flags.writeable = False  # all callers share it
+    return mass, out
 
 
 def rigid_torque(model: PowerModel, body: RigidBody, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:

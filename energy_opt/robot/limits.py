@@ -73,7 +73,7 @@ class Limits:
 
 
 def look_like_degrees(
-    limits: Limits, position: np.ndarray, beyond: float, slides: Sequence[bool]
+    limits: Limits, position: np.ndarray, beyond: float, slides: Sequence[bool], turns: float = np.inf
 ) -> tuple[int, int] | None:
     """Row and joint of the first position that only makes sense as degrees, None if positions may be radians.
 
@@ -81,9 +81,11 @@ def look_like_degrees(
         position: (N, n) or (n,), said to be rad.
         beyond: how far outside a limit one must lie [rad], while in degrees all would be inside (or nearly).
         slides: (n,) True for joints without an angle, which are ignored.
+        turns: the largest plausible position [rad] of a joint without limits; many turns are possible.
     """
+    endless = np.isinf(limits.lower) & np.isinf(limits.upper)
     q = np.where(np.asarray(slides), np.clip(0.0, limits.lower, limits.upper), np.atleast_2d(position))
-    far = (q < limits.lower - beyond) | (q > limits.upper + beyond) | (np.abs(q) > TURNS)
+    far = (q < limits.lower - beyond) | (q > limits.upper + beyond) | ((np.abs(q) > turns) & endless)
     if not far.any():
         return None
     turned = np.radians(q)

@@ -14,6 +14,7 @@ import bench_workers
 import pytest
 
 from energy_opt.batches.batch import run_batch
+from energy_opt.batches.executors import local
 from energy_opt.batches.records import NAME, TIMES, read_journal, read_parquet
 from energy_opt.batches.suite import load_suite
 
@@ -182,3 +183,11 @@ def test_a_dask_cluster_of_several_processes_gives_the_same(suite_file, tmp_path
         os.environ["PYTHONPATH"] = before
     assert there.records == here.records
     assert len({r["worker"].get("process") for r in read_journal(tmp_path / "there" / NAME)[1]} - {None}) == 2
+
+
+def test_the_main_module_is_the_users_while_workers_run():
+    main = sys.modules["__main__"]
+    with local(1) as place:
+        future = place.executor.submit(os.getpid)
+        assert sys.modules["__main__"] is main
+        assert future.result() != os.getpid()

@@ -166,3 +166,33 @@ def test_requests_by_hand_say_what_they_may_hold(tmp_path: Path, capsys: pytest.
         write_json(file, {"verb": "optimize", "robot": "z1", "start": START, "goal": GOAL, **changed})
         assert main(["run", str(file), "--out", str(tmp_path / "out")]) == 2
         assert says in capsys.readouterr().err
+
+
+def test_payloads_of_models_stay_theirs_when_a_result_is_evaluated(tmp_path: Path) -> None:
+    """That of the result's first model was taken for all."""
+    import energy_opt as eo
+
+    places: Any = {"start": START, "goal": GOAL, "mode": "retime", "duration": 2.0, "self_collision": False}
+    names = [tmp_path / "heavy.toml", tmp_path / "light.toml"]
+    for file, mass in zip(names, (2.0, 0.5), strict=True):
+        (eo.source_model(Z1) + eo.effects.Payload(mass=mass, com=[0.0, 0.0, 0.1])).save(file)
+    models = [str(file) for file in names]
+    for payload in (None, 1.0):
+        result = eo.optimize(Z1, models, **places, payload=payload)
+        folder = result.save(tmp_path / f"out {payload}")
+        found = eo.evaluate([folder / "result.json"], model=models, self_collision=False).found[0].energies
+        stated = {row["name"]: row["total"] for row in result.models[:2]}
+        assert {name: energy.total for name, energy in found.items()} == pytest.approx(stated, rel=1e-9)
+        assert (abs(stated[models[0]] - stated[models[1]]) > 1e-6) == (payload is None)
+
+
+def test_a_result_of_another_base_is_remarked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It was evaluated upright, at other energies than it states, without a word."""
+    file = tmp_path / "out" / "trajectory.csv"
+    file.parent.mkdir()
+    formats.write(motion(Z1), file)
+    files = [{"name": file.name, "sha256": hashlib.sha256(file.read_bytes()).hexdigest()}]
+    write_json(file.parent / "result.json", {"request": {"robot": "z1", "base": [0, 0, 1, 0, 1.5, 0]}, "files": files})
+    for base, remarks in (([], 1), (["--base", "0,0,1,0,1.5,0"], 0), (["--base", "0,0,1,0,0,0"], 1)):
+        assert main(["evaluate", str(file), "--out", str(tmp_path / f"seen {len(base)}"), "--force", *base]) == 0
+        assert capsys.readouterr().err.count("planned with --base 0,0,1,0,1.5,0, which is not given") == remarks

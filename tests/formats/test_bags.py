@@ -194,7 +194,9 @@ def test_a_bag_without_a_plan_names_its_topics(tmp_path: Path) -> None:
         read(tmp_path / "bag")
 
 
-def recorded(path: Path, power: str, ros1: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def recorded(
+    path: Path, power: str, ros1: bool = False, parts: tuple[int, ...] = (7,)
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A bag of an arm at 50 Hz, a gripper beside it, and its power at 20 Hz as `power` says; time, positions, watts."""
     store = types(ros1)
     t = store.types
@@ -233,9 +235,11 @@ def recorded(path: Path, power: str, ros1: bool = False) -> tuple[np.ndarray, np
         for k, (when, row) in enumerate(zip(joints, q, strict=True)):
             nanoseconds, way = round((100 + when) * 1e9), (-1) ** k  # the order of the joints changes
             header = t["std_msgs/msg/Header"](stamp=time_of(*divmod(nanoseconds, 10**9)), frame_id="", **seq)
-            put(arm, 100.005 + when, state,
-                {"header": header, "name": names[::way], "position": row[::way].copy(), "effort": none,
-                 "velocity": np.full(7, np.nan) if k == 9 else np.ones(7)})  # fmt: skip
+            for end, many in zip(np.cumsum(parts).tolist(), parts, strict=True):
+                own = slice(end - many, end)
+                put(arm, 100.005 + when, state,
+                    {"header": header, "name": names[own][::way], "position": row[own][::way].copy(), "effort": none,
+                     "velocity": np.full(many, np.nan) if k == 9 else np.ones(many)})  # fmt: skip
             put(gripper, 100 + when, state,
                 {"header": header, "name": ["finger"], "position": none, "velocity": none, "effort": none})  # fmt: skip
         if power == "battery":
@@ -273,6 +277,19 @@ def test_recordings_are_unpacked(tmp_path: Path, power: str, ros1: bool) -> None
     assert watts["time"] == pytest.approx(meter[:, 0], abs=1e-6)
     assert watts["power"] == pytest.approx(meter[:, 1], rel=1e-6)
     assert "7 joints" in notes[0] and notes[2].endswith("velocity is left out: no number for each joint at 1 stamps")
+
+
+@pytest.mark.parametrize("parts", [(3, 4), (4, 2, 1)])
+def test_joints_of_one_arm_in_several_messages_are_merged(tmp_path: Path, parts: tuple[int, ...]) -> None:
+    joints, q, _ = recorded(tmp_path / "run", "power", parts=parts)
+    files, notes = unpack(tmp_path / "run", tmp_path / "tables")
+    arm = read_table(files[0])
+    assert arm["time"] == pytest.approx(joints, abs=1e-6)
+    for k in range(7):
+        np.testing.assert_array_equal(arm[f"panda_joint{k + 1}.position"], q[:, k])
+    said = "\n".join(notes)
+    assert "7 joints, 200 messages" in said and "messages with the same stamps are merged: /joint_states, panda" in said
+    assert main(["import", str(tmp_path / "run"), "--out", str(tmp_path / "set"), "--robot", "panda", "--quiet"]) == 0
 
 
 def test_a_bag_is_imported_as_a_measured_set(tmp_path: Path) -> None:

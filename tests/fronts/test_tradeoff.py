@@ -109,6 +109,25 @@ def test_too_short_durations_are_marked_with_a_reason():
     assert rows[1] == "0.5,,,,infeasible"
 
 
+def test_no_point_is_faster_than_the_fastest():
+    """The search for the fastest move ends in a local optimum, and the cheapest move may be faster."""
+
+    class Slow(TwoOptima):
+        def minimum_time(self, move):
+            return 5.0
+
+        def solve(self, move, warm=()):
+            if self.settings.objective == "energy":
+                return super().solve(move)
+            trajectory, energy = answer(0, 4.0)
+            return SimpleNamespace(status="solved", energy=energy, trajectory=trajectory)
+
+    front = front_of(Slow(), durations=[1.5, 3.0, 5.0])
+    assert front.fastest.duration == front.minimum.duration < 3.0
+    assert [p.status for p in front.points] == ["infeasible", "solved", "solved"]
+    assert f"shorter than the fastest move, {front.minimum.duration:.6g} s" in front.points[0].reason
+
+
 def test_an_interrupted_front_keeps_its_points():
     class Interrupted(TwoOptima):
         def at(self, duration, neighbour):

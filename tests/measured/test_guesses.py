@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from logs import SIX, Z1, arm, lines, log, put
+from logs import PANDA, SEVEN, SIX, UR, Z1, arm, lines, log, put
 
 from energy_opt.errors import BadInput
 from energy_opt.measured import inspect_set, read_set
@@ -178,3 +178,49 @@ def test_check_finds_what_no_arm_and_no_meter_shows(tmp_path: Path) -> None:
     put(tmp_path / "a.csv", lines(f"time,{POSITIONS},{currents}", [t, q, q]))
     found, remarks = inspect_set(log(tmp_path, "z1", '[[run]]\nfile = "a.csv"\n'))
     assert not found and any("nothing but currents and torques" in remark for remark in remarks)
+
+
+NUMBERED = ("{}.position", "/joint_states/{}/position", "{}_pos_rad")
+
+
+@pytest.mark.parametrize("form", NUMBERED)
+def test_joints_named_as_another_robots_are_not_taken_by_their_numbers(tmp_path: Path, form: str) -> None:
+    t, q, _, p = arm(PANDA)
+    header = ",".join(form.format(joint) for joint in PANDA.joints)
+    path = put(tmp_path / "a.csv", lines(f"t,{header},power", [t, q, p]))
+    with pytest.raises(BadInput, match=r"every joint of ur5e; expected shoulder_pan_joint, .* found 't', '.*joint1"):
+        import_files([path], tmp_path / "set", UR)
+    assert import_files([path], tmp_path / "set").robot.name == "panda"
+
+
+def test_names_of_an_unknown_arm_are_no_other_arms(tmp_path: Path) -> None:
+    t, q, _, p = arm(Z1)
+    for name, most in (("joint{}", 7), ("lab_joint_{}", 6)):
+        columns = [t, np.column_stack([q, q])[:, :most], p]
+        header = ",".join(f"{name.format(k + 1)}.position" for k in range(most))
+        path = put(tmp_path / "a.csv", lines(f"t,{header},power", columns))
+        with pytest.raises(BadInput, match="every joint of ur5e"):
+            import_files([path], tmp_path / "set", UR)
+        hand = ByHand(joints={joint: f"{name.format(k + 1)}.position" for k, joint in enumerate(UR.joints)})
+        import_files([path], tmp_path / f"set {most}", UR, hand=hand)
+
+
+def test_names_in_a_message_decide_over_numbers(tmp_path: Path) -> None:
+    t, q, _, p = arm(PANDA)
+    header = ",".join(f"{signal}{k}" for signal in ("name", "position") for k in SEVEN)
+    names = ",".join(PANDA.joints)
+    rows = [f"{a:.3f},{names},{','.join(f'{x:.6f}' for x in b)},{c:.3f}" for a, b, c in zip(t, q, p, strict=True)]
+    path = put(tmp_path / "a.csv", "\n".join([f"time,{header},power", *rows]) + "\n")
+    with pytest.raises(BadInput, match="every joint of ur5e"):
+        import_files([path], tmp_path / "set", UR)
+    log(tmp_path, "ur5e", '[columns]\npreset = "joint_state"\n[[run]]\nfile = "a.csv"\n')
+    with pytest.raises(BadInput, match="no positions of shoulder_pan_joint"):
+        read_set(tmp_path)
+
+
+def test_the_state_of_an_arm_with_more_joints_is_refused(tmp_path: Path) -> None:
+    t, q, _, p = arm(PANDA)
+    put(tmp_path / "a.csv", lines(f"time,{','.join(f'q[{k}]' for k in SEVEN)},power", [t, q, p]))
+    log(tmp_path, "ur5e", '[columns]\npreset = "franka_state"\n[[run]]\nfile = "a.csv"\n')
+    with pytest.raises(BadInput, match="row 1: q of 7 joints; the log's robot has 6: shoulder_pan_joint"):
+        read_set(tmp_path)

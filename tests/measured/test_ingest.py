@@ -119,6 +119,24 @@ def test_other_readers_refuse_degrees(tmp_path, capsys):
     assert capsys.readouterr().err.count("look like degrees") == 2
 
 
+def test_many_turns_of_a_joint_without_limits_are_not_refused(tmp_path, capsys):
+    kinova = load_robot("kinova")
+    t = np.linspace(0.0, 300.0, 301)
+    q = np.tile([0.0, 2, 2, 0, 2, 0], (len(t), 1))
+    q[:, 0] = 100 * (3 * (t / 300) ** 2 - 2 * (t / 300) ** 3)
+    header = ",".join(f"{joint}.position" for joint in kinova.joints)
+    path = put(tmp_path / "turns.csv", lines(f"time,{header}", [t, q], "%.9f"))
+    assert main(["evaluate", str(path), "--robot", "kinova", "--out", str(tmp_path / "eval")]) == 0
+    assert "rad for j2s6s200_joint_1 is 15.9 turns; if" in capsys.readouterr().err
+    goal = ["--start", "0,2,2,0,2,0", "--goal", "1e6,2,2,0,2,0", "--out", str(tmp_path / "out")]
+    assert main(["optimize", "--robot", "kinova", *goal]) == 2
+    assert "goal: a position of 1e+06; expected at most 10000 rad" in capsys.readouterr().err
+    power = ",".join(["time", *(f"{joint}.position" for joint in kinova.joints), "power"])
+    put(tmp_path / "a.csv", lines(power, [t, q, 60 + t], "%.9f"))
+    log(tmp_path, "kinova", '[[run]]\nfile = "a.csv"\n')
+    np.testing.assert_allclose(read_set(tmp_path).runs[0].position[-1, 0], 100, atol=1e-6)
+
+
 # -- sets --------------------------------------------------------------------------------------------------------------
 
 

@@ -264,6 +264,9 @@ def test_a_duration_that_is_named_is_asked_for(panda, model, monkeypatch, works,
     class Solver:
         timing = None
 
+        def refuse_below_bound(self, move):
+            """Its limits bound no duration."""
+
         def at(self, duration, longest, warm, progress=None):
             asked.append(duration)
             if duration < works:
@@ -290,6 +293,9 @@ def test_a_duration_is_confirmed_within_seconds_by_the_first_path(panda, model, 
 
     class Solver:
         timing = planner.timing(move)
+
+        def refuse_below_bound(self, move):
+            """Its limits bound no duration."""
 
         def at(self, duration, longest, warm, progress=None):
             if duration < move.duration * 1.001:

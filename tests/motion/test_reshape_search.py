@@ -15,7 +15,7 @@ from energy_opt.motion.plan.candidates import first_line, task_of
 from energy_opt.motion.reshape.curve import Curve, Outcome
 from energy_opt.motion.reshape.layout import Ends, Shape
 from energy_opt.motion.reshape.starts import valleys
-from energy_opt.motion.reshape.task import Task
+from energy_opt.motion.reshape.task import Task, at_most
 from energy_opt.numerics.bspline import Basis
 from energy_opt.power import source_method_2
 from energy_opt.robot import load_robot
@@ -98,3 +98,29 @@ def test_the_answer_is_an_optimum_that_ipopt_cannot_better(panda, model):
     found = reshaper.search(task, [first_line(move, 2.0)], 2, 0, lambda: False).best
     polished = task.polished(reshaper.fine(0), found)
     assert polished.converged and task.cost(found) < task.cost(polished) * (1 + 1e-6)
+
+
+def test_a_search_whose_cost_still_falls_goes_on() -> None:
+    """A hanging arm: 240 iterations each saved a little, and the search ended as if no step lowered the energy."""
+    result = optimize(
+        load_robot("panda"), start=START, goal=GOAL, duration=2.0, base=(0, 0, 2, np.pi, 0, 0.5), self_collision=False
+    )
+    assert result.status == "solved"
+    losses = [model["loss"] for model in result.models[:2]]
+    assert np.mean(losses) < 3.7  # 3.76 where it had ended
+
+
+def test_costs_below_zero_are_compared_as_others() -> None:
+    """The rounded clamp of power takes slow falls below zero: then no outcome was near the best, which is itself."""
+    assert at_most(2.0, 1.5) == 3.0 and at_most(-2.0, 1.5) == -1.0
+    curve = Curve(SHAPE, np.zeros((12, 1)), 1.0, NOTHING)
+    held, broken = (Outcome(curve, -1.0, excess, True, "", 1) for excess in (0.0, 0.1))
+    assert TASK.promise(held) < TASK.promise(broken)
+
+
+def test_a_search_without_iterations_left_says_so() -> None:
+    move = Move(START, GOAL, duration=2.0)
+    context = Planner(load_robot("panda"), source_method_2()).context(move)
+    task, level, line = task_of(context, move, 1.0, 2.0), context.reshaper("energy").fine(0), first_line(move, 2.0)
+    short = task.descended(task.model(level), task.curve(level.shape, line), 3, trust=0.01, tolerance=1e-6)
+    assert not short.converged and short.iterations >= 3 and "all its iterations were spent" in short.why

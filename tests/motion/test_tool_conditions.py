@@ -213,14 +213,28 @@ def test_options(tmp_path, capsys) -> None:
     assert main([*words, "--keep", "upright:wide"]) == 2
 
 
-def test_a_move_too_short_for_a_tool_speed_names_that_limit_and_a_duration(panda: Robot) -> None:
-    # the search for the fastest curve fails here; the fastest timing of the straight path is known
-    planner = Planner(panda, source_method_2(), Settings(tool_speed=0.5, starts=1, controls=12))
-    with pytest.raises(
-        Infeasible, match=r"a duration of 0\.9 s is too short: the shortest .* of tool frame panda_joint7"
-    ) as short:
-        planner.solve(Move(START, GOAL, duration=0.9))
-    assert short.value.limit == "tool_speed" and short.value.shortest_duration == pytest.approx(1.58, abs=0.02)
+@pytest.mark.parametrize("limit", ["tool_speed", "tool_acceleration"])
+def test_a_move_too_short_for_a_tool_limit_is_refused_before_a_search(panda: Robot, limit: str) -> None:
+    """It took a minute. No motion passes the tool's straight line faster; the first path's fastest timing does work."""
+    flange, planner = Watched(panda, "panda_joint7"), Planner(panda, source_method_2(), Settings(**{limit: 0.5}))
+    line = float(np.linalg.norm(flange.pose(GOAL).translation - flange.pose(START).translation))
+    least, began = line / 0.5 if limit == "tool_speed" else 2 * np.sqrt(line / 0.5), process_time()
+    for asked in (Move(START, GOAL, duration=0.9), Move(START, GOAL, max_duration=0.9)):
+        with pytest.raises(Infeasible, match=f"{limit} limit of tool frame panda_joint7 requires at least ") as short:
+            planner.solve(asked)
+        assert short.value.limit == limit and short.value.excess == pytest.approx(least / 0.9 - 1)
+    assert process_time() - began < 3
+    shortest = short.value.shortest_duration
+    assert shortest is not None and least < shortest < 1.3 * least
+    found = planner.solve(Move(START, GOAL, "retime", duration=shortest)).trajectory
+    assert 0.49 < flange.worst(found)[limit] <= 0.5 * (1 + 1e-4)
+    assert found.duration == pytest.approx(shortest)
+
+
+def test_a_move_that_begins_in_motion_has_no_bound_by_acceleration(panda: Robot) -> None:
+    limit = next(x for x in limits_of(panda, Settings(tool_acceleration=0.5)) if x.name == "tool_acceleration")
+    poses = np.array([START, GOAL])
+    assert limit.least_duration(poses, True) > 1 and limit.least_duration(poses, False) == 0
 
 
 @pytest.mark.parametrize("mode", ["retime", "reshape"])

@@ -231,8 +231,11 @@ class Limit:
         """The limit with `share` of its bound, if its bound can be reduced."""
         return self
 
-    def least_duration(self, poses: np.ndarray) -> float:
-        """A duration [s] that every motion through poses (K, n), in order, exceeds; 0 if none is known."""
+    def least_duration(self, poses: np.ndarray, resting: bool) -> float:
+        """A duration [s] that every motion through poses (K, n), in order, exceeds; 0 if none is known.
+
+        `resting`: the motion begins and ends at rest.
+        """
         return 0.0
 
     def for_models(self, count: int) -> Self:

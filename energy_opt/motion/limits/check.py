@@ -8,7 +8,7 @@ import numpy as np
 
 from energy_opt.errors import Infeasible
 from energy_opt.motion.limits.base import Limit
-from energy_opt.motion.move import LONGEST
+from energy_opt.motion.move import LONGEST, Move
 from energy_opt.motion.path import straight
 from energy_opt.motion.path_dynamics import PathDynamics
 from energy_opt.power import PowerModel
@@ -67,19 +67,20 @@ def check_pose(limits: Sequence[Limit], robot: Robot, model: PowerModel, q: np.n
             )
 
 
-def check_duration(limits: Sequence[Limit], robot: Robot, poses: np.ndarray) -> None:
-    """Check that some duration up to `LONGEST` [s] may hold the limits of a move through poses (K, n).
+def least_duration(limits: Sequence[Limit], robot: Robot, move: Move) -> tuple[float, str, str]:
+    """A duration [s] that every motion of a move exceeds, whatever its path; the limit behind it, and what it limits.
 
     Raises:
-        Infeasible: names the limit and the duration that it requires at least.
+        Infeasible: no motion may last so long.
     """
-    for limit in limits:
-        least = limit.least_duration(poses)
-        if least > LONGEST:
-            where = limit.where(robot.joints, 0)
-            raise Infeasible(
-                f"the {limit.name} limit of {where} requires at least {least:.4g} s; no motion may last "
-                f"more than {LONGEST:g} s",
-                joint=where,
-                limit=limit.name,
-            )
+    poses, resting = np.array([move.start, *move.via, move.goal]), not np.any(move.end_velocities)
+    least, limit = max(((limit.least_duration(poses, resting), limit) for limit in limits), key=lambda found: found[0])
+    where = limit.where(robot.joints, 0)
+    if least > LONGEST:
+        raise Infeasible(
+            f"the {limit.name} limit of {where} requires at least {least:.4g} s; no motion may last more than "
+            f"{LONGEST:g} s",
+            joint=where,
+            limit=limit.name,
+        )
+    return least, limit.name, where

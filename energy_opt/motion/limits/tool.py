@@ -75,6 +75,12 @@ class ToolBound(Limit):
         """Length over bound, (N, 1)."""
         return np.asarray(np.linalg.norm(x.tool_motion(self.tool)[self.derivative], axis=1)[:, None] / self.most)
 
+    def straight(self, poses: np.ndarray) -> float:
+        """Length [m] of the straight lines between the tool's places at poses (K, n)."""
+        still = np.zeros_like(poses)
+        place = self.body.frame_motion(self.tool.joint, np.array(self.tool.pose), poses, still, still)[0][:, :3, 3]
+        return float(np.linalg.norm(np.diff(place, axis=0), axis=1).sum())
+
     def scaled(self, share: float) -> Self:
         """The limit with its bound times `share`."""
         return type(self)(self.body, self.tool, self.most * share)
@@ -91,11 +97,9 @@ class ToolSpeed(ToolBound):
         velocity = tool_state(self.body.tree(), self.tool, x.q, x.v, x.a).velocity
         return ca.dot(velocity, velocity)
 
-    def least_duration(self, poses: np.ndarray) -> float:
+    def least_duration(self, poses: np.ndarray, resting: bool) -> float:
         """The straight lines between the tool's places, at the bound."""
-        still = np.zeros_like(poses)
-        place = self.body.frame_motion(self.tool.joint, np.array(self.tool.pose), poses, still, still)[0][:, :3, 3]
-        return float(np.linalg.norm(np.diff(place, axis=0), axis=1).sum() / self.most)
+        return self.straight(poses) / self.most
 
     def linear(self, d: PathDynamics, b: float) -> Linear:
         """|J q'|^2 b / bound^2 <= 1."""
@@ -118,6 +122,10 @@ class ToolAcceleration(ToolBound):
         """Squared acceleration [m^2/s^4]."""
         acceleration = tool_state(self.body.tree(), self.tool, x.q, x.v, x.a).acceleration
         return ca.dot(acceleration, acceleration)
+
+    def least_duration(self, poses: np.ndarray, resting: bool) -> float:
+        """The straight lines between the tool's places, at the bound: faster in one half, slower in the other."""
+        return 2 * float(np.sqrt(self.straight(poses) / self.most)) if resting else 0.0
 
     def linear(self, d: PathDynamics, b: float) -> Linear | None:
         """None: the norm is not linear."""

@@ -28,6 +28,10 @@ def used(trajectory: Trajectory, scorers: Sequence[Scorer], bound: np.ndarray) -
     return np.max([np.zeros_like(bound), *peaks], axis=0) / bound
 
 
-def smaller(share: np.ndarray, use: np.ndarray) -> np.ndarray:
-    """Shares (n,) of the limits for the next solve; the last one had `share` (n,) of them and used `use` (n,)."""
-    return np.where(use > HELD, share / (use * (1 + BELOW)), share)
+def smaller(share: np.ndarray, use: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """Shares (n,) of the limits for the next solve; the last one had `share` (n,) of them.
+
+    Args:
+        use, own: shares (n,) that its motion uses under the other models, and under the one whose limits are held.
+    """
+    return np.where(use > HELD, np.minimum(share, own) / (use * (1 + BELOW)), share)

@@ -20,7 +20,7 @@ from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.judge.clearance import cell_beside
 from energy_opt.motion.judge.energy import Energy, Scorer
 from energy_opt.motion.limits.base import Limit
-from energy_opt.motion.limits.check import check_duration, check_pose
+from energy_opt.motion.limits.check import check_pose, least_duration
 from energy_opt.motion.limits.registry import limits_of
 from energy_opt.motion.move import LONGEST, Move, Settings, long_turns
 from energy_opt.motion.path import JointPath
@@ -225,8 +225,10 @@ class Planner:
         progress = Progress(self.settings.deadline if deadline is None else deadline, self._stopped)
         self.check(move)
         log.info("first path")
+        single = self.single(move)
+        single.refuse_below_bound(move)
         try:
-            result = self.single(move).at(move.duration, move.max_duration, warm, progress).result
+            result = single.at(move.duration, move.max_duration, warm, progress).result
         except Infeasible as error:
             raise (self._confirmed(error, move, progress) if confirm else error) from None
         return replace(result, warnings=(*result.warnings, *self._cell_warnings, *long_turns(self.robot, move)))
@@ -283,11 +285,7 @@ class Planner:
         """
         started, first, initial_paths = self.first_path(move)
         further = cache(lambda: self._another_path(move, first.source))  # all durations share one search for it
-        context = replace(
-            self.context(started),
-            initial_paths=initial_paths,
-            further=further,
-        )
+        context = replace(self.context(started), initial_paths=initial_paths, further=further)
         return Single(context, started, first, self.timing)
 
     def _another_path(self, asked: Move, source: str) -> tuple[JointPath, ...]:
@@ -347,4 +345,4 @@ class Planner:
             check_pose(limits, self.robot, self.model, q, what, resting)
             if self.cell is not None:
                 check_free(self.cell, q, what)
-        check_duration(limits, self.robot, np.array([move.start, *move.via, move.goal]))
+        least_duration(limits, self.robot, move)

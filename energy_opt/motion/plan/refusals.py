@@ -9,7 +9,7 @@ from energy_opt.motion.move import Move
 
 def too_short(move: Move, shortest: float, certificate: Certificate) -> Infeasible:
     """The error of a move whose duration is below the `shortest` [s] that was found; `certificate`: of that one."""
-    wanted = move.duration if move.duration is not None else move.max_duration
+    wanted = move.longest
     worst = certificate.binding
     return Infeasible(
         f"a duration of {wanted:.6g} s is too short: the shortest found is {at_least(shortest)} s, where the "
@@ -17,6 +17,25 @@ def too_short(move: Move, shortest: float, certificate: Certificate) -> Infeasib
         joint=str(worst["joint"]),
         limit=str(worst["limit"]),
         excess=shortest / float(wanted or shortest) - 1,
+        shortest_duration=shortest,
+    )
+
+
+def below_bound(move: Move, limit: str, where: str, least: float, shortest: float | None) -> Infeasible:
+    """The error of a move whose duration is below what a limit requires for any path.
+
+    Args:
+        limit, where: its name, and what it limits. least: that bound [s].
+        shortest: [s] of a valid motion; None if none is known.
+    """
+    wanted = float(move.longest or least)
+    valid = "" if shortest is None else f"; a duration of {at_least(shortest)} s works"
+    return Infeasible(
+        f"a duration of {wanted:.6g} s is too short: the {limit} limit of {where} requires at least "
+        f"{at_least(least)} s on any path{valid}",
+        joint=where,
+        limit=limit,
+        excess=least / wanted - 1,
         shortest_duration=shortest,
     )
 

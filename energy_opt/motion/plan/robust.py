@@ -148,29 +148,30 @@ class RobustPlanner:
         """
         progress = Progress(self._planner.settings.deadline if deadline is None else deadline, self._stopped)
         first = answer = self._solve(move, warm, progress, confirm)
-        share, use = np.ones(self.robot.n), self._efforts(first.result.trajectory)
+        share, (own, use) = np.ones(self.robot.n), self._efforts(first.result.trajectory)
         for _ in range(EFFORT_ROUNDS):
             if use.max() <= HELD or progress.ended():
                 break
-            share = smaller(share, use)
+            share = smaller(share, use, own)
             try:
                 found = self.within({Effort.name: share})._solve(move, warm, progress, confirm=False).result
             except Infeasible:
                 break
-            judged = self._answer(self._planner.with_trajectory(found, move, found.trajectory))
-            even = self._or_evenly_slowed(move, judged)
-            answer = judged if self.overloads(even.result.trajectory) else even
-            use = self._efforts(answer.result.trajectory)
+            answer = self._answer(self._planner.with_trajectory(found, move, found.trajectory))
+            even = self._or_evenly_slowed(move, answer)
+            answer = answer if self.overloads(even.result.trajectory) else even
+            own, use = self._efforts(answer.result.trajectory)
         return self._stated(first if use.max() > HELD else replace(answer, bound=first.bound))
 
     def overloads(self, trajectory: Trajectory) -> bool:
         """Does a motor's torque exceed its limit under another model than the first?"""
-        return bool(self._efforts(trajectory).max() > HELD)
+        return bool(self._efforts(trajectory)[1].max() > HELD)
 
-    def _efforts(self, trajectory: Trajectory) -> np.ndarray:
-        """The largest share (n,) of each joint's torque limit that a motion uses under the other models."""
+    def _efforts(self, trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+        """The largest share (n,) of each joint's torque limit that a motion uses: under the first model, the others."""
         (bound,) = [limit.bound for limit in self._planner.limits() if isinstance(limit, Effort)]
-        return used(trajectory, self._scorers[1 : len(self.rivals)], bound)
+        own, others = self._scorers[:1], self._scorers[1 : len(self.rivals)]
+        return used(trajectory, own, bound), used(trajectory, others, bound)
 
     def _solve(self, move: Move, warm: Sequence[Trajectory], progress: Progress, confirm: bool) -> _Answer:
         if self._planner.settings.objective != "energy":
@@ -188,11 +189,9 @@ class RobustPlanner:
     def _or_evenly_slowed(self, move: Move, best: _Answer) -> _Answer:
         """The answer, or the evenly slowed move if that is better; for a free duration, also the fastest timing."""
         names = ("scaled",) if move.duration is not None else ("scaled", "toppra")
-        even = [
-            (self._value(np.array([scorer.energy(b.trajectory).total for scorer in self._scorers])), b)
-            for b in best.result.baselines
-            if b.name in names and b.valid
-        ]
+        known = [baseline for baseline in best.result.baselines if baseline.name in names and baseline.valid]
+        totals = [np.array([scorer.energy(b.trajectory).total for scorer in self._scorers]) for b in known]
+        even = [(self._value(total), baseline) for total, baseline in zip(totals, known, strict=True)]
         value, baseline = min(even, key=lambda found: found[0], default=(np.inf, None))
         if baseline is None or not (best.costlier().any() or exceeds(self._value(best.totals), value)):
             return best

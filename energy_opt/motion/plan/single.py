@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 
 from energy_opt.errors import Infeasible
+from energy_opt.motion.limits.check import least_duration
 from energy_opt.motion.move import Move
 from energy_opt.motion.plan.anytime import Progress
 from energy_opt.motion.plan.candidates import (
@@ -25,6 +26,7 @@ from energy_opt.motion.plan.candidates import (
 from energy_opt.motion.plan.choice import Work, baselines_of, choose
 from energy_opt.motion.plan.clear import kept_clear, nearly_clear
 from energy_opt.motion.plan.context import Context
+from energy_opt.motion.plan.refusals import below_bound
 from energy_opt.motion.reshape.curve import Outcome
 from energy_opt.motion.reshape.search import Kept
 from energy_opt.motion.result import FirstPath, Result
@@ -68,7 +70,7 @@ def candidates_of(
         solution = least_energy_timing(context, move, timing)
         assert solution is not None
         return Work(timing, solution, None, repaired_timing(context, move, solution), warm)
-    wanted = move.duration if move.duration is not None else move.max_duration
+    wanted = move.longest
     if context.stopped() and timing is not None:
         return Work(timing, None, None, None, warm)
 
@@ -102,7 +104,7 @@ def may_free(context: Context, move: Move, timing: Timing | None, failed: bool =
     """Are free accelerations tried where zero ones are asked for? In hurried and failed moves, if the first path has a
     timing in time: its end accelerations are free too.
     """
-    wanted = move.duration if move.duration is not None else move.max_duration
+    wanted = move.longest
     if context.settings.end_acceleration != "zero" or timing is None or not _is_fast_enough(timing, wanted):
         return False
     return failed or wanted is None or wanted < HURRIED * timing.duration
@@ -171,6 +173,19 @@ class Single:
     def timing(self) -> Timing | None:
         """The fastest timing of the first path; None if a reshaped move's path has none."""
         return first_timing(self.move, partial(self._timing, self.move))
+
+    def refuse_below_bound(self, move: Move) -> None:
+        """Refuse a duration that is shorter than a limit requires on any path, before a search.
+
+        Raises:
+            Infeasible: with the least duration of the first path, if that is valid.
+        """
+        least, limit, where = least_duration(self.context.limits, self.context.robot, move)
+        if move.longest is None or move.longest >= least:
+            return
+        first = None if self.timing is None else self.timing.trajectory(self.context.robot.joints)
+        works = first is not None and self.context.judge(first).certificate.valid
+        raise below_bound(move, limit, where, least, first.duration if first is not None and works else None)
 
     @one_thread
     def at(

@@ -27,8 +27,10 @@ class Curve:
         return [self.shape.basis.matrix(u, k) @ self.points / self.duration**k for k in range(4)]
 
 
+SPENT = "iterations"
 STOPPED = {
     "sqp": "the search stopped where no further step lowers the energy, as at a kink of dry friction",
+    SPENT: "the search stopped when all its iterations were spent",
     "Maximum_Iterations_Exceeded": "the search stopped when all its iterations were spent",
     "Infeasible_Problem_Detected": "the search stopped where the limits leave no room for a further step",
 }

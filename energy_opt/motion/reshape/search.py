@@ -24,7 +24,7 @@ from energy_opt.motion.reshape.curve import Curve, Outcome, refined
 from energy_opt.motion.reshape.layout import Shape
 from energy_opt.motion.reshape.nodes import NodeFunctions
 from energy_opt.motion.reshape.starts import Optima, followed, joined, search, valleys
-from energy_opt.motion.reshape.task import FEASIBLE, FREE, Level, Line, Task
+from energy_opt.motion.reshape.task import FEASIBLE, Level, Line, Task, at_most
 from energy_opt.motion.trajectory import Trajectory, row_step, whole
 from energy_opt.numerics.bspline import Basis
 
@@ -33,12 +33,10 @@ log = logging.getLogger(__name__)
 COARSE, COARSE_PACKING = 12, 0.5
 ITERATIONS, FINE = 60, 1e-6  # iterations and tolerance of the full solves, before IPOPT
 TRIAL, TRUST, ROUGH = 5, 0.4, 3e-3  # iterations, first step [rad, m] and tolerance for comparing optima
-# The same for a comparison, as for `task.SOON`: a tenth less time on 300 moves of five arms. One lost 0.06 %, one won
-# 1.2 %. At the kinks of dry friction it lost more and saved little, so it is not used there.
-OUTDONE = 2, 1.1
 PER_VIA = 2  # additional control points for every via point
 WIDE, MIDDLE = 10.0, 3.0  # factors of the width of kinks on the coarse problem, and for comparing optima
-AGAIN = 3  # most further descents if the laws have kinks and one ended without convergence
+# most further descents if the laws have kinks: with 3, steadily falling costs (of 1 in 70 hanging arms) were given up
+AGAIN = 20
 NEAR_KINKS = 0.02  # [rad, m] first step of descents with kinked laws
 WIDTHS, ROUGHLY = (3.0, 1.7), 20  # decreasing factors of that width before the final solve, and most iterations of each
 RUNG = 1.5  # ratio of the durations at which starts are solved
@@ -146,7 +144,7 @@ class Reshaper:
             kept[rung] = found
             used, spent = found.starts - known.starts, found.iterations - known.iterations
         best = min(kept[rung].found, key=there.rank)
-        most = WORTH_KEEPING * there.cost(best)
+        most = at_most(there.cost(best), WORTH_KEEPING)
         near = [o for o in kept[rung].found if o is best or (o.broken <= FEASIBLE and there.cost(o) <= most)]
         optima = islice(valleys(coarse, there, near), KEPT)
         guesses = [refined(task.within(o.curve), fine.shape, task.ends) for o in optima]
@@ -155,11 +153,7 @@ class Reshaper:
         rough = replace(task, width=MIDDLE)
         model = rough.model(fine)
         for guess in guesses:
-            costs = [] if self._nodes.kinked else [task.cost(o) for o in compared if o.broken <= FREE]
-            rival = min(costs, default=np.inf)
-            compared.append(rough.descended(
-                model, guess, TRIAL, trust=TRUST, tolerance=ROUGH, stopped=stopped, rival=rival, given_up=OUTDONE
-            ))  # fmt: skip
+            compared.append(rough.descended(model, guess, TRIAL, trust=TRUST, tolerance=ROUGH, stopped=stopped))
             if stopped():
                 break
         iterations = spent + sum(o.iterations for o in compared)
@@ -170,7 +164,7 @@ class Reshaper:
         best: Outcome | None = None
         level, spent, count = self.fine(task.vias), 0, 0
         for outcome in optima:
-            near = task.promise(outcome) <= WORTH_REFINING * task.promise(optima[0])
+            near = task.promise(outcome) <= at_most(task.promise(optima[0]), WORTH_REFINING)
             if best is not None and not (near and count < REFINED):
                 break
             if best is not None and joined(level, task, best, outcome):  # it leads to the same optimum
@@ -209,7 +203,7 @@ class Reshaper:
             more = task.descended(
                 model, found.curve, ITERATIONS, trust=trust / 4, tolerance=FINE, give=EXACT, stopped=stopped
             )
-            settled = task.cost(found) - task.cost(more) < ROUGH * task.cost(found)
+            settled = task.cost(found) - task.cost(more) < ROUGH * abs(task.cost(found))
             spent += more.iterations
             found = replace(min(found, more, key=task.rank), converged=settled)
         found = replace(found, iterations=spent + found.iterations)

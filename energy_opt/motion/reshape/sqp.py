@@ -119,20 +119,24 @@ def descend(
             if again is not None and again.count:
                 constraints = near.joined(again.moved(found.d))
             tries = KINKED if now.convex else TRIES
-            worth = not broken and predicted > LITTLE * max(point.cost, 0.02)  # shorter steps along tight limits
+            worth = not broken and predicted > LITTLE * max(abs(point.cost), 0.02)  # shorter steps along tight limits
             full = failed == 1 and again is not None and again.count and trial_broken > broken
             trust = min(step, trust) * (1.0 if full else 0.5)
-            if (failed > tries and not worth) or trust < LEAST_TRUST or predicted < tolerance * max(point.cost, 0.02):
+            if (
+                (failed > tries and not worth)
+                or trust < LEAST_TRUST
+                or predicted < tolerance * max(abs(point.cost), 0.02)
+            ):
                 break
         now.trust = trust
-        if abs(predicted) < tolerance * (SADDLE if found.damping else 1.0) * max(point.cost, 0.02):
+        if abs(predicted) < tolerance * (SADDLE if found.damping else 1.0) * max(abs(point.cost), 0.02):
             now.converged = True
             break
         if not good:
-            now.converged = abs(predicted) < STALLED * max(point.cost, 0.02)
+            now.converged = abs(predicted) < STALLED * max(abs(point.cost), 0.02)
             break
     before = costs[-LAST:][0]
-    now.converged |= broken <= give and before - costs[-1] < LITTLE * max(point.cost, 0.02)
+    now.converged |= broken <= give and before - costs[-1] < LITTLE * max(abs(point.cost), 0.02)
     return now
 
 

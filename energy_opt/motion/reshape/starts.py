@@ -123,7 +123,8 @@ def _bent(level: Level, straight: Curve, task: Task, seed: int, k: int) -> Curve
         """Costs of copies, more by their excess, and by how many times they exceed a limit."""
         costs, excess = level.excesses(points, straight.duration, task.parameters, task.limits)
         excess = np.maximum(0.0, excess)
-        return (costs - task.offset * straight.duration) * (1 + excess), excess
+        costs = costs - task.offset * straight.duration
+        return costs + np.abs(costs) * excess, excess
 
     amplitudes = np.empty((drawn, 2, shape.joints))
     for amplitude in amplitudes:

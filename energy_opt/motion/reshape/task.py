@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 
 from energy_opt.motion.limits.base import Limit, values_of
-from energy_opt.motion.reshape.curve import Curve, Outcome, fitted
+from energy_opt.motion.reshape.curve import SPENT, Curve, Outcome, fitted
 from energy_opt.motion.reshape.layout import Ends, Shape
 from energy_opt.motion.reshape.model import Model
 from energy_opt.motion.reshape.nodes import NodeFunctions
@@ -100,6 +100,11 @@ SOON, MORE, HOPELESS = 4, 3.0, 1.05
 FEASIBLE = 1e-4  # an outcome with a larger excess over a bound counts as infeasible
 
 
+def at_most(cost: float, times: float) -> float:
+    """`times` a cost; of a cost below zero, as much above it. Rounded kinks take costs of slow moves below zero."""
+    return cost + (times - 1) * abs(cost)
+
+
 @dataclass(frozen=True)
 class Line:
     """A first guess: positions q (M, n) at u (M,) in [0, 1], and a duration [s]."""
@@ -162,13 +167,11 @@ class Task:
     def descended(
         self, model: Model, guess: Curve, iterations: int, *, trust: float, tolerance: float,
         give: float = FREE, stopped: Callable[[], bool] = lambda: False, rival: float = np.inf,
-        given_up: tuple[int, float] = (SOON, HOPELESS),
     ) -> Outcome:  # fmt: skip
         """Result of sequential quadratic programming on the task's model from a guess.
 
         Args:
-            rival: cost of an optimum that is known; a search that is far above it is given up.
-            given_up: least iterations before this, and how far above it is, as a multiple of the rival's cost.
+            rival: cost of an optimum that is known; a search that is far above it is given up (`HOPELESS`).
         """
         lower, upper = model.box
         point = model.at_curve(replace(guess, points=np.clip(guess.points, lower, upper)))
@@ -181,14 +184,13 @@ class Task:
             nonlocal last
             cost, saved = now.point.cost, last - now.point.cost
             last = cost
-            soon, above = given_up
-            return stopped() or (now.iterations >= soon and cost - MORE * max(saved, 0.0) > above * scale * rival)
+            return stopped() or (now.iterations >= SOON and cost - MORE * max(saved, 0.0) > HOPELESS * scale * rival)
 
         descend(
             model, now, iterations, trust, tolerance=tolerance, give=give, slack=min(give, SLACK),
             stopped=ended if 0 < rival < np.inf else stopped,
         )  # fmt: skip
-        return model.outcome(now.point, now.iterations, now.converged)
+        return model.outcome(now.point, now.iterations, now.converged, "sqp" if now.iterations < iterations else SPENT)
 
     def curve(self, shape: Shape, line: Line) -> Curve:
         """The curve of a shape nearest to a line, with the task's ends."""
@@ -205,7 +207,7 @@ class Task:
 
     def promise(self, outcome: Outcome) -> float:
         """The part of the cost that depends on the path, increased by the excess over limits."""
-        return self.cost(outcome) * (1 + max(outcome.broken, 0.0))
+        return at_most(self.cost(outcome), 1 + max(outcome.broken, 0.0))
 
     def rank(self, outcome: Outcome) -> tuple[bool, float]:
         """Sort key: feasible outcomes first, by cost; infeasible ones by their excess."""

@@ -1,0 +1,96 @@
+"""Headers of a meter: the whole robot's power, a counter of energy, a supply's voltage and current."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from energy_opt.measured.names import COMMANDED, UNITS, Header, cut, known_unit, words_in
+
+POWER = words_in("power watt watts wattage wattmeter powermeter leistung puissance p pwr")
+ENERGY = words_in("energy joule joules wh kwh energie counter arbeit")
+VOLT = words_in("voltage volt volts u v spannung")
+AMPERE = words_in("current ampere amperes amps amp i a strom")
+# Words for a single motor instead of the robot, unless the header also names the robot.
+SINGLE = words_in(
+    "joint motor axis axes achse actuator drive servo gripper tool finger elbow shoulder wrist antrieb j m link"
+)
+WHOLE = words_in("robot arm total whole sum main gesamt")
+ALTERNATING = words_in("pf cos phi apparent reactive frequency hz va var")
+NOT_POWER = words_in("apparent reactive factor max min peak limit state mode on off status button")
+
+
+def power_column(header: Sequence[str]) -> str | None:
+    """The header of the whole robot's power, None if there is none."""
+    good = {"total": 2.0, "robot": 1.0, "arm": 1.0, "active": 1.0, "whole": 1.0, "sum": 1.0, "main": 0.5, "input": 0.5}
+    return _best_header(header, POWER, NOT_POWER, good, "power")
+
+
+def energy_column(header: Sequence[str]) -> str | None:
+    """The header of a counter of energy."""
+    good = {"total": 1.0, "import": 1.0, "robot": 1.0, "active": 0.5}
+    found = _best_header(header, ENERGY, NOT_POWER | {"kinetic", "potential", "reactive"}, good, "energy")
+    return found if found is None or set(cut(found).words) & (ENERGY - {"counter"}) else None
+
+
+def _best_header(
+    header: Sequence[str], words: frozenset[str], never: frozenset[str], good: Mapping[str, float], kind: str
+) -> str | None:
+    """The header that fits best, by its words and its unit; None if none fits."""
+    best, score = None, 0.0
+    for text in header:
+        h = cut(text)
+        unit = known_unit(kind, h.unit)
+        have = set(h.words) & words
+        foreign = h.unit and unit is None and any(known_unit(k, h.unit) for k in UNITS)
+        if not (have or unit) or set(h.words) & never or foreign or not _may_be_whole_robot(h, header, good):
+            continue
+        value = 1 + (1.0 if unit else 0.0) + sum(good.get(word, 0) for word in h.words) - 0.1 * len(h.words)
+        value += 0.5 if have - {"p"} else 0.0
+        value -= 0.5 * len(h.numbers) + (2.0 if set(h.words) & COMMANDED else 0.0)
+        if value > score:
+            best, score = text, value
+    return best
+
+
+def _may_be_whole_robot(h: Header, header: Sequence[str], good: Iterable[str]) -> bool:
+    """True if a meter's column may be the whole robot's: not a single motor's, nor one of several alike."""
+    words = set(h.words)
+    if words & WHOLE & set(good):
+        return True
+    alike = [other for other in map(cut, header) if other.words == h.words and other.numbers != h.numbers]
+    return not words & SINGLE and not (h.numbers and alike)
+
+
+def robots_own(pair: Sequence[str]) -> bool:
+    """True if both headers name the robot."""
+    return all(set(cut(name).words) & {"robot", "arm", "controller"} for name in pair)
+
+
+def alternating(header: Iterable[str]) -> bool:
+    """True if a header names a quantity that only an alternating supply has."""
+    return any(set(cut(text).words) & ALTERNATING for text in header)
+
+
+def product_columns(header: Sequence[str]) -> tuple[str, str] | None:
+    """Headers of a voltage and a current of the same supply, whose product is the power."""
+    good = {"robot": 2.0, "supply": 1.0, "bus": 1.0, "dc": 1.0, "total": 1.0, "battery": 0.5, "input": 0.5}
+    best, score = None, 0.0
+    cells = [cut(text) for text in header]
+    for volt in cells:
+        if not (set(volt.words) & VOLT or volt.unit == "V"):
+            continue
+        for ampere in cells:
+            named = set(ampere.words) & AMPERE or known_unit("current", ampere.unit)
+            if not named or ampere.text == volt.text or ampere.numbers != volt.numbers:
+                continue
+            if set(ampere.words) & COMMANDED or set(volt.words) & COMMANDED:
+                continue
+            if not _may_be_whole_robot(volt, header, good) or not _may_be_whole_robot(ampere, header, good):
+                continue
+            other_v, other_a = set(volt.words) - VOLT, set(ampere.words) - AMPERE
+            if other_v != other_a:
+                continue
+            value = 1 + sum(good.get(word, 0) for word in other_v) - len(volt.numbers)
+            if value > score:
+                best, score = (volt.text, ampere.text), value
+    return best

@@ -20,6 +20,8 @@ from energy_opt.robot import Robot
 COARSE = 0.3  # share of samples with a repeated stamp above which stamps are coarser than the samples
 GAP = 0.25  # [s] without a sample (or `GAP_STEPS` steps, if longer) from which the motion in between is unknown
 GAP_STEPS = 10
+JITTER, ROWS = 0.05, 20  # standard deviation of the steps over their mean from which stamps are irregular; least rows
+SMOOTHER = 0.5  # factor on the squares of changes of speed by which values run more smoothly with other stamps
 BUNCHED = 5.0  # mean step over median step above which samples arrive in bunches
 SKIPPED = 1.6  # usual steps between two samples from which one is missing
 
@@ -86,6 +88,13 @@ def clean(time: np.ndarray, values: np.ndarray) -> Stamped:
         stamps = spread
         row = 1e3 * float(np.median(np.diff(stamps)))
         remarks.append(f"stamps come in bunches: rows spread evenly, {row:.3g} ms apart, as on the controller's clock")
+    even = _on_a_clock(stamps, values[kept])
+    if even is not None:
+        off = 1e3 * float(np.abs(stamps - even).max())
+        remarks.append(
+            f"stamps are up to {off:.1g} ms late or early: rows put on an even clock, as they run smoothly on it"
+        )
+        stamps = even
     if len(stamps) < 3:
         return Stamped(kept, stamps, (), tuple(remarks))
     step = np.diff(stamps)
@@ -102,6 +111,28 @@ def clean(time: np.ndarray, values: np.ndarray) -> Stamped:
         more = f" and {int(wide.sum()) - 3} more" if wide.sum() > 3 else ""
         remarks.append(f"cut at {int(wide.sum())} gap(s) without rows ({lengths}{more})")
     return Stamped(kept, stamps, tuple(int(k) for k in np.flatnonzero(wide)), tuple(remarks))
+
+
+def _on_a_clock(stamps: np.ndarray, values: np.ndarray) -> np.ndarray | None:
+    """Stamps of an even clock that irregular stamps stay near, if the values (N, m) run more smoothly on it; else None.
+
+    A recorder writes rows of a controller's clock with stamps of its own. Rows that were really taken at irregular
+    times keep their stamps: the values run more smoothly with these.
+    """
+    if len(stamps) < ROWS:
+        return None
+    count = np.arange(len(stamps))
+    row, begin = (float(x) for x in np.polyfit(count, stamps - stamps[0], 1))
+    even = stamps[0] + begin + row * count
+    if np.std(np.diff(stamps)) < JITTER * row or np.abs(stamps - even).max() > row:
+        return None
+
+    def rough(time: np.ndarray) -> np.ndarray:
+        return np.asarray(np.nansum(np.diff(np.diff(values, axis=0) / np.diff(time)[:, None], axis=0) ** 2, axis=0))
+
+    on_clock, as_stamped = rough(even), rough(stamps)
+    votes = np.sum(on_clock < SMOOTHER * as_stamped) - np.sum(as_stamped < SMOOTHER * on_clock)
+    return even if votes > 0 else None
 
 
 def _spread_bunches(stamps: np.ndarray) -> np.ndarray | None:

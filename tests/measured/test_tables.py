@@ -125,6 +125,17 @@ def test_missing_rows_are_counted_and_gaps_cut():
     )
 
 
+def test_irregular_stamps_of_rows_on_an_even_clock_are_replaced_and_irregular_rows_are_not():
+    t = 0.008 * np.arange(400)
+    late = t + np.random.default_rng(1).uniform(0, 0.003, len(t))
+    rows = clean(late, np.column_stack([np.sin(t), np.zeros(400)]))
+    np.testing.assert_allclose(np.diff(rows.time), 0.008, atol=1e-5)
+    assert "late or early" in rows.remarks[0] and not rows.gaps
+    kept = clean(late, np.column_stack([np.sin(late), np.zeros(400)]))
+    np.testing.assert_array_equal(kept.time, late)
+    assert not kept.remarks
+
+
 def test_held_readings_differ_from_coarse_ones():
     rng = np.random.default_rng(0)
     slow = np.repeat(rng.normal(size=80), 12)

@@ -131,8 +131,8 @@ def _on_a_clock(stamps: np.ndarray, values: np.ndarray) -> np.ndarray | None:
         return np.asarray(np.nansum(np.diff(np.diff(values, axis=0) / np.diff(time)[:, None], axis=0) ** 2, axis=0))
 
     on_clock, as_stamped = rough(even), rough(stamps)
-    votes = np.sum(on_clock < SMOOTHER * as_stamped) - np.sum(as_stamped < SMOOTHER * on_clock)
-    return even if votes > 0 else None
+    better, worse = on_clock < SMOOTHER * as_stamped, as_stamped < SMOOTHER * on_clock
+    return even if np.count_nonzero(better) > np.count_nonzero(worse) else None
 
 
 def _spread_bunches(stamps: np.ndarray) -> np.ndarray | None:

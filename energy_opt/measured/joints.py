@@ -20,7 +20,7 @@ from energy_opt.robot import Robot
 COARSE = 0.3  # share of samples with a repeated stamp above which stamps are coarser than the samples
 GAP = 0.25  # [s] without a sample (or `GAP_STEPS` steps, if longer) from which the motion in between is unknown
 GAP_STEPS = 10
-JITTER, ROWS = 0.05, 20  # standard deviation of the steps over their mean from which stamps are irregular; least rows
+JITTER, ROWS = 0.05, 20  # median distance of the steps from their mean, over it, of irregular stamps; least rows
 SMOOTHER = 0.5  # factor on the squares of changes of speed by which values run more smoothly with other stamps
 BUNCHED = 5.0  # mean step over median step above which samples arrive in bunches
 SKIPPED = 1.6  # usual steps between two samples from which one is missing
@@ -88,13 +88,13 @@ def clean(time: np.ndarray, values: np.ndarray) -> Stamped:
         stamps = spread
         row = 1e3 * float(np.median(np.diff(stamps)))
         remarks.append(f"stamps come in bunches: rows spread evenly, {row:.3g} ms apart, as on the controller's clock")
-    even = _on_a_clock(stamps, values[kept])
-    if even is not None:
-        off = 1e3 * float(np.abs(stamps - even).max())
-        remarks.append(
+    even = _on_a_clock(time, values, kept, stamps)
+    if even is not None:  # all rows are real
+        off = 1e3 * float(np.abs(time - even).max())
+        kept, stamps = np.arange(len(time)), even
+        remarks = [
             f"stamps are up to {off:.1g} ms late or early: rows put on an even clock, as they run smoothly on it"
-        )
-        stamps = even
+        ]
     if len(stamps) < 3:
         return Stamped(kept, stamps, (), tuple(remarks))
     step = np.diff(stamps)
@@ -113,24 +113,25 @@ def clean(time: np.ndarray, values: np.ndarray) -> Stamped:
     return Stamped(kept, stamps, tuple(int(k) for k in np.flatnonzero(wide)), tuple(remarks))
 
 
-def _on_a_clock(stamps: np.ndarray, values: np.ndarray) -> np.ndarray | None:
-    """Stamps of an even clock that irregular stamps stay near, if the values (N, m) run more smoothly on it; else None.
+def _on_a_clock(time: np.ndarray, values: np.ndarray, kept: np.ndarray, stamps: np.ndarray) -> np.ndarray | None:
+    """An even clock (N,) for rows with irregular stamps `time` (N,), if it is the better one; else None.
 
-    A recorder writes rows of a controller's clock with stamps of its own. Rows that were really taken at irregular
-    times keep their stamps: the values run more smoothly with these.
+    A recorder writes rows of a controller's clock with stamps of its own. The clock must stay within a row of them, and
+    the values (N, m) run more smoothly on it than those of the rows `kept` with their `stamps` (K,): rows that were
+    really taken at irregular times, or twice, do not.
     """
-    if len(stamps) < ROWS:
+    if len(time) < ROWS:
         return None
-    count = np.arange(len(stamps))
-    row, begin = (float(x) for x in np.polyfit(count, stamps - stamps[0], 1))
-    even = stamps[0] + begin + row * count
-    if np.std(np.diff(stamps)) < JITTER * row or np.abs(stamps - even).max() > row:
+    count = np.arange(len(time))
+    row, begin = (float(x) for x in np.polyfit(count, time - time[0], 1))
+    even = time[0] + begin + row * count
+    if np.median(np.abs(np.diff(time) - row)) < JITTER * row or np.abs(time - even).max() > row:
         return None
 
-    def rough(time: np.ndarray) -> np.ndarray:
-        return np.asarray(np.nansum(np.diff(np.diff(values, axis=0) / np.diff(time)[:, None], axis=0) ** 2, axis=0))
+    def rough(at: np.ndarray, x: np.ndarray) -> np.ndarray:
+        return np.asarray(np.nanmean(np.diff(np.diff(x, axis=0) / np.diff(at)[:, None], axis=0) ** 2, axis=0))
 
-    on_clock, as_stamped = rough(even), rough(stamps)
+    on_clock, as_stamped = rough(even, values), rough(stamps, values[kept])
     better, worse = on_clock < SMOOTHER * as_stamped, as_stamped < SMOOTHER * on_clock
     return even if np.count_nonzero(better) > np.count_nonzero(worse) else None
 

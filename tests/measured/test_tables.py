@@ -131,6 +131,9 @@ def test_irregular_stamps_of_rows_on_an_even_clock_are_replaced_and_irregular_ro
     rows = clean(late, np.column_stack([np.sin(t), np.zeros(400)]))
     np.testing.assert_allclose(np.diff(rows.time), 0.008, atol=1e-5)
     assert "late or early" in rows.remarks[0] and not rows.gaps
+    rounded = clean(np.round(t, 2), np.column_stack([np.sin(t), np.zeros(400)]))  # some share a stamp
+    np.testing.assert_allclose(np.diff(rounded.time), 0.008, atol=1e-5)
+    assert len(rounded.kept) == 400 and "late or early" in rounded.remarks[0]
     kept = clean(late, np.column_stack([np.sin(late), np.zeros(400)]))
     np.testing.assert_array_equal(kept.time, late)
     assert not kept.remarks

@@ -12,7 +12,7 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.measured.columns import Rule, factor_of
-from energy_opt.measured.plausible import degrees_fault, leaps, spikes, step_fault
+from energy_opt.measured.plausible import degrees_fault, held_rows, leaps, spikes, step_fault
 from energy_opt.measured.run import JOINT_SIGNALS
 from energy_opt.measured.table import Table
 from energy_opt.robot import Robot
@@ -180,23 +180,6 @@ def _moved_to_gaps(kept: np.ndarray, stamps: np.ndarray, same: np.ndarray) -> tu
     return kept[stay], stamps[stay], int(move.sum())
 
 
-def update_indices(values: np.ndarray) -> np.ndarray | None:
-    """Indices (M,) of new readings of a slower source whose readings are held over several samples; None if not held.
-
-    Held readings are periodic: all distances between changes are multiples of one number of samples. Values of a coarse
-    instrument also stay the same for a while, but not periodically.
-    """
-    change = np.flatnonzero(np.diff(values) != 0) + 1
-    if len(change) < 5 or len(change) > len(values) / 3:
-        return None
-    apart = np.diff(change)
-    beat = int(np.percentile(apart, 10))
-    if beat < 3:
-        return None
-    off = np.abs(apart - beat * np.rint(apart / beat))
-    return change if float(np.mean(off <= (1 if beat >= 10 else 0))) >= 0.95 else None
-
-
 FEWEST = 8  # least samples of a run
 # Largest plausible values of an arm's measurements: SI units, absolute values.
 LARGEST = {
@@ -296,12 +279,17 @@ def read_joints(table: Table, rules: Mapping[str, Rule], robot: Robot, kind: str
     if len(index) < FEWEST:
         table.faults.append(f"{table.path}: {len(index)} data rows; a run needs at least {FEWEST}")
         return None
+    held = held_rows(signals["position"][index])
+    index = index[~held]
     spike = spikes(time[index], signals["position"][index], robot)
     spiked, index = index[spike], index[~spike]
     if runs_backward(table, rules["time"].columns[0], time[index], index):
         return None
     samples = clean(time[index], np.column_stack([values[index] for values in signals.values()]))
     dropped, index = np.concatenate([spiked, np.delete(index, samples.kept)]), index[samples.kept]
+    if held.any():
+        said = "positions are held over several rows: taken where they change"
+        samples = replace(samples, remarks=(*samples.remarks, said))
     if spiked.size:
         said = f"{len(spiked)} rows dropped: positions jump away and back (first: row "
         samples = replace(samples, remarks=(*samples.remarks, f"{said}{table.row_number(int(spiked[0]))})"))

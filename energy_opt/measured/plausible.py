@@ -13,6 +13,7 @@ COARSEST = 1.0  # [s] largest step of a motion; with a larger one, the stamps' u
 FINEST = 1e-5  # [s] least plausible step
 FASTER = 5.0  # multiple of a velocity limit that no joint reaches from one sample to the next and back
 JUMP = 0.05  # [rad, m] least change between two samples that may be a damaged row; noise of encoders is far below
+CHANGES, REGULAR = 20, 0.95  # least changes of the positions, and their share at regular distances, of a slower source
 GLITCH = 30.0  # multiple of the usual power by which no arm's power changes for one reading
 LEAP = 0.5  # [rad, m] the same for a position that stays at the new value
 TURN = 2 * np.pi  # [rad] the jump of an angle that wraps
@@ -28,6 +29,37 @@ def spikes(time: np.ndarray, position: np.ndarray, robot: Robot) -> np.ndarray:
     back = np.abs(position[2:] - position[:-2]) < JUMP
     out[1:-1] = (wide[:-1] & wide[1:] & back).any(axis=1)
     return out
+
+
+def held_rows(position: np.ndarray) -> np.ndarray:
+    """Mask (N,) of rows that repeat positions (N, n) of a slower source, which change at every second row or rarer.
+
+    At rest as many rows are left as in motion.
+    """
+    change = np.flatnonzero(np.append(True, (np.diff(position, axis=0) != 0).any(axis=1)))
+    apart = np.diff(change)
+    beat = int(np.percentile(apart, 10)) if len(apart) >= CHANGES else 1
+    if beat < 2 or np.mean(apart % beat == 0) < REGULAR:
+        return np.zeros(len(position), dtype=bool)
+    rows = np.arange(len(position))
+    return np.asarray((rows - change[np.searchsorted(change, rows, "right") - 1]) % beat > 0)
+
+
+def update_indices(values: np.ndarray) -> np.ndarray | None:
+    """Indices (M,) of new readings of a slower source whose readings are held over several samples; None if not held.
+
+    Held readings are periodic: all distances between changes are multiples of one number of samples. Values of a coarse
+    instrument also stay the same for a while, but not periodically.
+    """
+    change = np.flatnonzero(np.diff(values) != 0) + 1
+    if len(change) < 5 or len(change) > len(values) / 3:
+        return None
+    apart = np.diff(change)
+    beat = int(np.percentile(apart, 10))
+    if beat < 3:
+        return None
+    off = np.abs(apart - beat * np.rint(apart / beat))
+    return change if float(np.mean(off <= (1 if beat >= 10 else 0))) >= 0.95 else None
 
 
 def glitches(power: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.measured.columns import Rule, factor_of
-from energy_opt.measured.plausible import degrees_fault, held_rows, leaps, spikes, step_fault
+from energy_opt.measured.plausible import degrees_fault, held_samples, leaps, spikes, step_fault
 from energy_opt.measured.run import JOINT_SIGNALS
 from energy_opt.measured.table import Table
 from energy_opt.robot import Robot
@@ -20,7 +20,7 @@ from energy_opt.robot import Robot
 COARSE = 0.3  # share of samples with a repeated stamp above which stamps are coarser than the samples
 GAP = 0.25  # [s] without a sample (or `GAP_STEPS` steps, if longer) from which the motion in between is unknown
 GAP_STEPS = 10
-JITTER, ROWS = 0.05, 20  # median distance of the steps from their mean, over it, of irregular stamps; least rows
+JITTER, FEW = 0.05, 20  # median distance of the steps from their mean, over it, of irregular stamps; least samples
 SMOOTHER = 0.5  # factor on the squares of changes of speed by which values run more smoothly with other stamps
 BUNCHED = 5.0  # mean step over median step above which samples arrive in bunches
 SKIPPED = 1.6  # usual steps between two samples from which one is missing
@@ -89,7 +89,7 @@ def clean(time: np.ndarray, values: np.ndarray) -> Stamped:
         row = 1e3 * float(np.median(np.diff(stamps)))
         remarks.append(f"stamps come in bunches: rows spread evenly, {row:.3g} ms apart, as on the controller's clock")
     even = _on_a_clock(time, values, kept, stamps)
-    if even is not None:  # all rows are real
+    if even is not None:  # all samples are real
         off = 1e3 * float(np.abs(time - even).max())
         kept, stamps = np.arange(len(time)), even
         remarks = [
@@ -114,13 +114,13 @@ def clean(time: np.ndarray, values: np.ndarray) -> Stamped:
 
 
 def _on_a_clock(time: np.ndarray, values: np.ndarray, kept: np.ndarray, stamps: np.ndarray) -> np.ndarray | None:
-    """An even clock (N,) for rows with irregular stamps `time` (N,), if it is the better one; else None.
+    """An even clock (N,) for samples with irregular stamps `time` (N,), if it is the better one; else None.
 
-    A recorder writes rows of a controller's clock with stamps of its own. The clock must stay within a row of them, and
-    the values (N, m) run more smoothly on it than those of the rows `kept` with their `stamps` (K,): rows that were
-    really taken at irregular times, or twice, do not.
+    A recorder writes samples of a controller's clock with stamps of its own. The clock must stay within a step of them,
+    and the values (N, m) run more smoothly on it than those of the samples `kept` with their `stamps` (K,): samples
+    that were really taken at irregular times, or twice, do not.
     """
-    if len(time) < ROWS:
+    if len(time) < FEW:
         return None
     count = np.arange(len(time))
     row, begin = (float(x) for x in np.polyfit(count, time - time[0], 1))
@@ -279,7 +279,7 @@ def read_joints(table: Table, rules: Mapping[str, Rule], robot: Robot, kind: str
     if len(index) < FEWEST:
         table.faults.append(f"{table.path}: {len(index)} data rows; a run needs at least {FEWEST}")
         return None
-    held = held_rows(signals["position"][index])
+    held = held_samples(signals["position"][index])
     index = index[~held]
     spike = spikes(time[index], signals["position"][index], robot)
     spiked, index = index[spike], index[~spike]

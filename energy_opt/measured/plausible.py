@@ -31,18 +31,18 @@ def spikes(time: np.ndarray, position: np.ndarray, robot: Robot) -> np.ndarray:
     return out
 
 
-def held_rows(position: np.ndarray) -> np.ndarray:
-    """Mask (N,) of rows that repeat positions (N, n) of a slower source, which change at every second row or rarer.
+def held_samples(position: np.ndarray) -> np.ndarray:
+    """Mask (N,) of samples that repeat positions (N, n) of a slower source, which change at every second one or rarer.
 
-    At rest as many rows are left as in motion.
+    At rest as many samples are left as in motion.
     """
     change = np.flatnonzero(np.append(True, (np.diff(position, axis=0) != 0).any(axis=1)))
     apart = np.diff(change)
     beat = int(np.percentile(apart, 10)) if len(apart) >= CHANGES else 1
     if beat < 2 or np.mean(apart % beat == 0) < REGULAR:
         return np.zeros(len(position), dtype=bool)
-    rows = np.arange(len(position))
-    return np.asarray((rows - change[np.searchsorted(change, rows, "right") - 1]) % beat > 0)
+    index = np.arange(len(position))
+    return np.asarray((index - change[np.searchsorted(change, index, "right") - 1]) % beat > 0)
 
 
 def update_indices(values: np.ndarray) -> np.ndarray | None:

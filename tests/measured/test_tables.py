@@ -16,7 +16,7 @@ from energy_opt.measured.joints import clean
 from energy_opt.measured.layout import Csv, layout_of
 from energy_opt.measured.meter_names import energy_column, power_column, product_columns
 from energy_opt.measured.names import cut, joint_columns, time_columns
-from energy_opt.measured.plausible import held_rows, update_indices
+from energy_opt.measured.plausible import held_samples, update_indices
 from energy_opt.measured.table import Table
 
 
@@ -129,8 +129,8 @@ def test_missing_rows_are_counted_and_gaps_cut():
 def test_rows_that_repeat_the_positions_of_a_slower_source_are_held():
     t = 0.008 * np.arange(400)
     moves = np.column_stack([np.round(np.sin(np.clip(t - 0.8, 0, 1.6)), 4), np.zeros(400)])
-    assert not held_rows(moves).any()
-    stale = held_rows(moves[2 * (np.arange(400) // 2)])
+    assert not held_samples(moves).any()
+    stale = held_samples(moves[2 * (np.arange(400) // 2)])
     np.testing.assert_array_equal(stale, np.arange(400) % 2 == 1)
 
 

@@ -98,7 +98,7 @@ class TorqueBound:
         with np.errstate(all="ignore"):  # overflow gives no bound
             powers = np.stack([size * h**k for k, size in enumerate(sizes, 1)])
             turn, v, a = (_shares(least) @ (powers / h**least).max(axis=1) for least in (0, 1, 2))
-            # of all pieces together: the worst one decides, and `largest` sees few rows
+            # of all pieces together: the worst one decides, and `largest` gets a small array
             most = np.nan_to_num(self.largest(turn, v, a, slide.max(axis=0) + turn), nan=np.inf, posinf=np.inf)
             value = most * ((1 / (degree * near)) ** (degree + 1) * factorial(degree) / 4 + ROUNDING)
             rate = most * ((degree + 1) / near ** (degree + 1) + ROUNDING)  # times h

@@ -22,7 +22,6 @@ from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 
 REPAIRS = 10  # most times that limits are tightened after the judge finds a violation; each time removes 3/4 of a peak
-STUCK = 2  # failed solves in a row under tightened limits, after which repairing ends
 LONGEST = 30.0  # upper bound of a free duration, as a multiple of the fastest timing of the first path
 SHORTEST = 0.2  # lower bound of a free duration, as a multiple of the same
 SAMPLES = 200  # samples of a first guess
@@ -281,15 +280,14 @@ def repaired(
     context: Context, reshaper: Reshaper, best: Outcome, task: Task
 ) -> tuple[Outcome, Trajectory, Certificate, int]:
     """Tighten the limits that the judge finds broken and solve again from there; also returns the iterations spent."""
-    limits, spent, stuck = task.limits, 0, 0
+    limits, spent = task.limits, 0
     for turn in range(REPAIRS + 1):
         judged = context.judge.of(best.curve)
         trajectory, certificate = judged.trajectory, judged.within
-        if certificate.valid or turn == REPAIRS or stuck == STUCK or context.stopped():
+        if certificate.valid or turn == REPAIRS or context.stopped():
             break
         limits = certificate.tightened(limits)
         best = reshaper.solved(best.curve, replace(task, limits=limits))
-        stuck = 0 if best.converged or best.broken <= FEASIBLE else stuck + 1
         spent += best.iterations
     return best, trajectory, certificate, spent
 

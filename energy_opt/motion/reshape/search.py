@@ -35,7 +35,8 @@ ITERATIONS, FINE = 60, 1e-6  # iterations and tolerance of the full solves, befo
 TRIAL, TRUST, ROUGH = 5, 0.4, 3e-3  # iterations, first step [rad, m] and tolerance for comparing optima
 PER_VIA = 2  # additional control points for every via point
 WIDE, MIDDLE = 10.0, 3.0  # factors of the width of kinks on the coarse problem, and for comparing optima
-# most further descents if the laws have kinks: with 3, steadily falling costs (of 1 in 70 hanging arms) were given up
+# most further descents of a search that has not converged. With 3, steadily falling costs (of 1 in 70 hanging arms) were
+# given up; with none for smooth laws, 7 of 32 moves with limits of the tool ended without convergence.
 AGAIN = 20
 NEAR_KINKS = 0.02  # [rad, m] first step of descents with kinked laws
 WIDTHS, ROUGHLY = (3.0, 1.7), 20  # decreasing factors of that width before the final solve, and most iterations of each
@@ -183,6 +184,8 @@ class Reshaper:
     ) -> Outcome:
         """The optimum near a curve; IPOPT polishes it if sequential quadratic programming did not converge.
 
+        If that converged where a limit is broken, IPOPT finds no way out either: none in 45 hurried moves.
+
         Args:
             near: the curve is an optimum of nearly the same task: neither smoothed laws nor IPOPT are used.
         """
@@ -197,7 +200,7 @@ class Reshaper:
         trust = NEAR_KINKS if self._nodes.kinked and not near else TRUST / 4
         model = task.model(level)
         found = task.descended(model, curve, ITERATIONS, trust=trust, tolerance=FINE, give=EXACT, stopped=stopped)
-        for _ in range(AGAIN if self._nodes.kinked else 0):  # kinks: repeat until no more is saved
+        for _ in range(AGAIN):  # repeat until no more is saved
             if found.converged or stopped():
                 break
             more = task.descended(
@@ -207,7 +210,7 @@ class Reshaper:
             spent += more.iterations
             found = replace(min(found, more, key=task.rank), converged=settled)
         found = replace(found, iterations=spent + found.iterations)
-        done = found.broken <= FEASIBLE and (found.converged or self._nodes.kinked or not self._polished)
+        done = found.converged or (found.broken <= FEASIBLE and (self._nodes.kinked or not self._polished))
         if stopped() or done or found.broken > REPAIRABLE or task.open.any or near:
             return found
         polished = task.polished(level, found)

@@ -35,7 +35,7 @@ ITERATIONS, FINE = 60, 1e-6  # iterations and tolerance of the full solves, befo
 TRIAL, TRUST, ROUGH = 5, 0.4, 3e-3  # iterations, first step [rad, m] and tolerance for comparing optima
 PER_VIA = 2  # additional control points for every via point
 WIDE, MIDDLE = 10.0, 3.0  # factors of the width of kinks on the coarse problem, and for comparing optima
-# most further descents of a search that has not converged. With 3, steadily falling costs (of 1 in 70 hanging arms) were
+# Most further descents of a search that has not converged. With 3, steadily falling costs of 1 in 70 hanging arms were
 # given up; with none for smooth laws, 7 of 32 moves with limits of the tool ended without convergence.
 AGAIN = 20
 NEAR_KINKS = 0.02  # [rad, m] first step of descents with kinked laws

@@ -11,6 +11,7 @@ from poses import GOAL, START
 
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput, Infeasible
+from energy_opt.front.given import source_model
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.limits.base import Limit, State, Violation
@@ -229,6 +230,17 @@ def test_a_move_too_short_for_a_tool_limit_is_refused_before_a_search(panda: Rob
     found = planner.solve(Move(START, GOAL, "retime", duration=shortest)).trajectory
     assert 0.49 < flange.worst(found)[limit] <= 0.5 * (1 + 1e-4)
     assert found.duration == pytest.approx(shortest)
+
+
+def test_a_search_goes_on_while_it_saves_energy_along_a_limit_of_the_tool() -> None:
+    """It ended without convergence after 60 steps, and IPOPT took 4 s without a result."""
+    robot, start, goal = (
+        load_robot("ur5e"),
+        [3.04, -3.26, 0.65, -0.21, 1.34, -3.47],
+        [1.76, -3.1, 0.88, -0.46, 1.21, -2.05],
+    )
+    result = Planner(robot, source_model(robot), Settings(tool_speed=0.4)).solve(Move(start, goal, "reshape"))
+    assert result.status == "solved" and result.certificate.valid
 
 
 def test_a_move_that_begins_in_motion_has_no_bound_by_acceleration(panda: Robot) -> None:

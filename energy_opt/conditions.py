@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from numbers import Real
 from os import PathLike
 from pathlib import Path
 from typing import Any, ClassVar
@@ -29,6 +30,18 @@ class Condition:
 
     option: ClassVar[str] = "keep"
     word: ClassVar[str] = ""
+
+    def __post_init__(self) -> None:
+        """Check the fields.
+
+        Raises:
+            BadInput: one of them is no number.
+        """
+        for field in fields(self):
+            value = getattr(self, field.name)
+            left_out = value is None and field.default is None
+            if not left_out and (isinstance(value, bool) or not isinstance(value, Real)):
+                raise BadInput(f"{type(self).__name__}: {field.name} is {value!r}; expected a number")
 
     def options(self) -> dict[str, Any]:
         """The values of the equivalent options, by their names in a request."""

@@ -152,3 +152,9 @@ def test_a_format_of_ones_own_is_read_and_written(panda, tmp_path):
         np.testing.assert_allclose(again.position, result.trajectory.position, atol=1e-8)
     finally:
         del FORMATS["text"]
+
+
+@pytest.mark.parametrize("value", ["0.05m", None, True, [1.0]])
+def test_a_condition_takes_numbers_only(value: object) -> None:
+    with pytest.raises(eo.BadInput, match="MaxPower: watts is .*; expected a number"):
+        eo.conditions.MaxPower(value)  # type: ignore[arg-type]

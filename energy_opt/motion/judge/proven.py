@@ -95,6 +95,7 @@ def peak(c: np.ndarray, known: float, tolerance: float) -> tuple[float, int, flo
 TOLERANCE = 5e-7  # share of a bound: largest uncertainty of a proof
 EXACT = 1e-10  # share of a bound: accuracy of the peaks of polynomials
 PARTS, MOST = 8, 20_000  # parts into which a piece is divided, and most pieces evaluated before a proof is given up
+NARROWEST = 1e-9  # share of a piece: narrower parts, where a value equals its bound, are left unproven
 DEGREE = 10  # degree of the polynomial for torque: the judge has so many places between two samples
 DERIVATIVES = {Velocity: 1, Acceleration: 2, Jerk: 3}
 
@@ -210,7 +211,7 @@ class Proof:
             piece, low, high = np.repeat(piece[left], PARTS), cuts[:, :-1].ravel(), cuts[:, 1:].ravel()
             if not len(piece):
                 return found, True
-            if looked + len(piece) > MOST + count:
+            if looked + len(piece) > MOST + count or (high - low).min() < NARROWEST:
                 return found, False
             places = self._begin[piece] + self._h[piece, 0] * (low + high) / 2
             there = self._scorer.between(self._dense, places)

@@ -156,5 +156,5 @@ def test_a_format_of_ones_own_is_read_and_written(panda, tmp_path):
 
 @pytest.mark.parametrize("value", ["0.05m", None, True, [1.0]])
 def test_a_condition_takes_numbers_only(value: object) -> None:
-    with pytest.raises(eo.BadInput, match="MaxPower: watts is .*; expected a number"):
+    with pytest.raises(eo.BadInput, match=r"MaxPower: watts is .*; expected a number"):
         eo.conditions.MaxPower(value)  # type: ignore[arg-type]

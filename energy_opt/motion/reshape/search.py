@@ -36,7 +36,8 @@ TRIAL, TRUST, ROUGH = 5, 0.4, 3e-3  # iterations, first step [rad, m] and tolera
 PER_VIA = 2  # additional control points for every via point
 WIDE, MIDDLE = 10.0, 3.0  # factors of the width of kinks on the coarse problem, and for comparing optima
 # Most further descents of a search that has not converged. With 3, steadily falling costs of 1 in 70 hanging arms were
-# given up; with none for smooth laws, 7 of 32 moves with limits of the tool ended without convergence.
+# given up; with none for smooth laws, 7 of 32 moves with limits of the tool ended without convergence (tests/motion/
+# test_reshape_search.py and test_tool_conditions.py hold one of each).
 AGAIN = 20
 NEAR_KINKS = 0.02  # [rad, m] first step of descents with kinked laws
 WIDTHS, ROUGHLY = (3.0, 1.7), 20  # decreasing factors of that width before the final solve, and most iterations of each
@@ -184,7 +185,7 @@ class Reshaper:
     ) -> Outcome:
         """The optimum near a curve; IPOPT polishes it if sequential quadratic programming did not converge.
 
-        If that converged where a limit is broken, IPOPT finds no way out either: none in 45 hurried moves.
+        If that converged where a limit is broken, IPOPT is not asked: it found no way out in any of 45 such solves.
 
         Args:
             near: the curve is an optimum of nearly the same task: neither smoothed laws nor IPOPT are used.

@@ -147,6 +147,15 @@ class Model(Evaluation):
             self._constant = point.duration, out
         return out
 
+    def smooth_steps(self, constraints: Constraints, point: Point, most: float) -> Constraints:
+        """Constraints that begin with all `linear_constraints`, with |d2q/du2| of a step at most `most` [rad, m]."""
+        count = len(self.order)
+        reach = np.where(self.order == 2, most * self._per / point.duration**2, np.inf)
+        floor, ceiling = constraints.floor.copy(), constraints.ceiling.copy()
+        ceiling[:count] = np.minimum(ceiling[:count], reach)
+        floor[:count] = np.minimum(np.maximum(floor[:count], -reach), ceiling[:count])
+        return constraints.within(floor, ceiling)
+
     def hot(self, point: Point, share: float) -> np.ndarray:
         """True for limits at nodes (nodes, columns) whose share exceeds `share`, or that are always held."""
         always = self._hot_always & np.isfinite(self._hot_scale)

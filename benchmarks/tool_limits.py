@@ -21,6 +21,7 @@ from common import finish, table
 
 import energy_opt as eo
 from energy_opt.batches.tables import random_moves
+from energy_opt.errors import Infeasible
 from energy_opt.motion.reshape import sqp
 
 SPEED, ACCELERATION = eo.conditions.ToolSpeed, eo.conditions.ToolAcceleration
@@ -30,6 +31,22 @@ LIMITS = {
     "0.8 m/s, 2.5 m/s^2": [SPEED(0.8), ACCELERATION(2.5)],
 }
 SHARES = (0.2, 0.5, 1.0)  # of the way to the goal
+
+
+def moves(robot: eo.Robot, count: int, seed: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Starts and goals that are free of the arm's own body, the first `count` of those drawn."""
+    out: list[tuple[np.ndarray, np.ndarray]] = []
+    for k, move in enumerate(random_moves(robot, 3 * count, seed)):
+        start, goal = np.array(move.start), np.array(move.goal)
+        goal = start + SHARES[k % len(SHARES)] * (goal - start)
+        try:
+            eo.optimize(robot, start=start, goal=goal, mode="retime")
+        except Infeasible:
+            continue
+        out.append((start, goal))
+        if len(out) == count:
+            break
+    return out
 
 
 def solved(robot: eo.Robot, start: np.ndarray, goal: np.ndarray, limits: Sequence[object]) -> tuple[float, float]:
@@ -51,11 +68,11 @@ def main(words: Sequence[str] | None = None) -> int:
     rows, numbers = [], {}
     for name in args.arms:
         robot = eo.load_robot(name)
+        drawn = moves(robot, args.moves, args.seed)
         for label, limits in LIMITS.items():
+            solved(robot, *drawn[0], limits)  # builds what all moves share
             found = []
-            for k, move in enumerate(random_moves(robot, args.moves, args.seed)):
-                start, goal = np.array(move.start), np.array(move.goal)
-                goal = start + SHARES[k % len(SHARES)] * (goal - start)
+            for start, goal in drawn:
                 bounded = solved(robot, start, goal, limits)
                 with patch.object(sqp, "BEND", np.inf):
                     found.append((*bounded, *solved(robot, start, goal, limits)))

@@ -121,7 +121,7 @@ def descend(
                 break
             failed += 1
             damping = found.damping
-            now.smooth |= trial_broken > 2 * broken + FAR
+            now.smooth |= model.excess(trial) > max(2 * model.excess(point), 0.0) + FAR
             again = model.other_constraints(trial, step, equalities=False) if model.deepest(trial) < SHALLOW else None
             if again is not None and again.count:
                 constraints = near.joined(again.moved(found.d))

@@ -7,7 +7,7 @@ of benchmarks/suites/cells.toml. Parts are
 
     paths    first paths from start and goal alone, and the proof of the given ones (the default)
     given    whole answers from a planner's path, and the same without regard to anything, for its time
-    ways     the same with further paths of one's own as starts
+    further  the same with further initial paths of our own as starts
     ends     whole answers from start and goal alone
     payload  the suite's with one kilogram
     own      20 Panda and 10 ur5 moves with nothing but the own body, and without
@@ -41,9 +41,9 @@ from energy_opt.motion.initial_paths.room import Room
 from energy_opt.motion.path import through
 from energy_opt.robot import load_robot
 
-PARTS = ("paths", "given", "ways", "ends", "payload", "own", "rivals")
+PARTS = ("paths", "given", "further", "ends", "payload", "own", "rivals")
 PLANNING = 10.0  # s that a rival's planner has
-UNCHANGED = 0.1  # % of loss: so near is the answer that was free to what it was without rows
+UNCHANGED = 0.1  # % of loss: so near is the answer that was free to what it was without bodies
 NO_COLUMN = ("kind", "message", "loss", "loss_scaled", "work", "work_scaled")
 
 Row = dict[str, Any]
@@ -89,7 +89,7 @@ def measured(part: str, workers: Workers, count: int | None) -> Measured:
             yield problem.name, lambda p=problem, r=robot, h=heavy: answered(workers.of(r, None, h), p, None)
         elif part == "given" and given is not None:
             yield problem.name, lambda p=problem, r=robot: answered(workers.of(r), p, p.given, plain=True)
-        elif part == "ways" and given is not None:
+        elif part == "further" and given is not None:
             yield problem.name, lambda p=problem, r=robot: answered(workers.of(r, WAYS), p, p.given)
 
 
@@ -148,13 +148,13 @@ def of_answers(part: str, rows: list[Row]) -> dict[str, bool]:
     checks = {}
     ratios = [row["ratio"] for row in rows if "ratio" in row]
     if ratios:
-        print(f"  time beside the answer without rows: {median(ratios):.2f} median, {max(ratios):.2f} worst")
+        print(f"  time beside the answer without bodies: {median(ratios):.2f} median, {max(ratios):.2f} worst")
     if part == "given":
         checks["given: 97 % are solved"] = len(solved) >= 0.97 * len(rows)
         checks["given: loss saved 58 % mean, 60 % pooled"] = mean >= 58 and pooled >= 60
-        checks["given: at most 8 times the time of the answer without rows (median)"] = median(ratios) <= 8
-    if part == "ways":
-        checks["ways: loss saved 63 % with further paths as starts"] = mean >= 63
+        checks["given: at most 8 times the time of the answer without bodies (median)"] = median(ratios) <= 8
+    if part == "further":
+        checks["further: loss saved 63 % with further paths as starts"] = mean >= 63
     if part == "ends":
         quick = sum(row["seconds"] <= 10 for row in solved)
         checks["ends: 95 % are solved"] = len(solved) >= 0.95 * len(rows)

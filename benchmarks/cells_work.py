@@ -137,14 +137,14 @@ class Workers:
     solver: str = "ipopt"
     _known: dict[tuple[str, int | None, bool], Planner] = field(default_factory=dict)
 
-    def of(self, robot: Robot, ways: int | None = None, payload: bool = False) -> Planner:
+    def of(self, robot: Robot, initial_paths: int | None = None, payload: bool = False) -> Planner:
         """A planner that has solved a move before."""
-        key = robot.name, ways, payload
+        key = robot.name, initial_paths, payload
         if key not in self._known:
             model = source_method_2(robot.name)
             if payload:
                 model = model.replaced(Payload(mass=PAYLOAD[0], com=list(PAYLOAD[1:])))
-            settings = Settings(compile="always", seed=self.seed, initial_paths=ways, solver=self.solver)
+            settings = Settings(compile="always", seed=self.seed, initial_paths=initial_paths, solver=self.solver)
             self._known[key] = Planner(robot, model, settings)
             case = cases(robot, self._known[key], 1)[0]
             self._known[key].solve(case.move)

@@ -132,7 +132,7 @@ class Kept:
         return self.rows[key]
 
 
-# Reshaping proper: all starts, refinement, and solves that mend limits; and judging: rows, energy, limits.
+# Reshaping proper: all starts, refinement, and solves that repair limits; and judging: samples, energy, limits.
 SEARCH = ((Reshaper, "search"), (Reshaper, "solved"))
 JUDGING = ((Scorer, "dense"), (Scorer, "energy_of"), (context, "certificate_of"))
 

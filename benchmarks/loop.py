@@ -221,12 +221,12 @@ def settled(name: str, robot: str, seed: int, motions: int = 1) -> str:
         count = recordings(before.inference, t)
         takes = [Reference(f"next{k}", t.time, t.position, t.velocity) for k in range(1, (count or 3) + 1)]
         after = found([*session, *takes], "after").document
-    told = " + ".join(row["name"] for row in after["effects"]) or "nothing"
+    causes = " + ".join(row["name"] for row in after["effects"]) or "nothing"
     return (
         f"{name} of {robot}: open between {' or '.join(rivals)}; a motion of {t.duration:.1f} s on which they differ "
         f"by {motion.difference:.2f} W rms beyond what links, level and their own parameters can explain, to be "
         f"recorded {count or 'more than five'} time(s); "
-        f"then {after['verdict']}: {told}"
+        f"then {after['verdict']}: {causes}"
     )
 
 

@@ -162,7 +162,7 @@ def judge_batch(out: Path) -> list[str]:
         if row["status"] == "solved":
             holds(f"{row['mode']}: violation", float(row["max_violation"]))
             if row["saving_loss_percent"] is not None and np.isfinite(row["saving_loss_percent"]):
-                holds(f"{row['mode']}: dearer", -float(row["saving_total_percent"]) / 100)
+                holds(f"{row['mode']}: costs more", -float(row["saving_total_percent"]) / 100)
             parts = row["energy_standby"] + row["energy_loss"]
             if not np.isfinite(parts) or row["energy_loss"] < -1e-9:
                 faults.append(f"{row['mode']}: energies {row['energy_total']:g}, {parts:g}")

@@ -215,7 +215,7 @@ def table(rows: list[dict[str, Any]]) -> str:
                      f"{counts[1]:6d} {median:9.2f} {max(r['seconds'] for r in mine):8.2f} {len(slow):9d}")  # fmt: skip
         if arm != "all":
             named = [*((r, what) for r, f in found for what in f), *((r, "slow") for r in slow)]
-            strange += [f"  {what}: {told(r)}" for r, what in named]
+            strange += [f"  {what}: {described(r)}" for r, what in named]
     return "\n".join([*lines, *strange])
 
 
@@ -234,11 +234,11 @@ def against(rows: list[dict[str, Any]], other: list[dict[str, Any]]) -> str:
             f"{ratio:.2f} times as fast in the median"
         )
         for k in np.argsort(gain)[: WORST * bool((gain < -NOTABLE).any())]:
-            lines.append(f"  {-100 * gain[k]:.1f} % more loss: {told(both[k][0])}")
+            lines.append(f"  {-100 * gain[k]:.1f} % more loss: {described(both[k][0])}")
     return "\n".join(lines)
 
 
-def told(row: dict[str, Any]) -> str:
+def described(row: dict[str, Any]) -> str:
     """A case in a line."""
     numbers = ", ".join(f"{n} {row[n]:.3g}" for n in ("excess", "energy_error", "worse") if row.get(n) is not None)
     return (
@@ -277,7 +277,7 @@ def main() -> int:
             stream.write(json.dumps(row) + "\n")
             stream.flush()
             if faults(row):
-                print(f"{', '.join(faults(row))}: {told(row)}", flush=True)
+                print(f"{', '.join(faults(row))}: {described(row)}", flush=True)
             if time.monotonic() - shown > args.every:
                 shown = time.monotonic()
                 print(table(rows), flush=True)

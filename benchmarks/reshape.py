@@ -4,7 +4,7 @@
 
 Both get the same 40 control points (or --controls), knots, Gauss nodes, limits and duration. The plain script's time is
 its one solve from one start, without building the problem. Ours is given as the reshaping alone (all starts, the
-comparison of their optima, refinement, solves that mend limits) and as the whole answer (TOPP-RA, baselines,
+comparison of their optima, refinement, solves that repair limits) and as the whole answer (TOPP-RA, baselines,
 least-energy retiming, certificates and scores too; with --body, this answer keeps clear of the arm's own body, proven,
 which the plain script ignores), with compiled node functions from a warm cache and without them. Times are CPU
 times of all threads, so that a busy machine blurs them less. Energies are those of the exact laws on a dense grid for
@@ -16,7 +16,7 @@ took six. Three ratios are printed, each the plain script's time over ours:
     search      the whole search with its own number of starts
     per start   that search's time per start, times six: what is held to a bound. What a search does once (comparison,
                 refinement) is shared out among more starts than six where a move takes more, which flatters us;
-    six starts  the search again, told to take six at most: nothing is flattered here.
+    six starts  the search again with at most six starts, which flatters nothing.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Send trajectory.goal.yaml to a joint_trajectory_controller, slowly unless told otherwise.
+"""Send trajectory.goal.yaml to a joint_trajectory_controller, slowly by default.
 
     python3 ros2_follow.py trajectory.goal.yaml --action /joint_trajectory_controller/follow_joint_trajectory --pace 0.1
 

@@ -302,21 +302,21 @@ def _measured(
     for side in (0, 1):
         scene.place(cases.span[some], bodies.pairs[cases.pair[some], side])
     columns = (which, cases.span[which], pair, cases.travel[which], cases.wanted[which], cases.distance[which])
-    for i, k, p, way, asked, distance in zip(*(column.tolist() for column in columns), strict=True):
+    for i, k, p, travel, asked, distance in zip(*(column.tolist() for column in columns), strict=True):
         a, b = bodies.pairs[p].tolist()
         ruler = bodies.ruler(p)
         known = not np.isnan(distance) and (distance > asked or ruler.near.exact)
         if not known:
             distance = ruler.near(scene.placed(k, a), scene.placed(k, b)) - GJK_ERROR
             cases.normal[i] = ruler.near.normal
-        if not ruler.convex and distance - asked < NARROW * way + GJK_ERROR:
+        if not ruler.convex and distance - asked < NARROW * travel + GJK_ERROR:
             at, bt = scene.placed(k, a), scene.placed(k, b)
             if ruler.cut:
                 distance = max(distance, ruler.mid(at, bt) - GJK_ERROR)
-            if distance <= asked or distance - asked < NARROW * way < 0.005:
+            if distance <= asked or distance - asked < NARROW * travel < 0.005:
                 distance = (0.0 if p in entered else ruler.exact(at, bt)) - GJK_ERROR
         out.see(Touch(float(cases.time[k]), p, distance + GJK_ERROR))
-        kept = distance - way
+        kept = distance - travel
         if kept > asked:
             out.lower_bound = min(out.lower_bound, kept)
         elif distance <= asked:

@@ -102,7 +102,7 @@ class Leg:
     Attributes:
         steps: their places in the job.
         points: (K, n) [rad] the start, the via points, and the end.
-        way: the first path, if it is neither the straight line nor the curve through the points.
+        initial_path: the first path, if it is neither the straight line nor the curve through the points.
         begins: source of the first path, as in `first_path.source` of a result.
     """
 
@@ -113,7 +113,7 @@ class Leg:
     least: float
     most: float
     step: Step
-    way: JointPath | None = None
+    initial_path: JointPath | None = None
     begins: str = "straight"
 
     @property
@@ -129,8 +129,8 @@ class Leg:
     @property
     def path(self) -> JointPath:
         """The first path: the straight line, the smooth curve through the points, or a path around obstacles."""
-        if self.way is not None:
-            return self.way
+        if self.initial_path is not None:
+            return self.initial_path
         return through(self.points) if len(self.points) > 2 else straight(self.points[0], self.points[-1])
 
     def move(self, duration: float | None) -> Move:

@@ -99,7 +99,7 @@ class Worker:
                 raise Infeasible(f"{leg.name}: {error}", joint=error.joint, limit=error.limit) from None
             leg = replace(leg, mode="reshape")
             move, first, _ = planner.first_path(leg.move(None))
-        return replace(leg, way=move.path, begins=first.source)
+        return replace(leg, initial_path=move.path, begins=first.source)
 
     def timing(self, leg: Leg) -> Timing:
         """The fastest timing of the leg's first path.

@@ -90,24 +90,24 @@ class NearestOf:
         """The nearest point, from the nearest of the places looked up (M,), between its two neighbours."""
         s = self._s[nearest]
         low, high = self._s[np.maximum(nearest - 1, 0)], self._s[np.minimum(nearest + 1, len(self._s) - 1)]
-        begins, ends = (low == 0) & (self._way(q, low)[0] >= 0), (high == 1) & (self._way(q, high)[0] <= 0)
+        begins, ends = (low == 0) & (self._slope(q, low)[0] >= 0), (high == 1) & (self._slope(q, high)[0] <= 0)
         s = np.where(begins, 0.0, np.where(ends, 1.0, s))
         open_ = np.flatnonzero(~(begins | ends))
         for _ in range(STEPS):
             if not len(open_):
                 break
             at = s[open_]
-            way, bend = self._way(q[open_], at)
-            high[open_] = np.where(way > 0, at, high[open_])
-            low[open_] = np.where(way < 0, at, low[open_])
-            newton = at - way / np.where(bend > 0, bend, np.inf)
+            slope, bend = self._slope(q[open_], at)
+            high[open_] = np.where(slope > 0, at, high[open_])
+            low[open_] = np.where(slope < 0, at, low[open_])
+            newton = at - slope / np.where(bend > 0, bend, np.inf)
             middle = (low[open_] + high[open_]) / 2
             inside = (bend > 0) & (newton >= low[open_]) & (newton <= high[open_])
-            s[open_] = np.where(way == 0, at, np.where(inside, newton, middle))
+            s[open_] = np.where(slope == 0, at, np.where(inside, newton, middle))
             open_ = open_[np.abs(s[open_] - at) > SETTLED]
         return s
 
-    def _way(self, q: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _slope(self, q: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """First and second derivative of |q - p(s)|^2 / 2 with respect to s (M,)."""
         off, p1 = q - self.path(s), self.path(s, 1)
         return -_dot(off, p1), _dot(p1, p1) - _dot(off, self.path(s, 2))

@@ -296,8 +296,8 @@ class Chooser:
 
     def _distance(self, move: Move, goal: np.ndarray) -> float:
         """Seconds to a goal; among equally quick goals, one with shorter travel of other joints counts as nearer."""
-        way = np.abs(goal - _last_leg(move))
-        return float(fastest(self.tool.robot, _last_leg(move), goal)) + 1e-3 * float(way.sum())
+        distance = np.abs(goal - _last_leg(move))
+        return float(fastest(self.tool.robot, _last_leg(move), goal)) + 1e-3 * float(distance.sum())
 
     def _no_goal_error(self, move: Move, goals: Sequence[Target], found: Sequence[Candidate]) -> Infeasible:
         """The error if no goal remains: all are in contact, or those that are not take too long."""

@@ -9,7 +9,7 @@ Many moves are estimated together. Over the duration, energy is close to
 (holding power; path and friction; viscous friction; losses of acceleration). Four durations determine the coefficients.
 
 Where a joint is near its velocity limit v, a quintic would exceed it. With a trapezoid of velocity, whose plateau is v,
-losses of acceleration are 2 b^3 / (b - 1) way^2 / T^3 with b = v T / way; with a quintic they are 120/7 way^2 / T^3.
+losses of acceleration are 2 b^3 / (b - 1) d^2 / T^3, b = v T / d, with the distance d; with a quintic 120/7 d^2 / T^3.
 Where that is less, c and d take the ratio more if they are positive: below zero they are what gravity gives back.
 """
 
@@ -76,11 +76,13 @@ def fastest(robot: Robot, start: np.ndarray, goal: np.ndarray) -> np.ndarray:
         robot: for its limits. start, goal: (P, n) [rad, m].
     """
     limits = robot.limits
-    way, v, a, j = np.abs(goal - start), limits.velocity, limits.acceleration, limits.jerk
+    distance, v, a, j = np.abs(goal - start), limits.velocity, limits.acceleration, limits.jerk
     ramp = np.where(np.isfinite(a), v / np.where(np.isfinite(a), a, 1.0), 0.0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        times = np.where(way >= v * ramp, np.where(np.isfinite(v), way / v, 0.0) + ramp, 2 * np.sqrt(way / a))
-        times = np.maximum(times, np.where(np.isfinite(j), (32 * way / j) ** (1 / 3), 0.0))
+        times = np.where(
+            distance >= v * ramp, np.where(np.isfinite(v), distance / v, 0.0) + ramp, 2 * np.sqrt(distance / a)
+        )
+        times = np.maximum(times, np.where(np.isfinite(j), (32 * distance / j) ** (1 / 3), 0.0))
     return np.asarray(np.nan_to_num(times).max(axis=-1))
 
 
@@ -112,10 +114,10 @@ def straight(scorers: Sequence[Scorer], start: np.ndarray, goal: np.ndarray, dur
         scorers: of the models. start, goal: (P, n) [rad, m]. duration: (P,) [s].
     """
     x = np.linspace(0, 1, SAMPLES)[:, None]
-    way, time = (goal - start)[:, None], duration[:, None, None]
-    q = start[:, None] + way * (x**3 * (10 - 15 * x + 6 * x**2))
-    v = way * (30 * x**2 * (1 - x) ** 2) / time
-    a = way * (60 * x * (1 - x) * (1 - 2 * x)) / time**2
+    displacement, time = (goal - start)[:, None], duration[:, None, None]
+    q = start[:, None] + displacement * (x**3 * (10 - 15 * x + 6 * x**2))
+    v = displacement * (30 * x**2 * (1 - x) ** 2) / time
+    a = displacement * (60 * x * (1 - x) * (1 - 2 * x)) / time**2
     return energies(scorers, q, v, a, duration[:, None] * x[:, 0])
 
 

@@ -126,8 +126,8 @@ def _limiting_joint(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> tuple[st
     robot, limits = tool.robot, tool.robot.limits
     q, error = solve(tool, pose, q, limited=False)
     turning = ~np.array(robot.slides, dtype=bool)
-    for way, over in ((-1, q - limits.upper), (1, limits.lower - q)):  # whole turns towards the limits
-        q = q + way * TURN * turning * np.ceil(np.maximum(over, 0.0) / TURN - 0.5)
+    for sign, over in ((-1, q - limits.upper), (1, limits.lower - q)):  # whole turns towards the limits
+        q = q + sign * TURN * turning * np.ceil(np.maximum(over, 0.0) / TURN - 0.5)
     excess = np.maximum(np.maximum(q - limits.upper, limits.lower - q), 0.0)
     if not (error < SMALL).any():
         return "", ""

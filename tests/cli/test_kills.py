@@ -110,7 +110,7 @@ def test_kills_all_night(verb: str, given: Path, tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("verb", LAST)
 def test_two_runs_into_one_folder(verb: str, given: Path, tmp_path: Path) -> None:
-    """Both say the same, or one is told that the other is at work."""
+    """Both say the same, or one reports that the other is at work."""
     both = [subprocess.Popen(words(verb, given, tmp_path / "out"), stderr=subprocess.PIPE, text=True) for _ in "ab"]
     said = [process.communicate(timeout=300)[1] for process in both]
     codes = sorted(process.returncode for process in both)

@@ -28,7 +28,7 @@ def test_the_evaluator_shares_nothing_with_the_package() -> None:
 
 
 def test_the_evaluator_convicts_cycles_and_batches(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A cycle that stands still where it should go, ends too late and costs another energy; a dearer row."""
+    """A cycle that stands still where it should go, ends too late and costs another energy; a row that costs more."""
     monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
     import option_judge
     import option_sets

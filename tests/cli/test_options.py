@@ -102,7 +102,7 @@ def test_a_sample_of_options(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize("verb", VERBS)
 @pytest.mark.parametrize("part", range(PARTS))
 def test_all_options_all_night(verb: str, part: int, capsys: pytest.CaptureFixture[str]) -> None:
-    """All values of a verb's options, every `PARTS`-th; all that fall are told."""
+    """All values of a verb's options, every `PARTS`-th; all that fail are listed."""
     fell = []
     for case in [case for case in _cases() if case[0] == verb][part::PARTS]:
         try:

@@ -43,7 +43,7 @@ def repeats(repeated):
     return read_set(repeated.folder, repeated.robot)
 
 
-def told(truth, out: Path, *more: str) -> dict:
+def diagnosed(truth, out: Path, *more: str) -> dict:
     """The document that the command writes."""
     declared = str(truth.folder / "declared.toml")
     assert main(["diagnose", str(truth.folder), "--model", declared, "--out", str(out), "--quiet", *more]) == 0
@@ -105,7 +105,7 @@ def test_noise_without_shared_functions_is_whitened_in_its_own_memory():
 
 
 def test_every_claim_is_in_the_model_and_the_document_agrees_with_itself(repeated, tmp_path):
-    d = told(repeated, tmp_path / "out")
+    d = diagnosed(repeated, tmp_path / "out")
     assert d["verdict"] == "explained" and [row["name"] for row in d["effects"]] == ["coulomb_friction"]
     assert contradictions(tmp_path / "out", repeated) == []
     assert d["error"]["after"]["holdout"]["power_rmse"] < 1.2 * d["noise_floor"] and d["usable"]
@@ -127,7 +127,7 @@ def test_one_long_recording_has_a_holdout(tmp_path):
     cut = clusters.parted(long)
     moving = [run for run in cut.runs if run.kind == "motion"]
     assert len(moving) >= 3 and sum(len(run.power) for run in cut.runs) == len(long.runs[0].power)
-    d = told(truth, tmp_path / "out")
+    d = diagnosed(truth, tmp_path / "out")
     assert d["split"]["holdout"] and not set(d["split"]["holdout"]) & set(d["split"]["train"])
     held = {e.name for e in load_model(tmp_path / "out/model.toml").effects}
     assert {row["name"] for row in d["effects"]} <= held and any("cut" in remark for remark in d["remarks"])
@@ -148,7 +148,7 @@ def test_results_stand_before_the_next_motion_is_looked_for(repeated, tmp_path, 
         "_next_motion",
         lambda result, *rest: before(result, *rest) if not result.document.update(verdict="ambiguous") else None,
     )
-    d = told(repeated, tmp_path / "out")
+    d = diagnosed(repeated, tmp_path / "out")
     assert d["next_motion"] is None and any("no collision bodies" in remark for remark in d["remarks"])
 
 
@@ -168,7 +168,7 @@ def test_a_model_less_an_effect_is_less_those_that_need_it():
 
 def test_a_level_that_effects_add_is_taken_back_in_standby(tmp_path):
     truth = write_world(World("xarm7", 73, (0.0, 0.0), cause="psu_loss", motions=6, poses=3), tmp_path / "set")
-    d = told(truth, tmp_path / "out")
+    d = diagnosed(truth, tmp_path / "out")
     before, after = (d["error"][when]["holdout"]["power_rmse"] for when in ("before", "after"))
     assert contradictions(tmp_path / "out", truth) == []
     assert after <= before and 0 <= d["explained_share"] <= 1
@@ -317,7 +317,7 @@ def test_a_payload_picked_up_in_mid_run_is_found_where_its_moment_is_uncertain(t
 def test_a_law_that_explains_nearly_all_is_not_measured_against_links_that_are_nearly_exact(tmp_path):
     """With its law a fit takes smaller deviations of the links, under which the declared model alone is much worse."""
     truth = write_world(World("panda", 220_012, (0.03, 0.05), "ar1", "inverter_loss"), tmp_path / "set")
-    document = told(truth, tmp_path / "out")
+    document = diagnosed(truth, tmp_path / "out")
     assert [e["name"] for e in document["effects"]] == ["inverter_loss"]
 
 

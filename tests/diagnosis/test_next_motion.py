@@ -197,7 +197,7 @@ def test_idle_joints_move_and_reach_useful_speed(ur5):
     assert (speed[list(idle)] > 0.5).all() and motion.difference > motion.straight
 
 
-def test_rivals_that_fit_equally_well_are_told_apart_as_they_are(ur5):
+def test_rivals_that_fit_equally_well_are_distinguished_as_they_are(ur5):
     rivals = [BASE.replaced(ViscousFriction(b=2.0)), BASE.replaced(CoulombFriction(tau_c=1.0))]
     assert [r.model for r in rivals_of(hidden(rivals=rivals, idle=(2,)), ur5.n)] == rivals
 
@@ -298,7 +298,7 @@ def test_a_rivals_nearest_numbers_are_within_their_bounds(ur5, proposed):
     assert (near[1].get("viscous_friction").full(6) >= 0).all()
 
 
-def test_rivals_with_open_numbers_are_told_apart_where_these_resemble_each_other_most(ur5, proposed):
+def test_rivals_with_open_numbers_are_distinguished_where_these_resemble_each_other_most(ur5, proposed):
     """Viscous friction whose size is open against one that is known: nothing is left to tell, with any size."""
     motion = proposed[1].trajectory
     known, open_ = BASE.replaced(ViscousFriction(b=2.0)), BASE.replaced(ViscousFriction(b=1.0))

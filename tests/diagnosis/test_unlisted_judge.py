@@ -156,8 +156,8 @@ def test_bounds_are_those_of_the_binomial_law():
     assert binom.sf(57, 60, lower(58, 60)) == pytest.approx(0.05)
     rows = [{"category": "clean", "false": [], "contradictions": [], "verdict": "nothing_missing", "found": False,
              "right": False}] * 99  # fmt: skip
-    told = {line[0]: line for line in lines([*rows, {**rows[0], "false": ["payload"]}])}
-    assert told["clean arms: sets with a false cause"][3]
+    named = {line[0]: line for line in lines([*rows, {**rows[0], "false": ["payload"]}])}
+    assert named["clean arms: sets with a false cause"][3]
     assert not {line[0]: line for line in lines([{**rows[0], "false": ["x"]}] * 3)}[
         "clean arms: sets with a false cause"
     ][3]

@@ -123,7 +123,7 @@ def test_a_tenth_hertz_of_a_million_rows_takes_linear_time(tmp_path):
         header = "time," + ",".join(f"{j}.position" for j in Z1.joints) + ",power"
         folder = log(tmp_path / str(count), "z1", '[[run]]\nfile = "a.csv"\n')
         put(folder / "a.csv", lines(header, [t, q, 60 + np.abs(q[:, 1])]))
-        begun = time.process_time()
+        begin = time.process_time()
         assert len(read_set(folder).runs[0].time) == count
-        seconds.append(time.process_time() - begun)
+        seconds.append(time.process_time() - begin)
     assert seconds[1] < 8 * seconds[0] + 0.2

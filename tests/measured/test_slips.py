@@ -1,4 +1,4 @@
-"""Slips of units are refused or told, with the factor that would make sense."""
+"""Slips of units are refused or reported, with the factor that would make sense."""
 
 from __future__ import annotations
 

@@ -178,13 +178,13 @@ def test_a_way_that_leads_to_little_is_not_the_last(
     assert again.status == "solved" and again.energy.total <= plain.energy.total
 
 
-def test_further_ways_never_end_dearer(panda: Robot, model: PowerModel) -> None:
+def test_further_initial_paths_never_cost_more(panda: Robot, model: PowerModel) -> None:
     cell = Cell(panda, CellRequest(planner="none"), post(panda, 0.5))
     alone, more = (
-        Planner(panda, model, Settings(starts=1, controls=14, initial_paths=ways), cell=cell) for ways in (None, 1)
+        Planner(panda, model, Settings(starts=1, controls=14, initial_paths=count), cell=cell) for count in (None, 1)
     )
-    begun, _, _ = alone.first_path(Move(START, GOAL))
-    move = Move(START, GOAL, path=begun.path, duration=3.0)
+    begin, _, _ = alone.first_path(Move(START, GOAL))
+    move = Move(START, GOAL, path=begin.path, duration=3.0)
     first, found = alone.solve(move), more.solve(move)
     assert found.status == "solved" and found.certificate.clearance.proven
     assert found.energy.total <= first.energy.total * (1 + 1e-9)

@@ -39,8 +39,8 @@ def cell(panda: Robot) -> Cell:
     return Cell(panda, CellRequest(), Scene((post(0.42, 0.3),)))
 
 
-def planner(cell: Cell, model: PowerModel, ways: int = 2) -> Planner:
-    return Planner(cell.robot, model, Settings(initial_paths=ways), cell=cell)
+def planner(cell: Cell, model: PowerModel, initial_paths: int = 2) -> Planner:
+    return Planner(cell.robot, model, Settings(initial_paths=initial_paths), cell=cell)
 
 
 def free(cell: Cell, path: JointPath) -> bool:

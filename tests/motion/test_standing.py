@@ -1,4 +1,4 @@
-"""Dry friction at rest: it holds, so that standing still is never dearer than creeping, and answers stand still."""
+"""Dry friction at rest: it holds, so that standing still never costs more than creeping, and answers stand still."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def test_joints_that_need_not_move_stand(solved: tuple[Planner, Trajectory]) -> 
     assert (v < 1e-3).all()
 
 
-def test_creeping_variants_of_the_answer_are_dearer(solved: tuple[Planner, Trajectory]) -> None:
+def test_creeping_variants_of_the_answer_cost_more(solved: tuple[Planner, Trajectory]) -> None:
     planner, t = solved
     least, u = planner.score(t).total, (t.time - t.time[0]) / t.duration
     w = 2 * np.pi / t.duration

@@ -23,7 +23,7 @@ LONGEST = 25.0  # [s] of processor time
 @pytest.mark.parametrize("move", KEPT, ids=lambda move: f"{move['arm']} {move['reason'][:30]}")
 def test_moves_that_were_hard(move: dict[str, object]) -> None:
     row = suite.judged_answer(str(move["arm"]), {"slowness": None, **move})
-    assert not suite.faults(row), suite.told(row | {"number": 0})
+    assert not suite.faults(row), suite.described(row | {"number": 0})
     assert row["status"] == ("infeasible" if "cannot be done" in str(move["reason"]) else "solved")
     assert row["seconds"] < (2.0 if move["kind"] == "tiny" else LONGEST)
 

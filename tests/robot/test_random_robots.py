@@ -91,5 +91,5 @@ def test_energy_of_random_robots(seed: int, tmp_path: Path) -> None:
         eo.GearEfficiency(eta=0.8), eo.InverterLoss(c=0.1), eo.IronLoss(hysteresis=0.2, eddy=0.1),
         eo.MotionPower(power=5.0),
     ):  # fmt: skip
-        dearer = Scorer(robot, model + effect).energy(t).total
-        assert dearer >= energy.total * (1 - 1e-9), effect.name
+        with_effect = Scorer(robot, model + effect).energy(t).total
+        assert with_effect >= energy.total * (1 - 1e-9), effect.name

@@ -40,7 +40,7 @@ class Free(Protocol):
 
 
 @dataclass(frozen=True)
-class Way:
+class InitialPath:
     """A free path.
 
     Attributes:
@@ -105,7 +105,7 @@ class Looks:
 
 def find_paths(
     free: Free, ends: Ends, step: np.ndarray, *, planner: str = "auto", seed: int = 0, count: int = 1
-) -> list[Way]:
+) -> list[InitialPath]:
     """Up to `count` proven paths, the shortest first; only the straight line if it is free.
 
     Args:
@@ -118,19 +118,21 @@ def find_paths(
     line = straight(ends.start, ends.goal)
     if free.unproven(line) is None:
         return [
-            Way(line, "straight", time.perf_counter() - began, length(np.stack([ends.start, ends.goal]), ends.velocity))
+            InitialPath(
+                line, "straight", time.perf_counter() - began, length(np.stack([ends.start, ends.goal]), ends.velocity)
+            )
         ]
     search = Looks(free, step)
     if not (search.clear(ends.start) and search.clear(ends.goal)):
         return []
-    found: list[Way] = []
+    found: list[InitialPath] = []
     for source, points in _free_bent_lines(search, ends, planner, seed, count):
-        way = _rounded_path(search, free, ends, points, source, seed + len(found), began)
-        if way is not None and not any(_is_similar(way, other) for other in found):
-            found.append(way)
+        path = _rounded_path(search, free, ends, points, source, seed + len(found), began)
+        if path is not None and not any(_is_similar(path, other) for other in found):
+            found.append(path)
         if len(found) == count:
             break
-    return sorted(found, key=lambda way: way.length)
+    return sorted(found, key=lambda path: path.length)
 
 
 def _free_bent_lines(
@@ -192,7 +194,7 @@ def _own_bent_lines(search: Looks, ends: Ends, seed: int) -> Iterator[np.ndarray
 
 def _rounded_path(
     search: Looks, free: Free, ends: Ends, points: np.ndarray, source: Source, seed: int, began: float
-) -> Way | None:
+) -> InitialPath | None:
     """The bent line shortened, its corners rounded as far as the proof allows; None if it cannot be proven."""
     points = without_needless(points, search.proven_line)
     points = shortened(points, search.proven_line, ends.velocity, seed, TRIES)
@@ -204,13 +206,13 @@ def _rounded_path(
             return None
         where = free.unproven(path)
         if where is None:
-            return Way(path, source, time.perf_counter() - began, length(points, ends.velocity))
+            return InitialPath(path, source, time.perf_counter() - began, length(points, ends.velocity))
         if not rounding.tighter(where):
             return None
     return None
 
 
-def _is_similar(a: Way, b: Way) -> bool:
+def _is_similar(a: InitialPath, b: InitialPath) -> bool:
     """True if two paths differ only slightly."""
     s = np.linspace(0, 1, 9)[1:-1]
     return bool(np.abs(a.path(s) - b.path(s)).max() < SAME)

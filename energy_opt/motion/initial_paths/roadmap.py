@@ -52,8 +52,8 @@ def cheap_paths(
     for k in range(count):
         about = lines[0], lines[k % len(lines)]
         net = _Net(looks, ends, rate, about, np.random.default_rng([seed, k]), EASE[k % len(EASE)])
-        for way in found:
-            net.penalize(way)
+        for path in found:
+            net.penalize(path)
         corners = net.shortest()
         if corners is not None:
             found.append(_dense(corners))
@@ -97,12 +97,12 @@ class _Net:
         """The speed at which poses are passed, up to a factor: the root of the cost of being there."""
         return np.sqrt(self._rate(q) + self._ease)
 
-    def penalize(self, way: np.ndarray) -> None:
+    def penalize(self, path: np.ndarray) -> None:
         """Increase the weights of edges near a path (M, n)."""
         from scipy.spatial import KDTree
 
         middles = self._q[self._edges].mean(axis=1)
-        self._weight[KDTree(way).query(middles)[0] < AWAY] *= COSTLIER
+        self._weight[KDTree(path).query(middles)[0] < AWAY] *= COSTLIER
 
     def shortest(self) -> np.ndarray | None:
         """The corners (K, n) of the shortest path whose edges are free; None if there is none, or the search takes
@@ -117,12 +117,12 @@ class _Net:
             reached, before = dijkstra(net, directed=False, indices=0, return_predecessors=True)
             if not np.isfinite(reached[1]):
                 return None
-            way = [1]
-            while way[-1] != 0:
-                way.append(int(before[way[-1]]))
-            free = [self._free(a, b) for a, b in zip(way[1:], way[:-1], strict=True)]  # check all of them
+            nodes = [1]
+            while nodes[-1] != 0:
+                nodes.append(int(before[nodes[-1]]))
+            free = [self._free(a, b) for a, b in zip(nodes[1:], nodes[:-1], strict=True)]  # check all of them
             if all(free):
-                return self._q[way[::-1]]
+                return self._q[nodes[::-1]]
         return None
 
     def _free(self, a: int, b: int) -> bool:
@@ -131,15 +131,15 @@ class _Net:
             self._known[number] = 1 if self._looks.line(self._q[a], self._q[b]) else -1
         return bool(self._known[number] > 0)
 
-    def timed_poses(self, way: np.ndarray) -> np.ndarray:
+    def timed_poses(self, path: np.ndarray) -> np.ndarray:
         """Poses (SAMPLES, n) evenly in time: a path passed from rest to rest, fast in costly regions."""
         from scipy.ndimage import gaussian_filter1d
 
-        pace, step = self._speed(way), np.linalg.norm(np.diff(way, axis=0) / self._velocity, axis=1)
+        pace, step = self._speed(path), np.linalg.norm(np.diff(path, axis=0) / self._velocity, axis=1)
         at = np.concatenate([[0.0], np.cumsum(2 * step / (pace[1:] + pace[:-1]))])
         u = np.linspace(0, 1, SAMPLES)
         s = (np.minimum(u, RAMP) ** 2 - np.maximum(u - 1 + RAMP, 0) ** 2) / 2 + RAMP * np.maximum(u - RAMP, 0)
-        poses = np.column_stack([np.interp(s / (RAMP * (1 - RAMP)) * at[-1], at, x) for x in way.T])
+        poses = np.column_stack([np.interp(s / (RAMP * (1 - RAMP)) * at[-1], at, x) for x in path.T])
         return np.asarray(gaussian_filter1d(poses, SMOOTH * SAMPLES, axis=0, mode="nearest"))
 
 

@@ -235,11 +235,11 @@ class KeepLine(Keep):
     @classmethod
     def kept(cls, ends: np.ndarray, up: np.ndarray) -> np.ndarray:
         """The segment between the tool's places at start and goal; a point if these coincide."""
-        begin, way = ends[0, :3, 3], ends[1, :3, 3] - ends[0, :3, 3]
-        length = float(np.linalg.norm(way))
+        begin, displacement = ends[0, :3, 3], ends[1, :3, 3] - ends[0, :3, 3]
+        length = float(np.linalg.norm(displacement))
         if length <= NO_LENGTH:
             return np.concatenate([begin, [0.0, 0.0, 1.0, 0.0]])
-        return np.concatenate([begin, way / length, [length]])
+        return np.concatenate([begin, displacement / length, [length]])
 
     def expression(self, x: State, p: ca.SX) -> ca.SX:
         """Coordinates (5, 1) [m] of the tool from the segment's middle: four across it, one along it."""

@@ -87,10 +87,10 @@ def without_search(context: Context, move: Move, timing: Timing) -> Candidate:
 
 def _single_cubic(context: Context, move: Move, duration: float) -> Trajectory:
     """The straight line from rest to rest as one cubic polynomial in three samples."""
-    u, way = np.array([[0.0], [0.5], [1.0]]), move.goal - move.start
-    q = move.start + u**2 * (3 - 2 * u) * way
-    v = 6 * u * (1 - u) * way / duration
-    a = 6 * (1 - 2 * u) * way / duration**2
+    u, displacement = np.array([[0.0], [0.5], [1.0]]), move.goal - move.start
+    q = move.start + u**2 * (3 - 2 * u) * displacement
+    v = 6 * u * (1 - u) * displacement / duration
+    a = 6 * (1 - 2 * u) * displacement / duration**2
     q[-1] = move.goal
     return Trajectory(context.robot.joints, u[:, 0] * duration, q, v, a).on_nanoseconds()
 
@@ -190,8 +190,8 @@ def reference_time(context: Context, move: Move, timing: Timing | None) -> float
     """A typical duration [s] of the move: the fastest on its first path, or an estimate if that has no timing."""
     if timing is not None and timing.path.moves:
         return timing.duration
-    way = np.abs(move.goal - move.start)
-    shortest = [float((way / limit.bound).max()) ** (1 / limit.order) for limit in context.limits if limit.order]
+    distance = np.abs(move.goal - move.start)
+    shortest = [float((distance / limit.bound).max()) ** (1 / limit.order) for limit in context.limits if limit.order]
     return max(2 * max(shortest), 0.1)
 
 

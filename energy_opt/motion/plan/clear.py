@@ -79,8 +79,8 @@ def kept_clear(
     work = Clearing.of(context, task, [task.curve(level.shape, line) for line in lines])
     work.search_from(wider)
     if work.little(timing) and not context.stopped():
-        for way in context.further():
-            work.finish(task.curve(level.shape, line_along(way, work.first.duration)), TRUST)
+        for path in context.further():
+            work.finish(task.curve(level.shape, line_along(path, work.first.duration)), TRUST)
     if context.settings.initial_paths:
         known = [work.first, *(outcome.curve for outcome in (wider.outcome, work.best) if outcome is not None)]
         found = further_lines(context, work.search.cell, task, level, known)

@@ -14,7 +14,7 @@ import numpy as np
 
 from energy_opt.cell.cell import Cell
 from energy_opt.errors import BadInput, Infeasible
-from energy_opt.motion.initial_paths import Way, find_paths, ompl
+from energy_opt.motion.initial_paths import InitialPath, find_paths, ompl
 from energy_opt.motion.initial_paths.find import Ends, Source
 from energy_opt.motion.initial_paths.room import Room, steps
 from energy_opt.motion.judge.clearance import clearance_along
@@ -78,7 +78,7 @@ def first_path(
     paths = _further_paths(robot, cell, settings, limits, move, found.proven)
     seconds = time.perf_counter() - begin
     if found.proven or (move.path is not None and paths):
-        return move, FirstPath(source, seconds), tuple(way.path for way in paths)
+        return move, FirstPath(source, seconds), tuple(found.path for found in paths)
     if paths:
         return replace(move, path=paths[0].path), FirstPath(paths[0].source, seconds), tuple(w.path for w in paths[1:])
     extra = "" if ompl.installed() else "; pip install 'energy-opt[plan]' installs a planner that can find more paths"
@@ -93,14 +93,14 @@ def first_path(
 
 def _further_paths(
     robot: Robot, cell: Cell, settings: Settings, limits: Sequence[Limit], move: Move, free: bool
-) -> list[Way]:
+) -> list[InitialPath]:
     """Initial paths besides one that is given or `free`, or in place of one that is not free."""
     if settings.tube is not None or (
         free and (move.path is None or not settings.initial_paths or move.mode == "retime")
     ):
         return []
 
-    def between(start: np.ndarray, goal: np.ndarray, count: int) -> list[Way]:
+    def between(start: np.ndarray, goal: np.ndarray, count: int) -> list[InitialPath]:
         room, ends, step = room_between(robot, cell, limits, start, goal)
         return find_paths(room, ends, step, planner=cell.request.planner, seed=settings.seed, count=count)
 
@@ -120,10 +120,10 @@ def room_between(
 
 
 def _path_through(
-    cell: Cell, between: Callable[[np.ndarray, np.ndarray, int], list[Way]], points: Sequence[np.ndarray]
-) -> list[Way]:
+    cell: Cell, between: Callable[[np.ndarray, np.ndarray, int], list[InitialPath]], points: Sequence[np.ndarray]
+) -> list[InitialPath]:
     """One path through points (n,) in order: a spline through places of the paths between them; or none."""
-    legs: list[Way] = []
+    legs: list[InitialPath] = []
     for start, goal in itertools.pairwise(points):
         found = between(start, goal, 1)
         if not found:
@@ -134,7 +134,7 @@ def _path_through(
         places = [leg.path(np.linspace(0, 1, 2 + int(leg.length / step)))[:-1] for leg in legs]
         path = through(np.vstack([*places, points[-1]]))
         if clearance_along(cell, path).proven:
-            return [Way(path, source, legs[-1].seconds, sum(leg.length for leg in legs))]
+            return [InitialPath(path, source, legs[-1].seconds, sum(leg.length for leg in legs))]
     return []
 
 

@@ -39,7 +39,7 @@ def further_lines(context: Context, cell: Cell, task: Task, level: Level, known:
         known: curves around which cheap paths are looked for, free or not; the first has the move's duration.
     """
     duration, u = known[0].duration, np.linspace(0, 1, PASSED)
-    yield from (line_along(way, duration) for way in context.initial_paths)
+    yield from (line_along(path, duration) for path in context.initial_paths)
     if context.settings.tube is not None or task.vias:
         return
 

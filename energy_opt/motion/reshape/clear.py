@@ -86,9 +86,9 @@ class Margins:
         """The margin (K, P) [m] of every pair: the full one, but less near an end where bodies are nearer."""
         full = self.wanted + MARGIN + places.more
         out = np.repeat(full[None], len(places.u), axis=0)
-        for held, way in zip(self._at_ends, (places.u, 1 - places.u), strict=True):
+        for held, from_end in zip(self._at_ends, (places.u, 1 - places.u), strict=True):
             low = np.flatnonzero(held < full)
-            share = np.clip(way / RAMP, 0, 1)[:, None]
+            share = np.clip(from_end / RAMP, 0, 1)[:, None]
             out[:, low] = np.minimum(out[:, low], held[low] + share * (full - held)[low])
         return out
 

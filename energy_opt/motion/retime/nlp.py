@@ -287,8 +287,8 @@ class RetimeProgram:
         used = 0
         # without the constraint on T, a cost that hardly depends on T leads IPOPT to ever longer T: no second attempt;
         # nor close to the answer, where a slow barrier did not help
-        for way in (NEAR,) if near else (LEAP, CREEP)[: 1 + self._timed]:
-            options = {**OPTIONS, **way, **(LOOSE if loosely else {})}
+        for preset in (NEAR,) if near else (LEAP, CREEP)[: 1 + self._timed]:
+            options = {**OPTIONS, **preset, **(LOOSE if loosely else {})}
             answer = ipopt.solve(self, start, bounds, row_bounds, options)
             used += answer.iterations
             if answer.success or answer.status == STOPPED:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from energy_opt.motion.initial_paths import Way, find_paths
+from energy_opt.motion.initial_paths import InitialPath, find_paths
 from energy_opt.motion.initial_paths.find import Ends, Looks
 from energy_opt.motion.initial_paths.polyline import Rounding, between
 from energy_opt.motion.initial_paths.roadmap import cheap_paths
@@ -49,76 +49,78 @@ class Post(Wall):
     def room(self, q: np.ndarray) -> np.ndarray:
         return np.linalg.norm(q[:, :2], axis=1) - 0.4
 
-    def dear(self, side: int) -> Callable[[np.ndarray], np.ndarray]:
+    def costly(self, side: int) -> Callable[[np.ndarray], np.ndarray]:
         """It costs ten times as much to be on one side."""
         return lambda q: np.where(side * q[:, 1] > 0, 10.0, 1.0)
 
 
-def ways(wall: Wall, planner: str = "none", seed: int = 0, count: int = 1, half: float = 2.0) -> list[Way]:
+def found_paths(
+    wall: Wall, planner: str = "none", seed: int = 0, count: int = 1, half: float = 2.0
+) -> list[InitialPath]:
     ends = Ends.of(START, GOAL, np.full(3, -half), np.full(3, half), np.ones(3))
     return find_paths(wall, ends, STEP, planner=planner, seed=seed, count=count)
 
 
-def test_a_free_straight_line_is_the_way() -> None:
-    (way,) = ways(Wall(np.zeros(2), 0.5))
-    assert way.source == "straight" and way.length == pytest.approx(2.0)
+def test_a_free_straight_line_is_the_path() -> None:
+    (found,) = found_paths(Wall(np.zeros(2), 0.5))
+    assert found.source == "straight" and found.length == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_lines_of_our_own_bend_through_a_hole(seed: int) -> None:
     wall = Wall(np.array([0.8, 0.3]), 0.4)
-    (way,) = ways(wall, seed=seed)
-    path = way.path
-    assert way.source == "own" and wall.unproven(path) is None
+    (found,) = found_paths(wall, seed=seed)
+    path = found.path
+    assert found.source == "own" and wall.unproven(path) is None
     assert np.allclose(path.start, START, atol=1e-12) and np.allclose(path.goal, GOAL, atol=1e-12)
     inner = path.knots[1:-1]
     for order in range(3):  # C^2: timing wants it
         assert np.allclose(
             path(inner - 1e-9, order), path(inner, order), atol=1e-4 * max(1, np.abs(path(inner, order)).max())
         )
-    assert 2.0 <= way.length < 2.6  # the hole's near edge alone asks for 0.4 sideways on either side
-    (again,) = ways(wall, seed=seed)
+    assert 2.0 <= found.length < 2.6  # the hole's near edge alone asks for 0.4 sideways on either side
+    (again,) = found_paths(wall, seed=seed)
     assert np.array_equal(again.path.coefficients, path.coefficients)
 
 
 def test_what_our_own_lines_do_not_reach_a_planner_does_seeded() -> None:
     pytest.importorskip("ompl")
     wall = Wall(np.array([1.7, -1.7]), 0.15)
-    assert ways(wall, "none") == []
-    found = [ways(wall, "auto", seed) for seed in (0, 5, 0)]
-    assert all(way.source == "ompl" and wall.unproven(way.path) is None for (way,) in found)
-    first, other, again = (way.path for (way,) in found)
+    assert found_paths(wall, "none") == []
+    found = [found_paths(wall, "auto", seed) for seed in (0, 5, 0)]
+    assert all(one.source == "ompl" and wall.unproven(one.path) is None for (one,) in found)
+    first, other, again = (one.path for (one,) in found)
     assert np.array_equal(first.coefficients, again.coefficients)
     assert not np.array_equal(first.coefficients, other.coefficients)
 
 
-def test_a_search_without_a_way_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_search_without_a_path_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("ompl")
     monkeypatch.setattr("energy_opt.motion.initial_paths.find.FIRST", 1_000)
     wall = Wall(np.array([9.0, 9.0]), 0.1)
-    assert ways(wall, "auto") == []
+    assert found_paths(wall, "auto") == []
     assert 12_000 < len(wall.asked) < 24_000  # twelve attempts of a thousand poses, and our own lines
 
 
-def test_several_ways_are_different_ones() -> None:
-    found = ways(Post(np.zeros(2), 0.0), count=3)
+def test_several_paths_are_different() -> None:
+    found = found_paths(Post(np.zeros(2), 0.0), count=3)
     assert len(found) >= 2 and [w.length for w in found] == sorted(w.length for w in found)
     s = np.linspace(0, 1, 21)
     assert all(np.abs(a.path(s) - b.path(s)).max() > 0.1 for a, b in zip(found, found[1:], strict=False))
 
 
 @pytest.mark.parametrize("side", [-1, 1])
-def test_cheap_ways_pass_where_it_is_cheap_and_then_elsewhere(side: int) -> None:
+def test_cheap_paths_pass_where_it_is_cheap_and_then_elsewhere(side: int) -> None:
     post, ends = Post(np.zeros(2), 0.0), Ends.of(START, GOAL, np.full(3, -2.0), np.full(3, 2.0), np.ones(3))
     line = np.linspace(START, GOAL, 50)
 
     def found(seed: int) -> list[np.ndarray]:
-        return list(cheap_paths(Looks(post, STEP), ends, post.dear(side), [line], seed, 2))
+        return list(cheap_paths(Looks(post, STEP), ends, post.costly(side), [line], seed, 2))
 
     first, second = found(0)
-    for way in (first, second):
-        assert np.allclose(way[0], START, atol=0.01) and np.allclose(way[-1], GOAL, atol=0.01)
-        assert post.room(way).min() > -0.02  # smoothing cuts corners by little
+    for path in (first, second):
+        assert np.allclose(path[0], START, atol=0.01) and np.allclose(path[-1], GOAL, atol=0.01)
+        assert post.room(path).min() > -0.02  # smoothing cuts corners by little
     assert (side * first[:, 1]).max() < 0.1 and (side * first[:, 1]).min() < -0.35
     assert np.abs(first - second).max() > 0.1
     assert all(np.array_equal(a, b) for a, b in zip(found(0), (first, second), strict=True))
@@ -128,8 +130,8 @@ def test_cheap_ways_pass_where_it_is_cheap_and_then_elsewhere(side: int) -> None
 def test_costly_regions_are_passed_fast() -> None:
     free, ends = Wall(np.zeros(2), 9.0), Ends.of(START, GOAL, np.full(3, -2.0), np.full(3, 2.0), np.ones(3))
     line = np.linspace(START, GOAL, 50)
-    (way,) = cheap_paths(Looks(free, STEP), ends, lambda q: np.where(q[:, 0] > 0, 10.0, 1.0), [line], 0, 1)
-    assert (way[:, 0] > 0).mean() < 0.45
+    (path,) = cheap_paths(Looks(free, STEP), ends, lambda q: np.where(q[:, 0] > 0, 10.0, 1.0), [line], 0, 1)
+    assert (path[:, 0] > 0).mean() < 0.45
 
 
 def test_rounding_leaves_a_line_only_near_corners_and_can_be_tightened() -> None:

@@ -162,7 +162,7 @@ def of_answers(part: str, rows: list[Row]) -> dict[str, bool]:
     if part == "own":
         free = [row for row in rows if row["plain_verdict"] == "proven"]
         kept = sum(row["saved"] for row in rows) / sum(row["plain_saved"] for row in rows)
-        print(f"  {len(free)} were free without rows; {100 * kept:.1f} % of the loss saved is kept")
+        print(f"  {len(free)} were free without regard to bodies; {100 * kept:.1f} % of the loss saved is kept")
         checks["own: all are solved"] = len(solved) == len(rows)
         checks["own: 93 % of the loss saved is kept"] = kept >= 0.93
         checks["own: unchanged where that was free"] = all(abs(row["change_percent"]) <= UNCHANGED for row in free)

@@ -308,15 +308,13 @@ def spline(x: ca.SX, at: ca.SX, y: ca.SX) -> ca.SX:
     first = _end(h[0], h[1], s[0], s[1]) if count > 2 else s[0]
     last = _end(h[-1], h[-2], s[-1], s[-2]) if count > 2 else s[0]
     d = [first, *inner, last]
-    # Coefficients c of the cubic in x - start. Start with the straight line beyond the last point, then replace it by
-    # the piece that contains x, from the last piece to the first: no loop over pieces remains at run time.
-    start, c = at[count - 1], [y[count - 1], ca.fmax(last, 0), 0 * x, 0 * x]
+    # The straight line beyond the last point, then the piece that contains x, from the last piece to the first: no loop
+    # over pieces remains at run time. Values are chosen, not coefficients: these jump, so ranges would lose the value.
+    out = y[count - 1] + ca.fmax(last, 0) * (x - at[count - 1])
     for i in reversed(range(count - 1)):
-        own = [y[i], d[i], (3 * s[i] - 2 * d[i] - d[i + 1]) / h[i], (d[i] + d[i + 1] - 2 * s[i]) / h[i] ** 2]
-        here = x < at[i + 1]
-        start, c = ca.if_else(here, at[i], start), [ca.if_else(here, a, b) for a, b in zip(own, c, strict=True)]
-    u = x - start
-    return c[0] + u * (c[1] + u * (c[2] + u * c[3]))
+        u, c2, c3 = x - at[i], (3 * s[i] - 2 * d[i] - d[i + 1]) / h[i], (d[i] + d[i + 1] - 2 * s[i]) / h[i] ** 2
+        out = ca.if_else(x < at[i + 1], y[i] + u * (d[i] + u * (c2 + u * c3)), out)
+    return out
 
 
 def _slope(h0: ca.SX, h1: ca.SX, s0: ca.SX, s1: ca.SX) -> ca.SX:

@@ -12,6 +12,7 @@ from independent import Arm, curve
 from energy_opt.effects import (
     CopperLoss,
     CoulombFriction,
+    FrictionCurve,
     LoadFriction,
     Regeneration,
     SigmoidFriction,
@@ -35,6 +36,7 @@ ROUGH = PowerModel("panda", (
     Standby(power=80.0), CopperLoss(r_over_kt2=0.004), CoulombFriction(tau_c=1.0), ViscousFriction(b=0.5),
     StribeckFriction(tau_s=0.6, v_s=0.1), LoadFriction(mu=0.05), Regeneration(efficiency=0.3, level="joint"),
 ))  # fmt: skip
+CURVE = PowerModel("panda", (FrictionCurve(speed=[0.0, 0.1, 0.4, 2.0], torque=np.tile([0.5, 0.2, 0.3, 1.0], (7, 1))),))
 SMOOTH = PowerModel("panda", (CopperLoss(r_over_kt2=0.004), SigmoidFriction(a=0.7, k=9.0, c=0.03)))
 
 
@@ -107,7 +109,7 @@ def test_peaks_between_the_places_are_found(robot: Robot, model: PowerModel, kin
     assert held[1] and held[0].excess is not None and -1e-3 < held[0].excess <= 0
 
 
-@pytest.mark.parametrize("model", [SMOOTH, ROUGH], ids=["smooth", "rough"])
+@pytest.mark.parametrize("model", [SMOOTH, ROUGH, CURVE], ids=["smooth", "rough", "curve"])
 def test_ranges_hold_all_values(robot: Robot, model: PowerModel) -> None:
     drive = drive_function(model, robot.n, past=True, holds=True)[0]
     n, rng = robot.n, np.random.default_rng(5)
@@ -136,6 +138,20 @@ def test_ranges_hold_all_values(robot: Robot, model: PowerModel) -> None:
                     assert (change <= r.rising * (1 + 1e-9) + 1e-7).all()
                     assert (change >= r.falling * (1 + 1e-9) - 1e-7).all()
         before = values
+
+
+def test_a_bound_on_power_at_a_point_of_a_friction_curve_is_proven(robot: Robot) -> None:
+    """Power is largest where a joint's speed passes a point between two pieces of the curve."""
+    t = motion(robot, 0.03)
+    dense = Scorer(robot, PLAIN).dense(t)
+    speed = np.abs(dense.v[np.argmax(dense.power)])
+    j = int(np.argmax(speed))
+    torque = np.zeros((robot.n, 3))
+    torque[j] = 1.0, 0.5, 1.0
+    scorer = Scorer(robot, PLAIN + FrictionCurve(speed=[0.0, speed[j], 2 * speed[j]], torque=torque))
+    dense = scorer.dense(t)
+    limit = Power(float(dense.power.max()) * (1 + 1e-5))
+    assert Proof(dense, scorer).worst(limit, limit.worst(dense))[1]
 
 
 def test_torque_lies_near_its_polynomial(robot: Robot) -> None:

@@ -32,6 +32,21 @@ class Range:
         return np.maximum(-self.falling, self.rising)
 
 
+@dataclass(frozen=True)
+class Not(Range):
+    """1 where `of` is 0, else 0."""
+
+    of: Range
+
+
+@dataclass(frozen=True)
+class Case(Range):
+    """`value` where `condition` is not 0, else 0."""
+
+    condition: Range
+    value: Range
+
+
 class Unknown(Exception):
     """The function has an instruction without a rule here."""
 
@@ -55,7 +70,11 @@ def _rates(x: Range) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _add(a: Range, b: Range) -> Range:
-    """a + b: least and largest add up, for values and rates."""
+    """a + b: least and largest add up, for values and rates; of two complementary cases, one of both."""
+    if isinstance(a, Case) and isinstance(b, Case):
+        for one, other in ((a, b), (b, a)):
+            if isinstance(other.condition, Not) and other.condition.of is one.condition:
+                return _chosen(one.condition, one.value, other.value)
     return Range(a.low + b.low, a.high + b.high, a.falling + b.falling, a.rising + b.rising)
 
 
@@ -165,13 +184,24 @@ def _at_most(a: Range, b: Range) -> Range:
     return _constant((a.high <= b.low) * 1.0, (a.low <= b.high) * 1.0)
 
 
-def _if(a: Range, b: Range) -> Range:
-    """b where a is not 0, else 0."""
-    none = Range(*(np.zeros_like(b.low),) * 4)
-    on, off = (a.low > 0) | (a.high < 0), (a.low == 0) & (a.high == 0)
-    out = _hull(b, none, on, off)
+def _chosen(condition: Range, x: Range, y: Range) -> Range:
+    """x where the condition is not 0, else y; the value may jump where that is unknown."""
+    on, off = (condition.low > 0) | (condition.high < 0), (condition.low == 0) & (condition.high == 0)
+    out = _hull(x, y, on, off)
     jump = np.where(on | off, 0.0, UNBOUNDED)
     return Range(out.low, out.high, out.falling - jump, out.rising + jump)
+
+
+def _if(a: Range, b: Range) -> Range:
+    """b where a is not 0, else 0."""
+    out = _chosen(a, b, Range(*(np.zeros_like(b.low),) * 4))
+    return Case(out.low, out.high, out.falling, out.rising, a, b)
+
+
+def _not(a: Range) -> Range:
+    """1 where a is 0, else 0."""
+    out = _constant(((a.low == 0) & (a.high == 0)) * 1.0, ((a.low <= 0) & (a.high >= 0)) * 1.0)
+    return Not(out.low, out.high, out.falling, out.rising, a)
 
 
 ONE: dict[int, Callable[[Range], Range]] = {
@@ -185,7 +215,7 @@ ONE: dict[int, Callable[[Range], Range]] = {
     ca.OP_TANH: _tanh,
     ca.OP_FABS: _fabs,
     ca.OP_SIGN: _sign,
-    ca.OP_NOT: lambda a: _constant(((a.low == 0) & (a.high == 0)) * 1.0, ((a.low <= 0) & (a.high >= 0)) * 1.0),
+    ca.OP_NOT: _not,
 }
 TWO: dict[int, Callable[[Range, Range], Range]] = {
     ca.OP_ADD: _add,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import comb
 
 import casadi as ca
@@ -138,6 +139,28 @@ def test_ranges_hold_all_values(robot: Robot, model: PowerModel) -> None:
                     assert (change <= r.rising * (1 + 1e-9) + 1e-7).all()
                     assert (change >= r.falling * (1 + 1e-9) - 1e-7).all()
         before = values
+
+
+LAWS: dict[str, Callable[[ca.SX], ca.SX]] = {
+    "cos": lambda x: ca.cos(3 * x),
+    "sin": lambda x: x * ca.sin(x),
+    "log": lambda x: ca.log(x * x + 1e-3),
+    "power": lambda x: ca.exp(0.7 * ca.log(ca.fmax(ca.fabs(x), 1e-12))),
+}
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_ranges_of_functions_hold_their_values_and_rates(law: str) -> None:
+    x, rng = ca.SX.sym("x"), np.random.default_rng(3)
+    function = ca.Function("f", [x], [LAWS[law](x)])
+    low, width = 4 * rng.normal(size=400), 10.0 ** rng.uniform(-4, 1, 400)
+    ((found,),) = enclosed(function, [[Range(low, low + width, width, width)]])
+    values = np.stack([np.asarray(function(low + share * width)).ravel() for share in np.linspace(0, 1, 101)])
+    assert (found.low - 1e-9 <= values).all() and (values <= found.high + 1e-9).all()
+    change = 100 * np.diff(values, axis=0)
+    assert (found.falling * (1 + 1e-9) - 1e-6 <= change).all() and (change <= found.rising * (1 + 1e-9) + 1e-6).all()
+    narrow = width < 1e-3
+    assert ((found.high - found.low)[narrow] < 100 * width[narrow]).all()
 
 
 def test_a_bound_on_power_at_a_point_of_a_friction_curve_is_proven(robot: Robot) -> None:

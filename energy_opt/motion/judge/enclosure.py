@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+LEAST = 1e-300  # smallest argument of a logarithm
 UNBOUNDED = 1e150  # the value of an unbounded rate; finite, so that products with 0 are 0
 
 
@@ -134,6 +135,25 @@ def _sqrt(a: Range) -> Range:
     return _chain(a, np.sqrt(low), np.sqrt(high), slope)
 
 
+def _log(a: Range) -> Range:
+    """log(a) of a > 0, with the derivative 1 / a; unbounded below and in its rate if the range contains 0."""
+    low, high = np.maximum(a.low, LEAST), np.maximum(a.high, LEAST)
+    out = _chain(a, np.log(low), np.log(high), (1 / high, np.minimum(1 / low, UNBOUNDED)))
+    return Range(np.where(a.low > 0, out.low, -UNBOUNDED), out.high, out.falling, out.rising)
+
+
+def _cos(a: Range) -> Range:
+    """cos(a), with the derivative -sin(a)."""
+    return _chain(a, *_cosine(a.low, a.high), _cosine(a.low + np.pi / 2, a.high + np.pi / 2))
+
+
+def _cosine(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The range of cos: of its ends, and -1 or 1 if the range contains such a place."""
+    ends, turn = (np.cos(low), np.cos(high)), 2 * np.pi
+    top, bottom = (np.floor(high / turn - k) >= np.ceil(low / turn - k) for k in (0.0, 0.5))
+    return np.where(bottom, -1.0, np.minimum(*ends)), np.where(top, 1.0, np.maximum(*ends))
+
+
 def _unless(lost: np.ndarray, x: Range) -> Range:
     """The range, but unbounded where `lost`."""
     far = np.full(len(lost), UNBOUNDED)
@@ -212,6 +232,9 @@ ONE: dict[int, Callable[[Range], Range]] = {
     ca.OP_INV: _inverse,
     ca.OP_SQRT: _sqrt,
     ca.OP_EXP: _rising(lambda x: np.exp(np.minimum(x, 300.0)), lambda x: np.exp(np.minimum(x, 300.0))),
+    ca.OP_LOG: _log,
+    ca.OP_COS: _cos,
+    ca.OP_SIN: lambda a: _cos(_add(a, _constant(*(np.full(len(a.low), -np.pi / 2),) * 2))),
     ca.OP_TANH: _tanh,
     ca.OP_FABS: _fabs,
     ca.OP_SIGN: _sign,

@@ -46,7 +46,6 @@ from energy_opt.robot import Robot
 Kind = Literal["mean", "worst"]
 ROUNDS = {"mean": 4, "worst": 6}  # most solves; "mean" nearly always ends after the first
 GROWTH = 9.0  # factor of the weight of a model under which the move costs more than the evenly slowed one
-BODIES = "payload, tilt or links differ between the models: the search uses the first one's, energies each one's"
 STEP = 1.0  # step of the log weights, per standard deviation of the models' energies above their mean
 
 
@@ -80,7 +79,7 @@ class RobustPlanner:
     """Plans moves of one robot under several models; results are stated under the first one.
 
     Args:
-        rivals: at least one; the search has the payload, tilt and links of the first one.
+        rivals: at least one, each with its own payload, tilt and links.
         kind: "mean" or "worst" of the energies.
         settings, cell, stopped: as for `Planner`.
         planner: an existing planner of the models' mean, with its settings and cell.
@@ -103,8 +102,6 @@ class RobustPlanner:
         self._mixture = Mixture.of([rival.model for rival in rivals])
         known: dict[str, Any] = {"cell": cell, "stopped": stopped}
         self._planner = planner.under(self._mixture) if planner else Planner(robot, self._mixture, settings, **known)
-        bodies = {tuple(e for e in rival.model.effects if e.stage == "rigid") for rival in rivals}
-        self._one_body = len(bodies) == 1
         judges = judges_of(self.rivals, robot)  # each with its own payload, tilt and links
         self._judges = [judge for _, judge in judges]
         self._places = np.array([place for place, _ in judges])
@@ -333,7 +330,6 @@ class RobustPlanner:
             models=tuple(records),
             warnings=(
                 *result.warnings,
-                *([] if self._one_body else [BODIES]),
                 *effort_warnings(self.robot, result.trajectory, named, self._planner.limits()),
                 *power_warnings(result.trajectory, named, self._planner.settings.max_power),
             ),
@@ -342,7 +338,7 @@ class RobustPlanner:
     def _minimised(self, answer: _Answer) -> dict[str, Any]:
         """The minimised value, its lower bound and the gap; the energy itself then has no bound."""
         value = self._value(answer.totals)
-        bound = None if answer.bound is None or not self._one_body else min(answer.bound, value)
+        bound = None if answer.bound is None else min(answer.bound, value)
         gap = None if bound is None else 100 * (value - bound) / max(abs(value), 1e-12)
         kind = "global" if gap is not None and gap <= GLOBAL_GAP else "local"
         robust = {"kind": self.kind, "total": value, "lower_bound": bound}

@@ -11,7 +11,7 @@ from energy_opt.errors import Infeasible
 from energy_opt.folders import written_whole
 from energy_opt.front.desk import Answered, Desk, verb
 from energy_opt.front.given import cell_of
-from energy_opt.front.jobs import job_from, job_settings, resolved_job
+from energy_opt.front.jobs import job_from, job_settings, loaded, resolved_job
 from energy_opt.front.rivals import rivals_of
 from energy_opt.jobs.models import mean_of
 from energy_opt.placement import Placement
@@ -74,6 +74,7 @@ def run(request: PlaceRequest, desk: Desk) -> PlaceAnswer:
     box, around = Box.of(words, **counts), cell_of(request)
     job = job_from(request)
     rivals, kind = rivals_of(request, job.robot, desk)
+    job = loaded(request, job, rivals, desk)
     asked = resolved_job(request, job.robot, rivals, kind)
     document = desk.take(ANSWER, asked)
     with desk.working() as (stopped, show):

@@ -33,6 +33,7 @@ from energy_opt.motion.plan.blend import blended, least_weights
 from energy_opt.motion.plan.efforts import HELD, smaller, used
 from energy_opt.motion.plan.efforts import ROUNDS as EFFORT_ROUNDS
 from energy_opt.motion.plan.planner import Planner, Shares
+from energy_opt.motion.plan.retimed import retimed
 from energy_opt.motion.plan.rivals import SAME, Rival, exceeds, judges_of, record_of
 from energy_opt.motion.plan.robust_warnings import effort_warnings, power_warnings
 from energy_opt.motion.plan.sketch import Settled
@@ -192,6 +193,10 @@ class RobustPlanner:
         value, baseline = min(even, key=lambda found: found[0], default=(np.inf, None))
         if baseline is None or not (best.costlier().any() or exceeds(self._value(best.totals), value)):
             return best
+        timed = retimed(self._planner, move, best.result)
+        answer = best if timed is None else replace(self._answer(timed), bound=best.bound)
+        if not answer.costlier().any() and exceeds(value, self._value(answer.totals)):
+            return answer
         message = "no other move that was found is cheaper than the evenly slowed one under every model"
         found = self._planner.with_trajectory(best.result, move, baseline.trajectory)
         return replace(self._answer(replace(found, chosen=baseline.name, message=message)), bound=best.bound)

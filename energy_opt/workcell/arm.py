@@ -12,7 +12,7 @@ import numpy as np
 
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
-from energy_opt.effects import Regeneration
+from energy_opt.effects import Payload, Regeneration
 from energy_opt.errors import BadInput, Infeasible, at_least
 from energy_opt.formats.program import standing
 from energy_opt.jobs.cycle import Answer, standing_power
@@ -77,6 +77,12 @@ class Arm:
         self._read = partial(job_of, cell, path=path, allow_outside=request.allow_outside, named=named)
         self.job: Job = self._read(self.table, load)
         model = model_of(table.model, self.job.robot).standing(table.base[3], table.base[4])
+        carried = model.get(Payload.name)
+        if carried is not None and "payload" not in table.model_fields_set:  # the model's, as in a job of one robot
+            load_of_model = (float(carried.values["mass"][0]), *carried.values["com"].tolist())
+            steps = explicit_steps(table.model_copy(update={"payload": load_of_model}))
+            self.table = self.table.model_copy(update={"step": steps})
+            self.job = self._read(self.table, lambda _: self.job.robot)
         if self.job.open:
             chosen = Posed(self.job, model, settings, self.request).estimated()[0]
             self.table = at_positions(self.table, {k: chosen[k] for k in self.job.open})

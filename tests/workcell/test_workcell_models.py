@@ -82,3 +82,16 @@ def test_torque_limits_hold_under_every_model_or_a_warning_says_not(tmp_path: Pa
         said = [text for text in answer.document()["warnings"] if "torque limit" in text]
         assert (most <= 1, not said) == (held, held)
         assert held or said[0].startswith("a: under another model than the first joint")
+
+
+def test_a_models_payload_is_carried_unless_the_robot_states_one() -> None:
+    """It was left out, as if the arm carried nothing."""
+    model = eo.source_model(load_robot("z1"))
+    held = model + eo.effects.Payload(mass=1.0, com=[0.0, 0.0, 0.05])
+    stated = cell(4.0)
+    stated["robot"][0]["payload"] = 0.0
+    totals = [
+        eo.job(job, model=[law], self_collision=False).document()["energy_total"]
+        for job, law in ((cell(4.0), model), (cell(4.0), held), (stated, held))
+    ]
+    assert totals[1] > totals[0] + 0.5 and totals[2] == pytest.approx(totals[0], rel=1e-6)

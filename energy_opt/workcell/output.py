@@ -62,11 +62,10 @@ def document(result: CellResult) -> dict[str, Any]:
             f"{name}: under another model than the first {joint} takes {100 * share:.4g} % of its torque limit"
         )
     drawn = result.supply
-    if result.robust is not None and drawn is not None and drawn.bound is not None and drawn.peak > drawn.bound:
-        warnings.append(
-            f"under the first model power reaches {drawn.peak:.5g} W; max_power = {drawn.bound:.5g} W is held for the "
-            "mean of the models"
-        )
+    if result.robust is not None and drawn is not None and not drawn.valid:
+        over = f"power reaches {drawn.peak:.5g} W, max_power = {drawn.bound} W"
+        over = over if drawn.overflow == 0 else f"{drawn.lost:.4g} J of braking cannot be stored"
+        warnings.append(f"under the first model {over}: the supply's limits are held for the mean of the models")
     return {
         "format": FORMAT,
         "status": "solved" if result.solved else "not_converged",

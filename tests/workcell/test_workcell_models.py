@@ -95,3 +95,16 @@ def test_a_models_payload_is_carried_unless_the_robot_states_one() -> None:
         for job, law in ((cell(4.0), model), (cell(4.0), held), (stated, held))
     ]
     assert totals[1] > totals[0] + 0.5 and totals[2] == pytest.approx(totals[0], rel=1e-6)
+
+
+def test_a_supply_that_is_exceeded_under_the_first_model_is_named() -> None:
+    """max_power is held for the mean; here the first model draws more than the second."""
+    model = eo.source_model(load_robot("z1"))
+    thirsty = model + eo.effects.CoulombFriction(tau_c=2.0)
+    free = {"supply": {"shared": True, "capacity": 5.0}}
+    asked = {"model": [thirsty, model], "self_collision": False}
+    peak = eo.job(cell(4.0, **free), **asked).document()["peak_power"]
+    free["supply"]["max_power"] = peak - 3.0
+    found = eo.job(cell(4.0, **free), **asked).document()
+    (said,) = found["warnings"]
+    assert found["peak_power"] > peak - 3.0 and said.startswith("under the first model power reaches 99.1")

@@ -181,8 +181,11 @@ def read_toml(path: Path, *kinds: str) -> dict[str, Any]:
 
 def read_json(path: Path) -> Any:
     """A JSON document; BadInput with the position where it is malformed, a key given twice, or too deep nesting."""
+    text = read_text(path, LARGEST_DOCUMENT)
+    if not text.strip():
+        raise BadInput(f"{path}: an empty file; expected JSON")
     try:
-        document = json.loads(read_text(path, LARGEST_DOCUMENT), object_pairs_hook=_once)
+        document = json.loads(text, object_pairs_hook=_once)
     except (ValueError, RecursionError) as error:
         raise BadInput(f"{path}: not valid JSON: {_reason(error)}") from None
     level = [document] if isinstance(document, (dict, list)) else []

@@ -5,10 +5,11 @@ from __future__ import annotations
 import logging
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from energy_opt.batches.executors import Solver, cluster, local, run_tasks
@@ -16,7 +17,7 @@ from energy_opt.batches.records import Journal, Record, Row, read_journal, write
 from energy_opt.batches.suite import Suite
 from energy_opt.batches.summary import summarize, table
 from energy_opt.batches.work import solve_task
-from energy_opt.files import write_json
+from energy_opt.files import plain, write_json
 from energy_opt.power.per_year import PerYear
 from energy_opt.requests.option import Request
 from energy_opt.results import Found
@@ -78,7 +79,7 @@ def run_batch(
     scheduler: str | None = None,
     show: Callable[[str, float], None] = lambda text, share: None,
     solve: Solver = solve_task,
-    command: str | None = None,
+    request: Mapping[str, Any] = MappingProxyType({}),
     worth: PerYear | None = None,
 ) -> Batch:
     """Run the remaining moves of a suite. results.jsonl grows during the run; results.parquet, report.html and
@@ -94,7 +95,7 @@ def run_batch(
         scheduler: address of a Dask cluster that computes instead.
         show: called after every move with a line for the user and the finished share of the remaining moves.
         solve: what workers do with a task; workers must be able to import it.
-        command: the command line, for the report.
+        request: the document of the request, for summary.json and the report.
         worth: runs of all moves per year, each once; the summary states the value of the savings.
 
     Raises:
@@ -138,10 +139,10 @@ def run_batch(
             "seconds": seconds,
             "moves": count,
             "moves_per_second": count / max(seconds, 1e-9),
-            "command": command,
+            "command": request.get("command"),
         }
         log.info("writing results.parquet, report.html and summary.json")
-        summary = summarize(found, len(wanted), run, worth)
+        summary = {**summarize(found, len(wanted), run, worth), **({"request": plain(request)} if request else {})}
         write_parquet(Path(out) / "results.parquet", found)
         write_report(Path(out) / "report.html", found, summary)
         write_json(Path(out) / "summary.json", summary)

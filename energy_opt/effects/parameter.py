@@ -220,10 +220,10 @@ class Smooth(Kinks):
 
         sign(x)   = x / sqrt(x^2 + w^2)
         |x|       = sqrt(x^2 + w^2) - w
-        max(x, 0) = (x + |x|) / 2, with |x| as above
+        max(x, 0) = (x + sqrt(x^2 + w^2)) / 2
 
-    All three are 0 at x = 0. |x| and max(x, 0) differ from the exact values by at most w, sign(x) by less than (w/x)^2
-    / 2.
+    |x| is at most w below the exact value. max(x, 0) is at most w / 2 above it, at the kink, and exact far from it.
+    Were it lower there, a search would save energy by slow motions. sign(x) differs by less than (w/x)^2 / 2.
 
     Attributes:
         scale: factor on every width. 1: as each law states it; below 1: sharper.
@@ -253,8 +253,9 @@ class Smooth(Kinks):
         return ca.sqrt(x * x + w * w) - w
 
     def positive(self, x: ca.SX, width: float) -> ca.SX:
-        """(x + magnitude(x)) / 2."""
-        return (x + self.magnitude(x, width)) / 2
+        """(x + sqrt(x^2 + w^2)) / 2."""
+        w = width * self.scale
+        return (x + ca.sqrt(x * x + w * w)) / 2
 
     def power(self, x: ca.SX, exponent: ca.SX, width: float) -> ca.SX:
         """x (x^2 + w^2)^((exponent - 1) / 2): x |x|^(exponent - 1), rounded at 0."""

@@ -67,6 +67,8 @@ def read(path: str | Path) -> Samples:
     path = Path(path)
     if path.is_dir() and bags.is_bag(path):
         return bags.read(path)
+    if not path.exists():
+        raise BadInput(f"{path}: No such file or directory")
     return _format_of(path, "not a file of waypoints or of a trajectory").read(path)
 
 

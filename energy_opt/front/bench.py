@@ -49,10 +49,11 @@ def run(request: BenchRequest, desk: Desk) -> Batch | Listing:
         allow_outside=request.allow_outside, allow_large=request.allow_large,
     )  # fmt: skip
     out = Path(request.out or f"bench_{suite.name}")
+    asked = replace(request, suite=str(Path(request.suite).resolve()))
     with desk.showing() as show:
         batch = run_batch(
             suite, out, jobs=jobs, resume=request.resume, force=request.force, scheduler=request.scheduler,
-            show=show, command=desk.stamped({})["command"], worth=worth,
+            show=show, request=desk.stamped(asked.document()), worth=worth,
         )  # fmt: skip
     if batch.left_out:
         desk.say(f"{batch.left_out} earlier results belong to another version of the suite and were left out")

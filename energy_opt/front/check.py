@@ -192,7 +192,8 @@ def _trajectory(file: Path, request: CheckRequest, notes: list[str]) -> list[str
         if not matching:
             return [f"{file}: joints {', '.join(samples.joints)} are not those of a known robot; give --robot"]
         robot = robot_of(request, matching[0])
-        notes.append(f"{file}: taken for a {robot.name} (--robot names another one)")
+        others = f"; {', '.join(matching[1:])} have the same joints" if matching[1:] else ""
+        notes.append(f"{file}: taken for a {robot.name} (--robot names another one{others})")
     else:
         robot = robot_of(request)
     samples = samples.of(robot.joints, request.joint_prefix)

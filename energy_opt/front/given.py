@@ -223,7 +223,8 @@ def positions(given: Any, robot: Robot, name: str, srdf: Path | None = None) -> 
     except (TypeError, ValueError):
         raise BadInput(f"--{name}: {given!r} is not {robot.n} numbers [rad]") from None
     if q.shape != (robot.n,):
-        raise BadInput(f"--{name}: shape {q.shape}; {robot.name} has {robot.n} joints: {', '.join(robot.joints)}")
+        hint = "; several goals are eo.AnyOf([...])" if name == "goal" and q.ndim == 2 else ""
+        raise BadInput(f"--{name}: shape {q.shape}; {robot.name} has {robot.n} joints: {', '.join(robot.joints)}{hint}")
     if not np.isfinite(q).all():
         raise BadInput(f"--{name}: expected finite joint positions [rad]")
     return q

@@ -12,7 +12,7 @@ from energy_opt.formats.output import Files
 from energy_opt.front.controllers import check_written
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of
-from energy_opt.front.jobs import JOB, JobAnswer, answers_of, content_of, job_from, job_settings, resolved_job
+from energy_opt.front.jobs import JOB, JobAnswer, answers_of, content_of, job_from, job_settings, loaded, resolved_job
 from energy_opt.front.rivals import rivals_of, said, with_careful
 from energy_opt.front.workcell import WORKCELL, run_workcell_job
 from energy_opt.jobs.models import compared, efforts_held, grounded, held, mean_of, stated, warned
@@ -38,11 +38,7 @@ def run(request: JobRequest, desk: Desk) -> JobAnswer:
         raise BadInput("--jitter is of several robots (format = 'energy-opt/job/2')")
     job, _ = job_from(request), request.worth
     rivals, kind = rivals_of(request, job.robot, desk)
-    model = rivals[0].model
-    carried = model.get("payload")
-    if carried is not None and (request.payload is not None or "payload" not in content_of(request)[0]):
-        mass, (x, y, z) = float(carried.values["mass"][0]), carried.values["com"].tolist()
-        job = job_from(request, (mass, x, y, z), job.robot)
+    job = loaded(request, job, rivals, desk)
     formats = check_written(request, job.robot.n)
     settings = job_settings(request)
     cell = cell_of(request)

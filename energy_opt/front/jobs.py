@@ -14,14 +14,16 @@ from energy_opt.formats.output import Written
 from energy_opt.front.desk import Answered, Desk
 from energy_opt.front.given import cell_of, named_robot, payload_document, robot_of
 from energy_opt.front.moves import documents, settings_of
-from energy_opt.front.rivals import rivals_of
+from energy_opt.front.rivals import members, rivals_of
 from energy_opt.fronts.output import ANSWER, Tradeoff
 from energy_opt.jobs.file import job_of
 from energy_opt.jobs.legs import Job, Load
-from energy_opt.jobs.models import mean_of, stated
+from energy_opt.jobs.models import efforts_held, mean_of, stated, warned
 from energy_opt.jobs.over_time import document, over_time, page, text
+from energy_opt.jobs.run import JobResult
 from energy_opt.jobs.work import Answers
 from energy_opt.motion import Settings
+from energy_opt.motion.plan.planner import Shares
 from energy_opt.motion.plan.rivals import Rival
 from energy_opt.motion.plan.robust import Kind
 from energy_opt.poses.given import poses_of_request
@@ -55,6 +57,22 @@ def job_from(
         named=poses_of_request(cell_of(request)),
         payload=payload,
     )  # fmt: skip
+
+
+def loaded(request: Asked, job: Job, rivals: list[Rival], desk: Desk) -> Job:
+    """The job with the payload of the request or of the models' first, unless the job states its own."""
+    if getattr(request, "payload", None) is None and "payload" in content_of(request)[0]:
+        return job
+    carried = [model.get("payload") for model in members(rivals)]
+    if len(set(carried)) > 1:
+        desk.say(
+            "warning: the payloads of the models differ; a job has one at a time: that of the first model is used for "
+            "all, unless the job or --payload states it"
+        )
+    if carried[0] is None:
+        return job
+    mass, (x, y, z) = float(carried[0].values["mass"][0]), carried[0].values["com"].tolist()
+    return job_from(request, (mass, x, y, z), job.robot)
 
 
 def resolved_job(request: Asked, robot: Robot, rivals: list[Rival], kind: Kind | None, **known: Any) -> Asked:
@@ -164,13 +182,20 @@ def run_job(request: TradeoffRequest, times: list[float] | None, desk: Desk) -> 
     worth = request.worth
     job = job_from(request)
     (rivals, kind), settings, cell = rivals_of(request, job.robot, desk), settings_of(request), cell_of(request)
+    job = loaded(request, job, rivals, desk)
     asked = resolved_job(request, job.robot, rivals, kind, durations=times)
     stamped = desk.take(ANSWER, asked)
     answers, known = answers_of(request, job, rivals, settings, desk)
+
+    def restated(result: JobResult, again: Callable[[Shares], JobResult]) -> JobResult:
+        if kind is None:
+            return result
+        return warned(stated(efforts_held(result, rivals, again), rivals), rivals)
+
     with desk.working() as (stopped, show):
         points, shortest = over_time(
             job, mean_of(rivals), settings, cell=cell, times=times, stopped=stopped, progress=show,
-            **known, restated=lambda result: result if kind is None else stated(result, rivals),
+            **known, restated=restated,
         )  # fmt: skip
         records = assumptions(job.robot, [rival.model for rival in rivals])
         used = {"assumptions": [asdict(row) for row in records]}
@@ -183,7 +208,7 @@ def run_job(request: TradeoffRequest, times: list[float] | None, desk: Desk) -> 
         front = desk.keep(Tradeoff(found, asked, page, text, job.robot))
         if answers is not None and not stopped():
             answers.forget()
-    desk.report((), assumptions_line(records))
+    desk.report((), assumptions_line(records), found["warnings"])
     if found["status"] == "infeasible":
         desk.complain(f"none of these cycle times is possible; the shortest possible one is {at_least(shortest)} s")
     return front

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import fields, replace
 from os import PathLike
 from pathlib import Path
@@ -64,15 +65,28 @@ def path_from(given: Any, robot: Robot, prefix: str = "", say: Say = lambda _: N
         path = given
     else:
         try:
-            points = np.asarray(given(np.linspace(0.0, 1.0, SAMPLED)) if callable(given) else given, dtype=float)
+            points = _sampled(given, robot.n) if callable(given) else np.asarray(given, dtype=float)
         except (ValueError, TypeError):
-            raise BadInput(f"--path: expected waypoints (K, {robot.n}) [rad]") from None
+            raise BadInput(
+                f"--path: expected waypoints (K, {robot.n}) [rad], or a function of s in [0, 1] that gives positions "
+                f"({robot.n},)"
+            ) from None
         if points.ndim != 2 or len(points) < 2 or points.shape[1] != robot.n or not np.isfinite(points).all():
             raise BadInput(f"--path: shape {points.shape}; expected waypoints (K, {robot.n}), K at least 2, all finite")
         path = through(points)
     if path.n != robot.n:
         raise BadInput(f"--path: {path.n} joints; {robot.name} has {robot.n}")
     return path
+
+
+def _sampled(function: Callable[[Any], Any], n: int) -> np.ndarray:
+    """Positions (SAMPLED, n) along a function of s in [0, 1] that takes arrays (M,), or single numbers only."""
+    s = np.linspace(0.0, 1.0, SAMPLED)
+    with suppress(ValueError, TypeError, IndexError):
+        points = np.asarray(function(s), dtype=float)
+        if points.shape == (SAMPLED, n):
+            return points
+    return np.asarray([function(each) for each in s.tolist()], dtype=float)
 
 
 def move_of(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,9 +11,14 @@ from energy_opt.errors import Infeasible
 from energy_opt.folders import written_whole
 from energy_opt.front.desk import Answered, Desk, verb
 from energy_opt.front.given import cell_of
-from energy_opt.front.jobs import job_from, job_settings, resolved_job
+from energy_opt.front.jobs import job_from, job_settings, loaded, resolved_job
 from energy_opt.front.rivals import rivals_of
-from energy_opt.jobs.models import mean_of
+from energy_opt.jobs.models import efforts_held, mean_of, warned
+from energy_opt.jobs.run import JobResult, run_job
+from energy_opt.jobs.work import Worker
+from energy_opt.motion import Settings
+from energy_opt.motion.plan.planner import Shares
+from energy_opt.motion.plan.rivals import Rival
 from energy_opt.placement import Placement
 from energy_opt.placement import PlaceRequest as Box
 from energy_opt.placement import place as placed
@@ -74,6 +79,7 @@ def run(request: PlaceRequest, desk: Desk) -> PlaceAnswer:
     box, around = Box.of(words, **counts), cell_of(request)
     job = job_from(request)
     rivals, kind = rivals_of(request, job.robot, desk)
+    job = loaded(request, job, rivals, desk)
     asked = resolved_job(request, job.robot, rivals, kind)
     document = desk.take(ANSWER, asked)
     with desk.working() as (stopped, show):
@@ -84,9 +90,24 @@ def run(request: PlaceRequest, desk: Desk) -> PlaceAnswer:
         except Infeasible as error:
             desk.failed(ANSWER, error, robot=job.robot.name, request=document)
             raise
+        if kind is not None:
+            found = _held(found, rivals, job_settings(request), stopped)
         answer = desk.keep(PlaceAnswer(placement=found, request=asked, stamp=desk.stamped({}), interrupted=stopped()))
     desk.report(warnings=() if answer.saved is None else answer.saved["warnings"])
     return answer
 
 
 place = verb(PlaceRequest, run)
+
+
+def _held(found: Placement, rivals: Sequence[Rival], settings: Settings, stopped: Callable[[], bool]) -> Placement:
+    """The placement with a job that holds the torque limits under each of the models, or with a warning."""
+    first, mean = found.result, mean_of(rivals)
+
+    def again(shares: Shares) -> JobResult:
+        worker = Worker(first.job, mean, settings, first.cells, stopped, shares)
+        return replace(run_job(first.job, mean, settings, worker=worker, stopped=stopped), choice=first.choice)
+
+    result = efforts_held(first, rivals, again)
+    said = warned(result, rivals).warnings[len(result.warnings) :]
+    return replace(found, result=result, warnings=(*found.warnings, *said))

@@ -27,6 +27,7 @@ from energy_opt.robot import Robot
 if TYPE_CHECKING:
     from energy_opt.requests.groups import AnyModel
 
+NEGLIGIBLE = 1e-6  # share of an energy: messages do not state smaller differences
 FAST = 50.0  # [rad/s^2, m/s^2] larger accelerations are implausible for an arm
 
 
@@ -224,9 +225,12 @@ def said(records: Sequence[Mapping[str, Any]], what: str) -> list[str]:
         joules = row["saving_joules"]
         text = f"planned under {records[0]['name']} alone, without friction; under {row['name']} {what} takes "
         text += f"{row['total']:.5g} J"
-        if joules is not None:
+        if joules is not None and abs(joules) <= NEGLIGIBLE * abs(row["total"]):
+            text += ", as much as the same slowed evenly"
+        elif joules is not None:
             text += f", {abs(joules):.3g} J {'less' if joules >= 0 else 'more'} than the same slowed evenly"
-        out.append(text if joules is None or joules >= 0 else f"{text}; plan with a model that was calibrated")
+            text += "" if joules >= 0 else "; plan with a model that was calibrated"
+        out.append(text)
     return out
 
 
@@ -253,7 +257,7 @@ def compared(result: Result, rivals: Sequence[Rival], robot: Robot) -> Result:
         f"under the model {row['name']!r} this move takes {-row['saving_joules']:.3g} J more than the same move slowed "
         "evenly; plan with --robust mean, or with a model that was calibrated"
         for row in records[1:]
-        if (row["saving_joules"] or 0.0) < 0
+        if (row["saving_joules"] or 0.0) < -NEGLIGIBLE * abs(row["total"])
     ]
     models = ({**records[0], **_interval(result, judges[0], robot)}, *records[1:])
     return grounded(replace(result, models=models, warnings=(*result.warnings, *warnings)), rivals[:1], robot)

@@ -242,7 +242,8 @@ def stated(robust: RobustPlanner, move: Move, front: Front, cycle: Cycle | None)
         return replace(point, optimum=known[id(point.optimum)], waiting=waiting)
 
     points = [found for point in front.points if (found := under_first(point)) is not None]
-    minimum, quickest, in_cycle = map(under_first, (front.minimum, front.fastest, front.cycle_minimum))
+    optima = front.minimum, front.fastest, front.cycle_minimum, front.cycle_fastest
+    minimum, quickest, in_cycle, at_once = map(under_first, optima)
     # the minimum of the mean may not be that under the first model: report the least stated energy as the minimum,
     # among points within the torque limits under all models, if there are any
     solved = [p for p in (*points, minimum, quickest) if p is not None and p.status == "solved"]
@@ -252,4 +253,10 @@ def stated(robust: RobustPlanner, move: Move, front: Front, cycle: Cycle | None)
     if in_cycle is not None and in_cycle.status == "solved":
         known_in_cycle = [in_cycle, *(point for point in solved if point.waiting is not None)]
         in_cycle = min(known_in_cycle, key=lambda point: point.cycle_total)
-    return replace(front, points=points, minimum=minimum, fastest=quickest, cycle_minimum=in_cycle)
+    stated_optima: dict[str, Any] = {
+        "minimum": minimum,
+        "fastest": quickest,
+        "cycle_minimum": in_cycle,
+        "cycle_fastest": at_once,
+    }
+    return replace(front, points=points, **stated_optima)

@@ -16,6 +16,7 @@ from energy_opt.jobs.posed import Posed
 from energy_opt.jobs.run import Answered, JobResult, Known, run_job
 from energy_opt.jobs.work import Cells, Worker
 from energy_opt.motion.move import Settings
+from energy_opt.motion.plan.planner import Shares
 from energy_opt.power import PowerModel
 from energy_opt.power.per_year import per_year_words
 from energy_opt.reports.charts import Chart, Line
@@ -59,7 +60,7 @@ def over_time(
     times: Sequence[float] | None = None,
     known: Known = lambda leg, duration: None,
     answered: Answered = lambda leg, duration, trajectory: None,
-    restated: Callable[[JobResult], JobResult] = lambda result: result,
+    restated: Callable[[JobResult, Callable[[Shares], JobResult]], JobResult] = lambda result, again: result,
     stopped: Callable[[], bool] = lambda: False,
     progress: Callable[[str, float], None] = lambda text, share: None,
 ) -> tuple[list[JobPoint], float]:
@@ -69,7 +70,8 @@ def over_time(
 
     Args:
         times: cycle times [s]; by default `COUNT` of them from the shortest on.
-        restated: converts each result, for example by `job.models.stated` for several models.
+        restated: converts each result, for example by `jobs.models.stated` for several models. It also gets a function
+            that plans the same cycle with shares of the limits' bounds.
         known, answered, stopped, progress: as those of `run_job`.
 
     Raises:
@@ -93,9 +95,13 @@ def over_time(
         progress(f"cycle of {time:.4g} s", k / len(times))
         if stopped():
             break
+        at = replace(job, cycle_time=time)
+
+        def again(shares: Shares, at: Job = at) -> JobResult:
+            return run_job(at, model, settings, cell=around, stopped=stopped, room=shares)
+
         try:
-            found = run_job(replace(job, cycle_time=time), model, settings, **usual)
-            points.append(JobPoint(time, restated(found)))
+            points.append(JobPoint(time, restated(run_job(at, model, settings, **usual), again)))
         except Infeasible as error:
             points.append(JobPoint(time, None, str(error)))
     return points, shortest
@@ -136,7 +142,17 @@ def document(job: Job, points: Sequence[JobPoint], shortest: float, interrupted:
         "knee": _short(None if bend is None else found[bend]),
         "fastest": shortest,
         "cycle_time": job.cycle_time,
+        "warnings": _warnings(points),
     }
+
+
+def _warnings(points: Sequence[JobPoint]) -> list[str]:
+    """The warnings of all cycle times, each once, with the cycle times [s] that it is about."""
+    found: dict[str, list[str]] = {}
+    for point in points:
+        for said in () if point.result is None else point.result.warnings:
+            found.setdefault(said, []).append(f"{point.cycle_time:.4g}")
+    return [f"cycle of {', '.join(times)} s: {said}" for said, times in found.items()]
 
 
 def _row(point: JobPoint) -> dict[str, Any]:

@@ -33,11 +33,14 @@ class Grid:
     _torques: dict[tuple[RigidBody, tuple[Effect, ...]], np.ndarray] = field(default_factory=dict, repr=False)
 
     def torque(self, model: PowerModel, body: RigidBody) -> np.ndarray:
-        """The rigid body's torque (M, n) [N m]; models with the same payload, tilt and links share it."""
-        key = body, tuple(effect for effect in model.effects if effect.stage == "rigid")
-        if key not in self._torques:
-            self._torques[key] = rigid_torque(model, body, self.q, self.v, self.a)
-        return self._torques[key]
+        """As `rigid_torque`, (M, n B) [N m]; models with the same payload, tilt and links share it."""
+        out = []
+        for one in model.bodies:
+            key = body, tuple(effect for effect in one.effects if effect.stage == "rigid")
+            if key not in self._torques:
+                self._torques[key] = rigid_torque(one, body, self.q, self.v, self.a)
+            out.append(self._torques[key])
+        return out[0] if len(out) == 1 else np.hstack(out)
 
 
 def grid_of(trajectory: Trajectory, factor: int) -> Grid:
@@ -86,7 +89,7 @@ _changing = Lock()
 class Dense:
     """A trajectory on a grid that is `factor` times denser than its samples, by Pinocchio's torque and the exact laws.
 
-    time (M,) [s] from 0; q, v, a, jerk (M, n); rigid (M, n) [N m] the rigid body's torque, effort (M, n) the motors';
+    time (M,) [s] from 0; q, v, a, jerk (M, n); rigid (M, n B) [N m] as `rigid_torque`, effort (M, n) the motors';
     power (M,) [W] and its parts by effect (M, parts); powers (M, K) [W] under each member of a mixture. Every
     `factor`-th place is a sample.
     """

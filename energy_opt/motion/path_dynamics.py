@@ -42,11 +42,16 @@ class SharedByStructure:
         return isinstance(other, SharedByStructure) and other.model.structure == self.model.structure
 
 
+def offsets(model: PowerModel, n: int) -> list[int]:
+    """Where q, q', q'' (n each) and M, C, G (n each for every body of the model) begin in one column, and its end."""
+    return np.cumsum([0, n, n, n, *[n * len(model.bodies)] * 3]).tolist()
+
+
 @lru_cache(maxsize=32)
 def _motor_torque(shared: SharedByStructure, n: int) -> ca.Function:
-    """(a, b, [q q' q'' M C G] (n, 6), p) -> motor torque and its derivatives with respect to a and b, (n, 1) each."""
-    a, b, at = ca.SX.sym("a"), ca.SX.sym("b"), ca.SX.sym("at", n, 6)
-    q, q1, q2, inertial, centrifugal, gravity = ca.horzsplit(at)
+    """(a, b, [q, q', q'', M, C, G], p) -> motor torque and its derivatives with respect to a and b, (n, 1) each."""
+    a, b, at = ca.SX.sym("a"), ca.SX.sym("b"), ca.SX.sym("at", int(offsets(shared.model, n)[-1]))
+    q, q1, q2, inertial, centrifugal, gravity = ca.vertsplit(at, offsets(shared.model, n))
     tau = inertial * a + centrifugal * b + gravity
     p = shared.model.symbols(n)
     x = Signals(q, q1 * ca.sqrt(b), q1 * a + q2 * b, tau, ca.SX(0))
@@ -58,7 +63,8 @@ def _motor_torque(shared: SharedByStructure, n: int) -> ca.Function:
 @lru_cache(maxsize=16)
 def _exact_power(shared_by: SharedByStructure, n: int) -> ca.Function:
     """(q, v, a, tau, t, p) -> power [W] by the exact laws, and that under each member of a mixture."""
-    q, v, a, tau = (ca.SX.sym(name, n) for name in ("q", "v", "a", "tau"))
+    q, v, a = (ca.SX.sym(name, n) for name in ("q", "v", "a"))
+    tau = ca.SX.sym("tau", n * len(shared_by.model.bodies))
     t, p = ca.SX.sym("t"), shared_by.model.symbols(n)
     terms = drive_terms(shared_by.model, Signals(q, v, a, tau, t), p, holds=True)
     return ca.Function("exact_power", [q, v, a, tau, t, p], [terms.power, terms.powers])
@@ -70,7 +76,11 @@ def has_torque_effects(model: PowerModel) -> bool:
 
 
 class PathDynamics:
-    """Coefficients at path positions s (M,): q, q1, q2 (path and derivatives), M, C, G (torque); (M, n) each."""
+    """Coefficients at path positions s (M,): q, q1, q2 (path and derivatives; (M, n) each), M, C, G (torque).
+
+    The coefficients of torque are (M, n B), those of the model's B `bodies` one after the other. Torque limits apply to
+    the first one.
+    """
 
     def __init__(self, robot: Robot, model: PowerModel, path: JointPath, s: np.ndarray) -> None:
         self.robot, self.model, self.path, self.s = robot, model, path, s
@@ -80,17 +90,17 @@ class PathDynamics:
 
     @property
     def M(self) -> np.ndarray:
-        """Torque per path acceleration, (M, n) [N m s^2]."""
+        """Torque per path acceleration, (M, n B) [N m s^2]."""
         return self._torque[0]
 
     @property
     def C(self) -> np.ndarray:
-        """Torque per squared path speed, (M, n) [N m s^2]."""
+        """Torque per squared path speed, (M, n B) [N m s^2]."""
         return self._torque[1]
 
     @property
     def G(self) -> np.ndarray:
-        """Holding torque, (M, n) [N m]."""
+        """Holding torque, (M, n B) [N m]."""
         return self._torque[2]
 
     @cached_property
@@ -108,7 +118,7 @@ class PathDynamics:
         return inertial - holding, centrifugal - holding, holding
 
     def under(self, model: PowerModel) -> PathDynamics:
-        """The same for a model with the same payload and tilt."""
+        """The same for a model with the same payloads and tilts."""
         other = copy.copy(self)
         other.model, other._affine = model, None
         return other
@@ -116,7 +126,7 @@ class PathDynamics:
     def motor_torque(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Torque of the motors (M, n) [N m] by the exact laws, at path accelerations a and squared speeds b (M,)."""
         if not has_torque_effects(self.model):
-            return self.M * a[:, None] + self.C * b[:, None] + self.G
+            return (self.M * a[:, None] + self.C * b[:, None] + self.G)[:, : self.robot.n]
         return self._evaluated(a, b)[0]
 
     def power(self, a: np.ndarray, b: np.ndarray, time: np.ndarray | None = None) -> np.ndarray:
@@ -152,7 +162,8 @@ class PathDynamics:
         which grows with sqrt(b), the tangent lies above it on the driving side.
         """
         if not has_torque_effects(self.model):
-            return self.M, self.C, self.G
+            own = slice(self.robot.n)
+            return self.M[:, own], self.C[:, own], self.G[:, own]
         here, ma, mb = self._evaluated(a, b)
         return ma, mb, here - ma * a[:, None] - mb * np.maximum(b, CRAWL)[:, None]
 
@@ -171,7 +182,7 @@ class PathDynamics:
 
     def _evaluated(self, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         n = self.robot.n
-        at = np.hstack([self.q, self.q1, self.q2, self.M, self.C, self.G])  # (M, 6 n)
+        at = np.hstack([self.q, self.q1, self.q2, self.M, self.C, self.G])
         law = Batch(_motor_torque(SharedByStructure(self.model), n), len(self.s))
         tau_m, ma, mb = law(a[:, None], np.maximum(b, CRAWL)[:, None], at, self.model.values(n))
         return tau_m, ma, mb

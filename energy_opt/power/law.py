@@ -16,7 +16,7 @@ the numeric values of the effects that change the rigid body.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import casadi as ca
@@ -71,10 +71,15 @@ def drive_terms(model: PowerModel, x: Signals, p: ca.SX, kinks: Kinks = EXACT, h
     Args:
         model: the effects. Of a mixture, all results are weighted sums over its members, except the motor torque and
             bus power, which are the first member's.
-        x: the state at the instant. p: parameters, laid out as `PowerModel.values`.
+        x: the state at the instant; tau of all `bodies` of the model, one after the other. p: parameters, laid out as
+            `PowerModel.values`.
         kinks: exact or rounded kinks. holds: whether friction holds joints at rest.
     """
-    members = [(w, _terms_of_one(model, x, part, kinks, holds)) for w, model, part in model.shares(x.q.numel(), p)]
+    n = x.q.numel()
+    members = [
+        (w, _terms_of_one(member, replace(x, tau=x.tau[k * n : (k + 1) * n]), part, kinks, holds))
+        for w, member, k, part in model.shares(n, p)
+    ]
     if len(members) == 1:
         return members[0][1]
     names = dict.fromkeys(name for _, terms in members for name in terms.parts)
@@ -174,7 +179,8 @@ def drive_function(
         past: whether the function also takes `idle` [s] and `returned` [W] (see `Signals`) before p, and also returns
             `bus` and `powers` of `DriveTerms`.
     """
-    q, v, a, tau = (ca.SX.sym(name, joints) for name in ("q", "v", "a", "tau"))
+    q, v, a = (ca.SX.sym(name, joints) for name in ("q", "v", "a"))
+    tau = ca.SX.sym("tau", joints * len(model.bodies))
     known = {name: ca.SX.sym(name) for name in ("idle", "returned")} if past else {}
     x = Signals(q, v, a, tau, ca.SX.sym("t"), **known)
     p = model.symbols(joints)
@@ -280,8 +286,11 @@ def body_of(model: PowerModel, body: RigidBody) -> RigidBody:
 
 
 def rigid_inputs(model: PowerModel, body: RigidBody) -> tuple[PointMass | None, np.ndarray]:
-    """The model's payload (None where it has none) and gravity (3,) [m/s^2] in the robot's base frame."""
-    return _inputs(body, _rigid(model.weighted[0][1].effects))  # all members of a mixture have the first one's
+    """The model's payload (None where it has none) and gravity (3,) [m/s^2] in the robot's base frame.
+
+    Of a mixture, those of its first member.
+    """
+    return _inputs(body, _rigid(model.bodies[0].effects))
 
 
 def _rigid(effects: Iterable[Effect]) -> tuple[RigidEffect, ...]:
@@ -315,12 +324,15 @@ def _inputs(body: RigidBody, effects: tuple[RigidEffect, ...]) -> tuple[PointMas
 
 
 def rigid_torque(model: PowerModel, body: RigidBody, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-    """Rigid-body torque (N, n) [N m] with the model's payload, tilt and links, by Pinocchio.
+    """Rigid-body torque (N, n B) [N m] with payload, tilt and links of the model's B `bodies`, by Pinocchio.
 
     Args:
         model: its rigid effects. body: the arm's. q, v, a: (N, n) [rad, rad/s, rad/s^2].
     """
-    body = body_of(model, body)
-    payload, gravity = rigid_inputs(model, body)
-    changed = None if np.array_equal(gravity, body.gravity) else gravity
-    return body.torque(q, v, a, payload, changed)
+    out = []
+    for one in model.bodies:
+        own = body_of(one, body)
+        payload, gravity = rigid_inputs(one, own)
+        changed = None if np.array_equal(gravity, own.gravity) else gravity
+        out.append(own.torque(q, v, a, payload, changed))
+    return out[0] if len(out) == 1 else np.hstack(out)

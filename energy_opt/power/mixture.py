@@ -1,13 +1,14 @@
 """The weighted mean of the powers of several models, for plans under more than one model.
 
-The members differ in values (draws from a covariance) or in effects (rivals). Payload and tilt are the first member's,
-so that the inverse dynamics are evaluated once. Weights are parameters, like all values.
+The members differ in values (draws from a covariance) or in effects (rivals). Members with the same payload, tilt and
+links share one evaluation of the inverse dynamics. Weights are parameters, like all values.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -41,11 +42,8 @@ class Mixture(PowerModel):
         w = np.ones(count) if weights is None else np.asarray(weights, dtype=float)
         if count == 0 or w.shape != (count,) or (w < 0).any() or not w.sum() > 0:
             raise BadInput(f"{count} models with weights {w.tolist()}; expected a weight above 0 for each")
-        first = members[0]
-        rigid = tuple(effect for effect in first.effects if effect.stage == "rigid")
-        same = (first, *(_with_rigid_effects(member, rigid) for member in members[1:]))
-        effects = tuple(effect for member in same for effect in member.effects)
-        return cls(first.robot, effects, members=same, weights=w / w.sum())
+        effects = tuple(effect for member in members for effect in member.effects)
+        return cls(members[0].robot, effects, members=tuple(members), weights=w / w.sum())
 
     def __post_init__(self) -> None:
         """Skip the checks: members were checked when they were built."""
@@ -75,10 +73,23 @@ class Mixture(PowerModel):
         """The first member's effect of that name, or None."""
         return self.members[0].get(name)
 
+    @cached_property
+    def _numbers(self) -> list[int]:
+        """The place of each member's rigid body in `bodies`."""
+        rigid = [tuple(effect for effect in member.effects if effect.stage == "rigid") for member in self.members]
+        distinct = list(dict.fromkeys(rigid))
+        return [distinct.index(own) for own in rigid]
+
+    @property
+    def bodies(self) -> tuple[PowerModel, ...]:
+        """The first member with each payload, tilt and links."""
+        return tuple(self.members[self._numbers.index(k)] for k in range(max(self._numbers) + 1))
+
     @property
     def structure(self) -> tuple[tuple[str, ...], ...]:
-        """The members' structures one after the other, each marked."""
-        return tuple(form for member in self.members for form in (("member",), *member.structure))
+        """The members' structures one after the other, each marked with the place of its rigid body."""
+        pairs = zip(self._numbers, self.members, strict=True)
+        return tuple(form for k, member in pairs for form in (("member", str(k)), *member.structure))
 
     def values(self, joints: int) -> np.ndarray:
         """The members' values one after the other, then the weights (K,)."""
@@ -88,23 +99,15 @@ class Mixture(PowerModel):
         """A symbolic column for `values`."""
         return ca.SX.sym("p", len(self.values(joints)))
 
-    def shares(self, joints: int, p: ca.SX) -> list[tuple[ca.SX | float, PowerModel, ca.SX]]:
-        """Weight, model and values of each member, taken from the symbols p."""
+    def shares(self, joints: int, p: ca.SX) -> list[tuple[ca.SX | float, PowerModel, int, ca.SX]]:
+        """Weight, model, place of the rigid body and values of each member, taken from the symbols p."""
         out, at = [], 0
         for k, member in enumerate(self.members):
             size = len(member.values(joints))
-            out.append((p[p.numel() - len(self.members) + k], member, p[at : at + size]))
+            out.append((p[p.numel() - len(self.members) + k], member, self._numbers[k], p[at : at + size]))
             at += size
         return out
 
     def constant_power(self, joints: int) -> float:
         """The weighted mean of the members' constant powers [W]."""
         return float(sum(weight * member.constant_power(joints) for weight, member in self.weighted))
-
-
-def _with_rigid_effects(model: PowerModel, rigid: Sequence[Effect]) -> PowerModel:
-    """The model with these rigid effects and none of its own."""
-    out = model.kept(lambda effect: effect.stage != "rigid")
-    for effect in rigid:
-        out = out.replaced(effect)
-    return out

@@ -214,9 +214,17 @@ class PowerModel:
         """The model with only the effects for which `wanted` is true."""
         return PowerModel(self.robot, tuple(e for e in self.effects if wanted(e)))
 
-    def shares(self, joints: int, p: ca.SX) -> list[tuple[ca.SX | float, PowerModel, ca.SX]]:
-        """Terms of the power as a weighted sum: weight, model and its part of `p`; here only the model itself."""
-        return [(1.0, self, p)]
+    @property
+    def bodies(self) -> tuple[PowerModel, ...]:
+        """One model for each rigid body: those that differ in payload, tilt or links; here only the model itself."""
+        return (self,)
+
+    def shares(self, joints: int, p: ca.SX) -> list[tuple[ca.SX | float, PowerModel, int, ca.SX]]:
+        """Terms of the power as a weighted sum: weight, model, its place in `bodies`, and its part of `p`.
+
+        Here only the model itself.
+        """
+        return [(1.0, self, 0, p)]
 
     @property
     def weighted(self) -> tuple[tuple[float, PowerModel], ...]:

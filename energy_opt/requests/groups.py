@@ -67,7 +67,7 @@ class RobotGroup(Request):
         main=True,
     )  # fmt: skip
     lock: Mapping[str, float] | Sequence[str] = option(
-        (), "hold a joint at a position [rad, m] (repeatable)", "JOINT=VALUE", many=True
+        (), "hold a joint at a position [rad, m] (repeatable)", "JOINT=VALUE[,…]", many=True
     )
 
     def __post_init__(self) -> None:
@@ -84,8 +84,8 @@ class RobotGroup(Request):
     def locked(self) -> dict[str, float]:
         """The joints that `lock` holds, and their positions [rad, m]."""
         out = {}
-        for word in self.lock:
-            joint, _, value = str(word).partition("=")
+        for word in (part for words in self.lock for part in str(words).split(",")):
+            joint, _, value = word.partition("=")
             out[joint] = finite_number(value, f"--lock {word}", "JOINT=VALUE")
         return out
 

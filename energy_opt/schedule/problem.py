@@ -7,7 +7,7 @@ The energy of a step over its duration is a convex curve: a polynomial, or the h
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +21,7 @@ class Mode:
         name: for results; power: while waiting [W].
         least: shortest duration, entry and exit included [s].
         enter, leave: seconds [s] and energy [J] of entry and exit.
+        stated: power [W] under the model that results are stated under, if not `power`.
     """
 
     name: str
@@ -28,6 +29,7 @@ class Mode:
     least: float = 0.0
     enter: tuple[float, float] = (0.0, 0.0)
     leave: tuple[float, float] = (0.0, 0.0)
+    stated: float | None = None
 
     @property
     def shortest(self) -> float:
@@ -47,7 +49,7 @@ class Mode:
 @dataclass(frozen=True)
 class Move:
     """A motion. Its duration [s] is in [least, most]; `curve` gives its energy; `as_is` is its present duration, if
-    known.
+    known; `stated` gives the energy [J] over the duration under the model that results are stated under, if another.
     """
 
     name: str
@@ -55,6 +57,7 @@ class Move:
     most: float
     curve: Curve
     as_is: float | None = None
+    stated: Callable[[float], float] | None = None
 
 
 @dataclass(frozen=True)

@@ -51,6 +51,20 @@ class Schedule:
         return float(sum(e.sum() for e in self.energies))
 
     @property
+    def stated(self) -> Schedule:
+        """The schedule with the energies of `Move.stated` and `Mode.stated`, where a step has them."""
+        energies = tuple(e.copy() for e in self.energies)
+        for out, ring, lengths, modes in zip(energies, self.problem.rings, self.durations, self.modes, strict=True):
+            for k, step in enumerate(ring.steps):
+                if isinstance(step, Move):
+                    out[k] = out[k] if step.stated is None else step.stated(float(lengths[k]))
+                    continue
+                mode = next(mode for mode in step.modes if mode.name == modes[k])
+                if mode.stated is not None:
+                    out[k] = replace(mode, power=mode.stated).energy(float(lengths[k]))
+        return replace(self, energies=energies)
+
+    @property
     def gap(self) -> float:
         """(energy - bound) / energy."""
         return max(0.0, self.energy - self.bound) / max(abs(self.energy), 1e-12)

@@ -12,14 +12,15 @@ import numpy as np
 
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
-from energy_opt.effects import Regeneration
+from energy_opt.effects import Payload, Regeneration
 from energy_opt.errors import BadInput, Infeasible, at_least
 from energy_opt.formats.program import standing
-from energy_opt.jobs.cycle import Answer, Scorers, standing_power
+from energy_opt.jobs.cycle import Answer, standing_power
 from energy_opt.jobs.file import Job, Step
 from energy_opt.jobs.legs import Leg, legs_of
 from energy_opt.jobs.posed import Posed
-from energy_opt.jobs.work import Cells, Worker, unloaded
+from energy_opt.jobs.work import Cells, Worker
+from energy_opt.motion.limits.joint import Effort
 from energy_opt.motion.move import Settings
 from energy_opt.motion.plan.first_path import check_free
 from energy_opt.motion.trajectory import Trajectory, whole
@@ -32,6 +33,7 @@ from energy_opt.workcell.as_job import at_positions, explicit_steps, job_of, req
 from energy_opt.workcell.curves import ADDED, mode_of
 from energy_opt.workcell.file import MOTORS, RobotTable, StepTable, WorkCell, step_name
 from energy_opt.workcell.motion import ArmMove, Part, at_rest, nearest
+from energy_opt.workcell.scoring import Scoring
 
 # durations of evenly slowed moves to evaluate, as multiples of the shortest
 SLOWER = (1.0, 1.15, 1.35, 1.6, 2.0, 2.5, 3.2, 4.2, 6.0)
@@ -51,6 +53,7 @@ class Arm:
     Args:
         table: its table in the job file; path: the job file, the base of other files' paths.
         load: loads a robot from its name or URDF.
+        share: of the torque limits that moves may use, (n,) or one for all joints.
 
     Raises:
         BadInput: a fault in its steps. Infeasible: a pose touches something, or a move has no free path.
@@ -66,6 +69,7 @@ class Arm:
         settings: Settings,
         request: CellRequest,
         stopped: Callable[[], bool],
+        share: np.ndarray | float = 1.0,
     ) -> None:
         self.table, self.name = table.model_copy(update={"step": explicit_steps(table)}), table.name
         self.request = request_of(cell, table, path, request)
@@ -73,21 +77,27 @@ class Arm:
         self._read = partial(job_of, cell, path=path, allow_outside=request.allow_outside, named=named)
         self.job: Job = self._read(self.table, load)
         model = model_of(table.model, self.job.robot).standing(table.base[3], table.base[4])
+        carried = model.get(Payload.name)
+        if carried is not None and "payload" not in table.model_fields_set:  # the model's, as in a job of one robot
+            load_of_model = (float(carried.values["mass"][0]), *carried.values["com"].tolist())
+            steps = explicit_steps(table.model_copy(update={"payload": load_of_model}))
+            self.table = self.table.model_copy(update={"step": steps})
+            self.job = self._read(self.table, lambda _: self.job.robot)
         if self.job.open:
             chosen = Posed(self.job, model, settings, self.request).estimated()[0]
             self.table = at_positions(self.table, {k: chosen[k] for k in self.job.open})
             self.job = self.job.at(chosen)
         if cell.supply is not None:  # braking energy is lost in a resistor, unless another arm uses it
             model = model.replaced(Regeneration(efficiency=0.0))
-        self.worker = Worker(self.job, model, settings, Cells(self.job, self.request), stopped, USED)
+        room = {**USED, Effort.name: USED[Effort.name] * share}
+        self.worker = Worker(self.job, model, settings, Cells(self.job, self.request), stopped, room)
         self.worker.check_poses()
         self._known: dict[tuple[object, ...], ArmMove] = {}
         limits = self.job.robot.limits
         ramps = limits.acceleration / limits.jerk
         self._blend = float(whole(max(ROOM * ramps[np.isfinite(ramps)].max(initial=0.0), BLEND)))
         self.moves = [self._move(leg) for leg in legs_of(self.job.steps)]
-        # with these models, all negative power is used again: the link's losses are computed elsewhere
-        self._feeding = Scorers(self.job.robot, unloaded(model.replaced(Regeneration(efficiency=1.0))))
+        self.scoring = Scoring(self.job.robot, self.worker.scorers, model)
         self.modes = {mode.name: mode for mode in (*cell.mode, *table.mode)}
 
     def _move(self, leg: Leg) -> ArmMove:
@@ -221,13 +231,16 @@ class Arm:
             move.answers[duration] = replace(answer, trajectory=at_rest(answer.trajectory))
         return True
 
-    def ring(self, optimized: bool, hold: dict[int, float] | None = None, lossless: bool = False) -> Ring:
+    def ring(
+        self, optimized: bool, hold: dict[int, float] | None = None, lossless: bool = False, first: bool = False
+    ) -> Ring:
         """The arm's steps for the schedule.
 
         Args:
             optimized: curves of optimized moves, else of evenly slowed ones.
             lossless: all braking energy is used again, so no supply draws less.
             hold: fixed durations [s] of moves, by the index of their step.
+            first: under the first of several models, not their mean.
         """
         moves = {move.place: move for move in self.moves}
         steps: list[Move | Wait] = []
@@ -241,24 +254,32 @@ class Arm:
                 if hold is not None:  # the energy of that motion, which may be above the hull
                     known = {hold[k]: known[nearest(known, hold[k])]}
                 energies = {d: answer.energy for d, answer in known.items()}
-                if lossless:
-                    energies = {d: self._feeding.of(step).energy(answer.trajectory) for d, answer in known.items()}
+                if lossless or first:
+                    scorer = self.scoring.of(lossless, first).of(step)
+                    energies = {d: scorer.energy(answer.trajectory) for d, answer in known.items()}
                 points = [(d, energy.total) for d, energy in energies.items()]
                 curve = Hull.of(points)
                 least, most = float(curve.durations[0]), float(curve.durations[-1])
-                steps.append(Move(name, least, most, curve, table.as_is))
+                mixed, stated = self.scoring.mixed, partial(self.scoring.between, step, dict(known), curve.durations)
+                steps.append(Move(name, least, most, curve, table.as_is, stated if mixed else None))
             if step.stop and not (step.wait is not None and table.span[1] > table.span[0]):
-                steps.append(Wait(ADDED.format(name), 0.0, self.job.cycle_time, self.modes_at(k)))
+                steps.append(Wait(ADDED.format(name), 0.0, self.job.cycle_time, self.modes_at(k, first)))
         return Ring(self.name, tuple(steps))
 
-    def modes_at(self, k: int) -> tuple[Mode, ...]:
+    def modes_at(self, k: int, first: bool = False) -> tuple[Mode, ...]:
         """The modes in which the arm may wait at the end of step k; the first is being held by its motors.
+
+        Args:
+            k: index of the step. first: under the first of several models, not their mean.
 
         Raises:
             BadInput: none of those that the step lists is possible there.
         """
         table, here = self.table.step[k], (self._pose(k), self.names[k])
-        modes = [Mode(MOTORS, standing_power(self.worker.scorers, self.job.steps[k], False))]
+        power, stated = (
+            standing_power(self.scoring.of(False, of_first), self.job.steps[k], False) for of_first in (first, True)
+        )
+        modes = [Mode(MOTORS, power, stated=stated)]
         for mode in self.modes.values():
             if mode.name != MOTORS and (mode.posture == "any" or any(name in mode.posture for name in here)):
                 modes.append(mode_of(mode, table.power.get(mode.name)))
@@ -287,17 +308,17 @@ class Arm:
         steps = self.table.step
         return next((s.to for s in (*reversed(steps[: k + 1]), *reversed(steps)) if s.to is not None), None)
 
-    def powers(self, part: Part, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def powers(self, part: Part, at: np.ndarray, first: bool = False) -> tuple[np.ndarray, np.ndarray]:
         """Power (M,) [W] at the drives' DC link, negative while they brake, and all other power (M,) [W].
 
         Args:
-            at: seconds (M,) after the step's start.
+            at: seconds (M,) after the step's start. first: under the first of several models, not their mean.
         """
         step = self.step_of(part.name)
-        scorer = self.worker.scorers.of(step)
+        scorer = self.scoring.of(False, first).of(step)
         t = part.trajectory
         q, v, a, _ = t.sample(t.time[0] + at * t.duration / part.duration)
-        power = self._feeding.of(step).drive(q, v, a, at)[1]
+        power = self.scoring.of(True, first).of(step).drive(q, v, a, at)[1]
         rest = np.full(len(at), scorer.model.constant_power(scorer.robot.n))
         return power - rest, rest
 

@@ -55,8 +55,17 @@ def document(result: CellResult) -> dict[str, Any]:
         warnings.append("at full speed no schedule keeps the bounds of the waits: as_is lets waits last longer")
     if result.levers.steps[0][0] != "as_is":
         warnings.append("at the durations of today, or at full speed, no schedule keeps lags and zones: no as_is lever")
-    if cell.supply is None and schedule.gap > SETTLED:
-        warnings.append(f"a gap of {100 * schedule.gap:.2g} % to the bound is left; more seconds may close it")
+    if cell.supply is None and result.left > SETTLED:
+        warnings.append(f"a gap of {100 * result.left:.2g} % to the bound is left; more seconds may close it")
+    for name, joint, share in result.overloads:
+        warnings.append(
+            f"{name}: under another model than the first {joint} takes {100 * share:.4g} % of its torque limit"
+        )
+    drawn = result.supply
+    if result.robust is not None and drawn is not None and not drawn.valid:
+        over = f"power reaches {drawn.peak:.5g} W, max_power = {drawn.bound} W"
+        over = over if drawn.overflow == 0 else f"{drawn.lost:.4g} J of braking cannot be stored"
+        warnings.append(f"under the first model {over}: the supply's limits are held for the mean of the models")
     return {
         "format": FORMAT,
         "status": "solved" if result.solved else "not_converged",
@@ -68,6 +77,7 @@ def document(result: CellResult) -> dict[str, Any]:
             "lower_bound": result.bound,
             "gap_percent": 100 * result.gap,
         },
+        **({} if result.robust is None else {"robust": result.robust}),
         "robots": robots,
         "levers": levers,
         "levers_alone": [_lever(name, found.energy, result) for name, found in result.levers.alone],

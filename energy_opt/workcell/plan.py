@@ -11,7 +11,7 @@ prove        every two arms, for the whole cycle and for lateness; if two touch,
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -20,11 +20,12 @@ from itertools import combinations, product
 import numpy as np
 
 from energy_opt.errors import Infeasible
+from energy_opt.jobs.cycle import Answer
 from energy_opt.schedule import UNDECIDED, Exclusion, Run, Schedule, solve
 from energy_opt.workcell.arm import SOLVED, Arm
 from energy_opt.workcell.aside import aside
 from energy_opt.workcell.between import Between, TwoArms, conflicting_parts, prove_apart
-from energy_opt.workcell.motion import Part, PeriodicMotion, nearest
+from energy_opt.workcell.motion import ArmMove, Part, PeriodicMotion, nearest
 from energy_opt.workcell.stage import SECONDS, Candidate, Levers, Stage, with_lever
 
 SETTLED = 1e-3  # relative change of the cycle's energy that ends refining
@@ -211,7 +212,15 @@ class Planning(Stage):
                 return f"{arm.name}.{part.name}"
         return None
 
-    def _priced(self, schedule: Schedule) -> Schedule:
+    def stated(self, schedule: Schedule) -> Schedule:
+        """A schedule with its energies under the first of several models."""
+        return self._priced(schedule.stated, lambda arm, move, answer: arm.scoring.stated(move.leg.step, answer))
+
+    def _priced(
+        self,
+        schedule: Schedule,
+        energy_of: Callable[[Arm, ArmMove, Answer], float] = lambda arm, move, answer: answer.energy.total,
+    ) -> Schedule:
         """A schedule with the moves' present energies."""
         energies = [energy.copy() for energy in schedule.energies]
         for r, (arm, ring) in enumerate(zip(self.arms, schedule.problem.rings, strict=True)):
@@ -220,7 +229,7 @@ class Planning(Stage):
                 continue
             for move in arm.moves:
                 k = names.index(arm.names[move.place])
-                energies[r][k] = move.answers[nearest(move.answers, schedule.durations[r][k])].energy.total
+                energies[r][k] = energy_of(arm, move, move.answers[nearest(move.answers, schedule.durations[r][k])])
         return replace(schedule, energies=tuple(energies))
 
     def _scheduled(self, hold: Sequence[dict[int, float]] | None = None) -> Schedule:

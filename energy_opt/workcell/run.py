@@ -5,15 +5,17 @@ If a plan exceeds the limits of its supply, its starts are changed first; then m
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import Infeasible
 from energy_opt.motion.move import Settings
+from energy_opt.motion.plan.efforts import ROUNDS, smaller
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot, load_robot
 from energy_opt.schedule import Schedule
@@ -39,6 +41,10 @@ class CellResult:
             known arm.
         bound: J, a lower bound over all schedules of these curves.
         interrupted: stopped early.
+        robust: of arms planned under the mean of several models: this mean, total [J], and lower_bound [J] of it. All
+            other energies are under the first model.
+        overloads: of arms that exceed a torque limit under another model than the first: name, joint, share used.
+        left: gap of the schedule that was planned.
     """
 
     cell: WorkCell
@@ -49,6 +55,9 @@ class CellResult:
     supply: Supplied | None
     bound: float
     interrupted: bool = False
+    robust: dict[str, Any] | None = None
+    overloads: tuple[tuple[str, str, float], ...] = ()
+    left: float = 0.0
 
     @property
     def schedule(self) -> Schedule:
@@ -102,13 +111,55 @@ def run_workcell(
         BadInput: a fault of the file. Infeasible: no schedule keeps cycle time, lags, zones, limits of the supply, and
         arms apart.
     """
-    arms = tuple(
-        None
-        if table.robot is None
-        else Arm(cell, table, Path(path), load, model_of, settings or Settings(), request or CellRequest(), stopped)
-        for table in cell.robot
-    )
-    planning = Planning(cell, arms, progress, stopped)
+
+    def planned(shares: Mapping[str, np.ndarray]) -> CellResult:
+        """The plan in which robots use at most these shares of their torque limits."""
+        given = Path(path), load, model_of, settings or Settings(), request or CellRequest(), stopped
+        arms = tuple(
+            None if table.robot is None else Arm(cell, table, *given, shares.get(table.name, 1.0))
+            for table in cell.robot
+        )
+        return _planned(Planning(cell, arms, progress, stopped))
+
+    first = found = planned({})
+    over = _efforts(first)
+    shares: dict[str, np.ndarray] = {}
+    for _ in range(ROUNDS):
+        if not over or found.interrupted:
+            break
+        for name, (own, others) in over.items():
+            shares[name] = smaller(shares.get(name, np.ones_like(own)), others, own)
+        try:
+            found = planned(shares)
+        except Infeasible:
+            break
+        over = _efforts(found)
+    if not over and found.solved:
+        return found
+    joints = {arm.name: arm.job.robot.joints for arm in first.arms if arm is not None}
+    overloads = [
+        (name, joints[name][int(use.argmax())], float(use.max())) for name, (_, use) in _efforts(first).items()
+    ]
+    return replace(first, overloads=tuple(overloads))
+
+
+def _efforts(result: CellResult) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """The robots with a motor's torque beyond its limit under another model than the first.
+
+    Of each the largest shares (n,) of the limits: under the first model, and under the others.
+    """
+    out = {}
+    for arm, motion in zip(result.arms, result.planned.motions, strict=True):
+        if arm is not None and motion is not None and arm.scoring.mixed:
+            used = arm.scoring.efforts([(arm.step_of(part.name), part.trajectory) for part in motion.parts])
+            if used[1].max() > 1:
+                out[arm.name] = used
+    return out
+
+
+def _planned(planning: Planning) -> CellResult:
+    """The plan of a cell, stated under the first of several models."""
+    cell, stopped = planning.cell, planning.stopped
     candidates = planning.candidates()
     if planning.moving:
         planned, levers = planning.plan(candidates)
@@ -116,15 +167,24 @@ def run_workcell(
         levers = candidates[0].levers
         planned = planning.proved(levers.best)
     arms = planning.arms
+    left = planned.schedule.gap
     if all(arm is None for arm in arms):
-        return CellResult(cell, planned, levers, arms, None, None, planned.schedule.bound, stopped())
-    own = Supply(cell, arms, FINE).drawn(planned.schedule, shared=False)
-    drawn = own
-    if cell.supply is not None:
+        return CellResult(cell, planned, levers, arms, None, None, planned.schedule.bound, stopped(), left=left)
+    mixed, robust = any(arm is not None and arm.scoring.mixed for arm in arms), None
+    own = Supply(cell, arms, FINE, mixed).drawn(planning.stated(planned.schedule), shared=False)
+    drawn, lossless = own, cell.supply is not None
+    if lossless:
         planned, drawn = supplied(planning, planned)
-    bound = planning.bound(lossless=cell.supply is not None)
-    energy = planned.schedule.energy if cell.supply is None else drawn.energy
-    return CellResult(cell, planned, levers, planning.arms, own, drawn, min(bound, energy), stopped())
+    bound, energy = planning.bound(lossless), drawn.energy if lossless else planned.schedule.energy
+    if mixed:
+        robust = {"kind": "mean", "total": energy, "lower_bound": min(bound, energy)}
+        bound, planned = planning.bound(lossless, True), replace(planned, schedule=planning.stated(planned.schedule))
+        if lossless:
+            supply = Supply(cell, planning.arms, FINE, mixed)
+            drawn = supply.drawn(planned.schedule, supply.table.shared)
+        energy = drawn.energy if lossless else planned.schedule.energy
+    bound = min(bound, energy)
+    return CellResult(cell, planned, levers.stated, planning.arms, own, drawn, bound, stopped(), robust, left=left)
 
 
 SLOWER = 1.2  # factor of a move's duration in the next plan

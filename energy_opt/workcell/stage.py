@@ -130,6 +130,7 @@ class Stage:
         arms: Sequence[Arm | None] | None = None,
         lossless: bool = False,
         anywhere: bool = False,
+        first: bool = False,
     ) -> Problem:
         """The scheduling problem in the present state.
 
@@ -138,11 +139,12 @@ class Stage:
             hold: of each robot, fixed durations [s] of moves, by the index of their step.
             arms: in place of the stage's own. lossless: all braking energy is used again.
             anywhere: without the constraints that keep arms apart and those of the supply.
+            first: under the first of several models, not their mean.
         """
         rings: dict[str, Ring] = {}
         for k, (robot, arm) in enumerate(zip(self.cell.robot, self.arms if arms is None else arms, strict=True)):
             held = None if hold is None else hold[k]
-            ring = ring_of(self.cell, robot) if arm is None else arm.ring(optimized, held, lossless)
+            ring = ring_of(self.cell, robot) if arm is None else arm.ring(optimized, held, lossless, first)
             if not anywhere:
                 asked = [max(step.least, self.least.get((k, step.name), 0.0)) for step in ring.steps]
                 steps = (replace(step, least=least) for step, least in zip(ring.steps, asked, strict=True))
@@ -150,13 +152,14 @@ class Stage:
             rings[robot.name] = ring
         return problem_of(self.cell, rings, () if anywhere else tuple(self.exclusions.values()))
 
-    def bound(self, lossless: bool) -> float:
+    def bound(self, lossless: bool, first: bool = False) -> float:
         """A lower bound [J] over all schedules of these curves, wherever the arms are and whatever supply they share.
 
         Args:
             lossless: a supply that loses nothing; else each robot has its own, which loses all braking energy.
+            first: under the first of several models, not their mean.
         """
-        return solve(self.problem(True, lossless=lossless, anywhere=True), seconds=SECONDS).bound
+        return solve(self.problem(True, lossless=lossless, anywhere=True, first=first), seconds=SECONDS).bound
 
 
 @dataclass(frozen=True)
@@ -177,6 +180,12 @@ class Levers:
     def best(self) -> Schedule:
         """The schedule with all levers."""
         return self.steps[-1][1]
+
+    @property
+    def stated(self) -> Levers:
+        """The levers with energies as results state them."""
+        steps, alone = (tuple((name, found.stated) for name, found in pairs) for pairs in (self.steps, self.alone))
+        return replace(self, steps=steps, alone=alone)
 
 
 def with_lever(levers: Levers | None, name: str, schedule: Schedule) -> Levers:

@@ -83,11 +83,11 @@ class Supply:
 
     Args:
         arms: by robot; None for one with only curves: it draws its mean power.
-        step: of the grid [s].
+        step: of the grid [s]. first: under the first of several models, not their mean.
     """
 
-    def __init__(self, cell: WorkCell, arms: Sequence[Arm | None], step: float = STEP) -> None:
-        self.cell, self.arms = cell, tuple(arms)
+    def __init__(self, cell: WorkCell, arms: Sequence[Arm | None], step: float = STEP, first: bool = False) -> None:
+        self.cell, self.arms, self._first = cell, tuple(arms), first
         self.table = cell.supply or SupplyTable(shared=False)
         count = max(int(np.ceil(cell.cycle_time / step)), 2)
         self._step = cell.cycle_time / count
@@ -123,7 +123,7 @@ class Supply:
         if key not in self._moves:
             part = arm.parts(ring, schedule.starts[r], schedule.durations[r])[k]
             at = np.linspace(0, length, max(int(length / self._step) * 2, 2) + 1)
-            self._moves[key] = arm.powers(part, at)
+            self._moves[key] = arm.powers(part, at, self._first)
         done = (self.time[inside] - start) % cycle / length
         share = np.linspace(0, 1, len(self._moves[key][0]))
         for into, values in zip((bus, rest), self._moves[key], strict=True):

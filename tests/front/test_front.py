@@ -79,7 +79,8 @@ def test_arguments_as_people_have_them(panda):
     common = {"mode": "retime", "max_duration": 4.0}
     one = eo.optimize("panda", "source_method_2", start=START, goal=by_name, payload=1.5, **common)
     assert one.request["payload"] == {"mass": [1.5], "com": [0.0, 0.0, 0.0]}
-    for path in (np.array([START, GOAL]), lambda s: straight(START, GOAL)(s), one.trajectory):
+    scalar = lambda s: [a + (b - a) * float(s) for a, b in zip(START, GOAL, strict=True)]  # noqa: E731
+    for path in (np.array([START, GOAL]), lambda s: straight(START, GOAL)(s), scalar, one.trajectory):
         again = eo.optimize(panda, eo.source_model("panda"), path=path, payload=(1.5, 0, 0, 0), **common)
         assert again.energy.total == pytest.approx(one.energy.total, rel=1e-3)
 
@@ -93,6 +94,9 @@ def test_arguments_as_people_have_them(panda):
         ({"start": START, "goal": GOAL, "duration": -1}, "^duration -1: not a duration"),
         ({"start": START, "goal": GOAL, "duratoin": 1}, "no argument 'duratoin'; did you mean"),
         ({"start": START, "goal": [np.nan] * 7}, "^goal: expected finite"),
+        ({"start": START, "goal": [GOAL, START]}, r"^goal: shape \(2, 7\); .* several goals are eo.AnyOf"),
+        ({"path": lambda s: "north"}, r"^path: expected waypoints \(K, 7\) \[rad\], or a function of s in \[0, 1\]"),
+        ({"path": "no/such/file"}, r"^no/such/file: No such file or directory$"),
         ({"path": np.zeros((3, 4))}, r"^path: shape \(3, 4\); expected waypoints \(K, 7\)"),
         ({"start": START, "goal": GOAL, "payload": [1, 2]}, r"^payload \[1, 2\]: expected a mass"),
         ({"start": START, "goal": GOAL, "model": "source-metod-2"}, "did you mean 'source-method-2'"),
@@ -100,6 +104,7 @@ def test_arguments_as_people_have_them(panda):
         ({"robot": ["panda"]}, r"^robot \['panda'\]: expected a name, the path of a URDF, or a Robot"),
         ({"start": START, "goal": GOAL, "model": 3}, "^model 3: expected a name, a file, a PowerModel"),
         ({"lock": {"panda_joint1": "a"}}, "^lock panda_joint1=a: 'a' is not a number"),
+        ({"lock": "panda_joint1=0,panda_joint2=b"}, "^lock panda_joint2=b: 'b' is not a number"),
         ({"keep": [3]}, "^keep 3: expected text"),
         ({"tube": 0.1}, "^tube 0.1: expected text"),
         ({"tool": ["hand"]}, r"^tool \['hand'\]: expected text"),

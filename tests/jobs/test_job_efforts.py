@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import energy_opt as eo
@@ -45,8 +46,6 @@ def planned(robot: Robot, friction: float, cycle_time: float) -> tuple[Any, list
 
 def effort_of(robot: Robot, model: Any, move: Any) -> np.ndarray:
     """Motors' torque (N, n) [N m] by Pinocchio, and dry friction in the direction of motion."""
-    import pinocchio as pin
-
     tree = pin.buildModelFromUrdf(str(robot.urdf))
     tree = pin.buildReducedModel(tree, [tree.getJointId(name) for name in robot.locked], pin.neutral(tree))
     data, rows = tree.createData(), []
@@ -71,3 +70,57 @@ def test_a_limit_that_no_plan_holds_is_named(tmp_path: Path) -> None:
     (said,) = [text for text in found.warnings if "torque" in text]
     assert said.startswith("under another model than 'model 1' joint3 takes ")
     assert float(said.split()[-6]) == pytest.approx(100 * used[1], abs=0.1)
+
+
+def test_a_front_of_a_job_holds_torque_limits_under_every_model_and_carries_the_models_payload(tmp_path: Path) -> None:
+    """As `job` does: the limits were exceeded without a word, and a model's payload was left out."""
+    weak_robot = weak(tmp_path, 0.3)
+    model = eo.source_model(weak_robot)
+    rough = model + eo.effects.CoulombFriction(tau_c=(0.07 * weak_robot.limits.effort).tolist())
+    steps = [{"name": "there", "to": [1.5, 1.8, -1.6, 0.5, 0.5, 0]}, {"name": "back", "to": "home"}]
+    job = {
+        "format": "energy-opt/job/1", "robot": "z1", "cycle_time": 1.6, "home": [0, 1, -1, 0, 0, 0],
+        "step": [{**step, "mode": "retime"} for step in steps],
+    }  # fmt: skip
+    asked = {"robot": weak_robot, "self_collision": False}
+    alone = eo.job(job, model=[model, rough], **asked).document()
+    front = eo.tradeoff(job=job, model=[model, rough], durations=[1.6], **asked).document
+    assert front["points"][0]["energy_total"] == pytest.approx(alone["energy_total"], rel=1e-6)
+    assert front["points"][0]["status"] == "solved"
+    assert not [text for text in front["warnings"] if "torque" in text]
+
+    rougher = model + eo.effects.CoulombFriction(tau_c=(0.15 * weak_robot.limits.effort).tolist())
+    said = eo.tradeoff(job=job, model=[model, rougher], durations=[1.6], **asked).document["warnings"]
+    assert any(text.startswith("cycle of 1.6 s: under another model than 'model 1' joint") for text in said)
+
+    carried = [model + eo.effects.Payload(mass=0.2, com=[0.0, 0.0, 0.05])]
+    alone = eo.job(job, model=carried, **asked).document()
+    front = eo.tradeoff(job=job, model=carried, durations=[1.6], **asked).document
+    assert alone["steps"][0]["payload"] == 0.2
+    assert front["points"][0]["energy_total"] == pytest.approx(alone["energy_total"], rel=1e-5)  # room for files
+    empty = eo.tradeoff(job=job, model=[model], durations=[1.6], **asked).document
+    assert front["points"][0]["energy_total"] > 1.001 * empty["points"][0]["energy_total"]
+
+
+def test_a_placement_holds_torque_limits_under_every_model(tmp_path: Path) -> None:
+    """The job at the answer exceeded them under the second model."""
+    robot = weak(tmp_path, 0.3)
+    ends = {"there": [1.5, 1.8, -1.6, 0.5, 0.5, 0.0], "back": [0.0, 1.0, -1.0, 0.0, 0.0, 0.0]}
+    steps = []
+    for name, q in ends.items():
+        pose, _, _ = robot.body.frame_motion(
+            robot.body.last, np.eye(4), np.array([q]), np.zeros((1, 6)), np.zeros((1, 6))
+        )
+        x, y, z, w = pin.Quaternion(pose[0, :3, :3]).coeffs()
+        steps.append({"name": name, "pose": [*pose[0, :3, 3].tolist(), *map(float, (x, y, z, w))], "mode": "retime"})
+    job = {"format": "energy-opt/job/1", "robot": "z1", "cycle_time": 1.6, "step": steps}
+    model = eo.source_model(robot)
+    rough = model + eo.effects.CoulombFriction(tau_c=(0.07 * robot.limits.effort).tolist())
+    asked = {"looked_at": 2, "seeds": 1, "steps": 0, "robot": robot, "self_collision": False}
+    found = eo.place(job, "-0.001,0.001,0,0,0,0", model=[model, rough], **asked).placement
+    shares = [
+        effort_of(robot, eo.PowerModel("z1", rough.effects), answer.trajectory) / robot.limits.effort
+        for answer in found.result.plan.answers
+    ]
+    said = [text for text in found.warnings if "torque" in text]
+    assert said or max(float(share.max()) for share in shares) <= 1

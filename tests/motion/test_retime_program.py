@@ -179,7 +179,7 @@ def test_derivatives_of_the_program(panda: Robot, model: PowerModel, general: bo
     shared_by = SharedByStructure(law.model)
     places = np.array([1, 7, 20])
     numbers, values = point_numbers(d, np.zeros(len(grid.s)))[:, places], np.append(law.model.values(7), [1.3, 1.0])
-    torque = Symbolic.of(shared_by, Effort(np.ones(7)), numbers, values, np.full((3, 7), 0.02))
+    torque = Symbolic.of(shared_by, 7, Effort(np.ones(7)), numbers, values, np.full((3, 7), 0.02))
     factors = np.random.default_rng(5).normal(size=(3, 3))
     linear = LinearConstraints(at.part(places), *np.random.default_rng(6).normal(size=(3, 3)), np.ones(3))
     curved = CurvedConstraints(at.part(places), torque, 7), CurvedConstraints(several, JerkAlongPath(factors), 1)

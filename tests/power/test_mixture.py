@@ -196,7 +196,7 @@ def test_energies_are_of_each_models_own_payload(panda: Robot) -> None:
     tau = np.array([pin.rnea(arm, arm.createData(), *at) for at in zip(q, v, a, strict=True)])
     total = np.trapezoid((tau * v).sum(axis=1) + 0.0036 * (tau**2).sum(axis=1) + 88.04, time)
     assert planned.models[1]["total"] == pytest.approx(total, rel=1e-5)
-    assert any("payload" in said for said in planned.warnings)
+    assert not any("payload" in said for said in planned.warnings)
 
 
 def test_power_is_within_its_limit_under_every_model(panda: Robot) -> None:

@@ -55,7 +55,7 @@ class Swings:
     def parts(self, ring: Ring, starts: np.ndarray, durations: np.ndarray) -> list[str]:
         return [step.name for step in ring.steps]
 
-    def powers(self, part: str, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def powers(self, part: str, at: np.ndarray, first: bool = False) -> tuple[np.ndarray, np.ndarray]:
         power = np.where(at < at[-1] / 2, 200.0, -200.0) if part == "move" else np.zeros(len(at))
         return power, np.full(len(at), 50.0)
 

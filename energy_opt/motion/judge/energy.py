@@ -78,15 +78,17 @@ class Scorer:
         return store_of(self.model) is not None or any(effect.follows for effect in effects)
 
     @cached_property
-    def torque_bound(self) -> TorqueBound:
-        """Bounds on the rigid body's torque between places."""
-        return TorqueBound(self.model, self.robot.body)
+    def torque_bounds(self) -> list[TorqueBound]:
+        """Bounds on the torque between places, of each of the model's rigid bodies."""
+        return [TorqueBound(model, self.robot.body) for model in self.model.bodies]
 
     def law_of(self, name: str) -> ca.Function:
         """The law's output "tau_m" or "powers" as a function of (q, v, a, tau, t), for models without memory."""
         if name not in self._laws:
             n = self.robot.n
-            q, v, a, tau = (ca.SX.sym(word, n) for word in ("q", "v", "a", "tau"))
+            q, v, a, tau = (
+                ca.SX.sym(*of) for of in (("q", n), ("v", n), ("a", n), ("tau", n * len(self.model.bodies)))
+            )
             t = ca.SX.sym("t")
             out = self._drive(q=q, v=v, a=a, tau=tau, t=t, idle=-1, returned=0, p=self._values)[name]
             self._laws[name] = ca.Function(name, [q, v, a, tau, t], [out])
@@ -128,16 +130,14 @@ class Scorer:
         own = np.arange(self.robot.n) == joint
         law, still = Batch(self._drive, len(dense.q)), np.zeros((len(dense.q), 1))
         past = idle_time(dense.time, dense.v)[:, None], still
-        alone = own * dense.v, own * dense.a, own * dense.rigid
+        alone = own * dense.v, own * dense.a, np.tile(own, len(self.model.bodies)) * dense.rigid
         return law(dense.q, *alone, dense.time[:, None], *past, self._values)[2]
 
     def stored(self, trajectory: Trajectory) -> float:
         """Change of potential plus kinetic energy between the trajectory's ends, J."""
-        body = body_of(self.model, self.robot.body)
-        payload, gravity = rigid_inputs(self.model, body)
-        ends_q, ends_v = trajectory.position[[0, -1]], trajectory.velocity[[0, -1]]
-        out = float(np.diff(body.energy(ends_q, ends_v, payload, gravity))[0])
+        ends_q, ends_v, out = trajectory.position[[0, -1]], trajectory.velocity[[0, -1]], 0.0
         for weight, member in self.model.weighted:
+            out += weight * float(np.diff(self._rigid_energy(member, ends_q, ends_v))[0])
             for effect in member.effects:
                 if effect.stores:
                     p = effect.named(ca.DM(effect.full(self.robot.n)), self.robot.n)
@@ -145,15 +145,17 @@ class Scorer:
                     out += weight * (at[1] - at[0])
         return out
 
+    def _rigid_energy(self, model: PowerModel, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Potential and kinetic energy (K,) [J] of a model's rigid body at q, v (K, n)."""
+        body = body_of(model, self.robot.body)
+        return body.energy(q, v, *rigid_inputs(model, body))
+
     def potential(self, q: np.ndarray) -> np.ndarray:
         """Potential energy (K,) [J] of the arm at rest at q (K, n), times the share that drives and supply pass on.
 
         Its change between two ends is the part of a motion's energy that depends only on the ends.
         """
-        n, body = self.robot.n, body_of(self.model, self.robot.body)
-        payload, gravity = rigid_inputs(self.model, body)
-        still = np.zeros_like(q)
-        rigid, out = body.energy(q, still, payload, gravity), np.zeros(len(q))
+        n, still, out = self.robot.n, np.zeros_like(q), np.zeros(len(q))
         for weight, member in self.model.weighted:
             named = [(effect, effect.named(ca.DM(effect.full(n)), n)) for effect in member.effects]
             passed = np.prod([float(effect.return_factor(values)) for effect, values in named])
@@ -162,7 +164,7 @@ class Scorer:
                 for effect, values in named
                 if effect.stores
             ]
-            out += weight * passed * (rigid + np.sum(springs, axis=0))
+            out += weight * passed * (self._rigid_energy(member, q, still) + np.sum(springs, axis=0))
         return out
 
     def dense(self, trajectory: Trajectory, factor: int = DENSER, samples: slice | None = None) -> Dense:
@@ -212,8 +214,12 @@ class Scorer:
         total = float(weight @ dense.power)
         rigid = list(dict.fromkeys(e.name for e in self.model.effects if e.stage == "rigid"))
         for name in rigid:  # its share of the rigid body's mechanical work, compared with the model without it
-            bare = grid_of(dense.trajectory, dense.factor).torque(self.model.without(name), self.robot.body)
-            share = float(weight @ np.sum((dense.rigid - bare) * dense.v, axis=1))
+            grid = grid_of(dense.trajectory, dense.factor)
+            added = sum(
+                w * (grid.torque(one, self.robot.body) - grid.torque(one.without(name), self.robot.body))
+                for w, one in self.model.weighted
+            )
+            share = float(weight @ np.sum(added * dense.v, axis=1))
             by_effect[name] = share
             by_effect["mechanical"] -= share
         return total, by_effect

@@ -166,7 +166,7 @@ class Proof:
         return Violation(found.limit, excess, self._dense.joints[j % n], time, value, bound)
 
     def _torque(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Polynomials (d + 1, K, n) near rigid-body torque, and bounds (K, n) of their errors and of their rates'
+        """Polynomials (d + 1, K, n B) near rigid-body torque, and bounds (K, n B) of their errors and of their rates'
         errors.
         """
         d = self._dense
@@ -175,10 +175,13 @@ class Proof:
         values = np.concatenate([inner.transpose(1, 0, 2), rigid[None, DEGREE::DEGREE]])
         sizes = [np.abs(c).max(axis=0) for c in self._derivatives[1:]]
         slide = np.abs(self._derivatives[0] + d.trajectory.position[:-1]).max(axis=0)
-        return (through(values), *self._scorer.torque_bound.errors(sizes, slide, self._h, DEGREE))
+        errors = [bound.errors(sizes, slide, self._h, DEGREE) for bound in self._scorer.torque_bounds]
+        value, rate = (np.concatenate(of_all, axis=1) for of_all in zip(*errors, strict=True))
+        return through(values), value, rate
 
     def _of_torque(self, limit: Effort, found: Violation) -> tuple[Violation, bool]:
-        c, error, _ = self._torque()
+        n = len(limit.bound)  # the first of the model's bodies: its torque is limited
+        c, error = (x[..., :n] for x in self._torque()[:2])
         out = self._peak(c, limit, found, TOLERANCE)
         open_ = float(np.max(error / limit.bound, initial=0.0, where=np.isfinite(error / limit.bound)))
         return out, bool(np.isfinite(error).all()) and open_ <= TOLERANCE
@@ -237,8 +240,7 @@ class Proof:
         own.append((tau_low - error[piece], tau_high + error[piece], rate_low - rates[piece], rate_high + rates[piece]))
         begin, one = self._begin[piece], np.ones(len(piece))
         time = Range(begin + self._h[piece, 0] * low, begin + self._h[piece, 0] * high, one, one)
-        columns = range(first.shape[1])
-        return [[Range(*(x[:, j] for x in group)) for j in columns] for group in own] + [[time]]
+        return [[Range(*(x[:, j] for x in group)) for j in range(group[0].shape[1])] for group in own] + [[time]]
 
 
 def _excess(found: Violation) -> float:

@@ -33,6 +33,7 @@ from energy_opt.motion.plan.blend import blended, least_weights
 from energy_opt.motion.plan.efforts import HELD, smaller, used
 from energy_opt.motion.plan.efforts import ROUNDS as EFFORT_ROUNDS
 from energy_opt.motion.plan.planner import Planner, Shares
+from energy_opt.motion.plan.retimed import retimed
 from energy_opt.motion.plan.rivals import SAME, Rival, exceeds, judges_of, record_of
 from energy_opt.motion.plan.robust_warnings import effort_warnings, power_warnings
 from energy_opt.motion.plan.sketch import Settled
@@ -46,7 +47,6 @@ from energy_opt.robot import Robot
 Kind = Literal["mean", "worst"]
 ROUNDS = {"mean": 4, "worst": 6}  # most solves; "mean" nearly always ends after the first
 GROWTH = 9.0  # factor of the weight of a model under which the move costs more than the evenly slowed one
-BODIES = "payload, tilt or links differ between the models: the search uses the first one's, energies each one's"
 STEP = 1.0  # step of the log weights, per standard deviation of the models' energies above their mean
 
 
@@ -80,7 +80,7 @@ class RobustPlanner:
     """Plans moves of one robot under several models; results are stated under the first one.
 
     Args:
-        rivals: at least one; the search has the payload, tilt and links of the first one.
+        rivals: at least one, each with its own payload, tilt and links.
         kind: "mean" or "worst" of the energies.
         settings, cell, stopped: as for `Planner`.
         planner: an existing planner of the models' mean, with its settings and cell.
@@ -103,8 +103,6 @@ class RobustPlanner:
         self._mixture = Mixture.of([rival.model for rival in rivals])
         known: dict[str, Any] = {"cell": cell, "stopped": stopped}
         self._planner = planner.under(self._mixture) if planner else Planner(robot, self._mixture, settings, **known)
-        bodies = {tuple(e for e in rival.model.effects if e.stage == "rigid") for rival in rivals}
-        self._one_body = len(bodies) == 1
         judges = judges_of(self.rivals, robot)  # each with its own payload, tilt and links
         self._judges = [judge for _, judge in judges]
         self._places = np.array([place for place, _ in judges])
@@ -195,6 +193,10 @@ class RobustPlanner:
         value, baseline = min(even, key=lambda found: found[0], default=(np.inf, None))
         if baseline is None or not (best.costlier().any() or exceeds(self._value(best.totals), value)):
             return best
+        timed = retimed(self._planner, move, best.result)
+        answer = best if timed is None else replace(self._answer(timed), bound=best.bound)
+        if not answer.costlier().any() and exceeds(value, self._value(answer.totals)):
+            return answer
         message = "no other move that was found is cheaper than the evenly slowed one under every model"
         found = self._planner.with_trajectory(best.result, move, baseline.trajectory)
         return replace(self._answer(replace(found, chosen=baseline.name, message=message)), bound=best.bound)
@@ -333,7 +335,6 @@ class RobustPlanner:
             models=tuple(records),
             warnings=(
                 *result.warnings,
-                *([] if self._one_body else [BODIES]),
                 *effort_warnings(self.robot, result.trajectory, named, self._planner.limits()),
                 *power_warnings(result.trajectory, named, self._planner.settings.max_power),
             ),
@@ -342,7 +343,7 @@ class RobustPlanner:
     def _minimised(self, answer: _Answer) -> dict[str, Any]:
         """The minimised value, its lower bound and the gap; the energy itself then has no bound."""
         value = self._value(answer.totals)
-        bound = None if answer.bound is None or not self._one_body else min(answer.bound, value)
+        bound = None if answer.bound is None else min(answer.bound, value)
         gap = None if bound is None else 100 * (value - bound) / max(abs(value), 1e-12)
         kind = "global" if gap is not None and gap <= GLOBAL_GAP else "local"
         robust = {"kind": self.kind, "total": value, "lower_bound": bound}

@@ -82,16 +82,20 @@ class NodeSymbols:
 
 
 def symbolic_torque(model: PowerModel, body: RigidBody, q: ca.SX, v: ca.SX, a: ca.SX, p: ca.SX, dynamics: str) -> ca.SX:
-    """Rigid-body torque (n, 1) with the model's payload and tilt as symbols of `p`, its links as numbers."""
-    model = model.weighted[0][1]  # all members of a mixture have the first one's rigid effects; its values come first
-    body = body_of(model, body)
-    gravity, mass, com = ca.SX(ca.DM(body.gravity)), ca.SX(0), ca.SX.zeros(3)
-    for effect, where in zip(model.effects, model.slices(body.n), strict=True):
-        if isinstance(effect, RigidEffect):
-            values = effect.named(p[where], body.n)
-            gravity = effect.gravity(gravity, values)
-            mass, com = effect.point_mass(values) or (mass, com)
-    return torque_function(body, dynamics)(q, v, a, gravity, mass, com)
+    """Rigid-body torque (n B, 1) of the model's B `bodies`: payload and tilt are symbols of `p`, links numbers."""
+    out: dict[int, ca.SX] = {}
+    for _, one, number, values_of_one in model.shares(body.n, p):
+        if number in out:
+            continue
+        own = body_of(one, body)
+        gravity, mass, com = ca.SX(ca.DM(own.gravity)), ca.SX(0), ca.SX.zeros(3)
+        for effect, where in zip(one.effects, one.slices(own.n), strict=True):
+            if isinstance(effect, RigidEffect):
+                values = effect.named(values_of_one[where], own.n)
+                gravity = effect.gravity(gravity, values)
+                mass, com = effect.point_mass(values) or (mass, com)
+        out[number] = torque_function(own, dynamics)(q, v, a, gravity, mass, com)
+    return out[0] if len(out) == 1 else ca.cse(ca.vertcat(*out.values()))
 
 
 def node_functions(

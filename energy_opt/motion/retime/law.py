@@ -22,7 +22,7 @@ import numpy as np
 from energy_opt.effects import Kinks, Signals
 from energy_opt.effects.parameter import bearing
 from energy_opt.motion.limits.base import Limit, State
-from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure
+from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure, offsets
 from energy_opt.numerics.batch import Batch
 from energy_opt.power import drive_terms
 
@@ -107,8 +107,8 @@ Form = Callable[[ca.SX, ca.SX, ca.SX], AlongPath]  # from rate, typical and widt
 class Law:
     """The model's law at a point, (z, at, shared) -> the state there, with motor torque and power.
 
-    at (6 n + 1, 1): q, q', q'', M, C, G and the time [s] (for effects that depend on time); shared: the model's values,
-    the unit of a and b [1/s^2] and the width of the kinks.
+    at (N, 1): q, q', q'', M, C, G (see `path_dynamics.offsets`) and the time [s] (for effects that depend on time);
+    shared: the model's values, the unit of a and b [1/s^2] and the width of the kinks.
     """
 
     z: ca.SX
@@ -121,10 +121,11 @@ class Law:
 @lru_cache(maxsize=16)
 def law(shared_by: SharedByStructure, n: int, form: Form = AlongPath) -> Law:
     """The law of a model's structure and number of joints, with kinks of a form; built once."""
-    z, at = ca.SX.sym("z", 2), ca.SX.sym("at", 6 * n + 1)
+    parts = offsets(shared_by.model, n)
+    z, at = ca.SX.sym("z", 2), ca.SX.sym("at", parts[-1] + 1)
     unit, width = ca.SX.sym("unit"), ca.SX.sym("width")
     p = shared_by.model.symbols(n)
-    q, q1, q2, inertial, centrifugal, gravity = (at[k * n : (k + 1) * n] for k in range(6))
+    q, q1, q2, inertial, centrifugal, gravity = ca.vertsplit(at[:-1], parts)
     a, b = unit * z[0], unit * z[1]
     rate = ca.sqrt(b)
     tau = inertial * a + centrifugal * b + gravity
@@ -193,14 +194,14 @@ _RESIDUAL = np.eye(_PROBES.shape[1]) - np.stack(_monomials(*_PROBES), axis=1) @ 
 
 @lru_cache(maxsize=16)
 def _probed(shared_by: SharedByStructure, n: int) -> ca.Function:
-    """(at (6 n + 1, 1), shared) -> power at every probe, (10, 1)."""
+    """(at (N, 1), shared) -> power at every probe, (10, 1)."""
     built, function = law(shared_by, n), law_function(shared_by, n)
     power = ca.vertcat(*(function(ca.DM(probe), built.at, built.shared)[0] for probe in _PROBES.T))
     return ca.Function("probed", [built.at, built.shared], [power])
 
 
 def compressed(shared_by: SharedByStructure, n: int, at: np.ndarray, shared: np.ndarray) -> np.ndarray | None:
-    """Coefficients (9, M) of the power's monomials at points `at` (6 n + 1, M); None if the law has other terms.
+    """Coefficients (9, M) of the power's monomials at points `at` (N, M); None if the law has other terms.
 
     Copper loss, viscous friction and all affine terms reduce to 1, a, b, a^2, a b, b^2 and sqrt(b) times 1, a, b. The
     coefficients are fitted to the law at ten probes, one more than the unknowns.
@@ -243,5 +244,5 @@ def limit_terms(shared_by: SharedByStructure, n: int, by: LimitByStructure) -> t
 
 
 def point_numbers(d: PathDynamics, time: np.ndarray) -> np.ndarray:
-    """The input `at` of the law at each point, (6 n + 1, M); see Law."""
+    """The input `at` of the law at each point, (N, M); see Law."""
     return np.vstack([d.q.T, d.q1.T, d.q2.T, d.M.T, d.C.T, d.G.T, time])

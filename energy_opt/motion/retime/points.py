@@ -84,7 +84,7 @@ class AnyLaw:
     (x + (1 - s x / r) (x' - x)) / r, within [-1, 1].
 
     Args:
-        at: (6 n + 1, M) the law's input. weight: (M,). shared: (values + 4,) numbers that all points share.
+        at: (N, M) the law's input. weight: (M,). shared: (values + 4,) numbers that all points share.
     """
 
     def __init__(
@@ -122,13 +122,13 @@ class Symbolic:
 
     @classmethod
     def of(
-        cls, shared_by: SharedByStructure, limit: Limit, at: np.ndarray, shared: np.ndarray, scale: np.ndarray
+        cls, shared_by: SharedByStructure, n: int, limit: Limit, at: np.ndarray, shared: np.ndarray, scale: np.ndarray
     ) -> Symbolic:
-        """From the law's input `at` (6 n + 1, K) and the numbers that all points share.
+        """From the law's input `at` (N, K) and the numbers that all points share.
 
         These are the model's values, unit, width and the limit's values.
         """
-        functions = limit_terms(shared_by, (len(at) - 1) // 6, LimitByStructure(limit))
+        functions = limit_terms(shared_by, n, LimitByStructure(limit))
         value, curvature = (Batch(f, len(scale)).fixing(k, at.T, shared) for k, f in enumerate(functions, start=1))
         return cls((value, curvature), scale)
 
@@ -152,7 +152,7 @@ class PathLaw:
     """The law at points (M,) of a path.
 
     Attributes:
-        numbers: (6 n + 1, M) the law's input at each point.
+        numbers: (N, M) the law's input at each point.
         unit: unit of squared speed [1/s^2] of the coefficients.
         coefficients: (9, M) of the power's monomials; None if the law has other terms, such as kinks.
     """

@@ -24,7 +24,7 @@ from energy_opt.motion.reshape.curve import Curve, Outcome, refined
 from energy_opt.motion.reshape.layout import Shape
 from energy_opt.motion.reshape.nodes import NodeFunctions
 from energy_opt.motion.reshape.starts import Optima, followed, joined, search, valleys
-from energy_opt.motion.reshape.task import FEASIBLE, Level, Line, Task, at_most
+from energy_opt.motion.reshape.task import FEASIBLE, REPAIRABLE, Level, Line, Task, at_most
 from energy_opt.motion.trajectory import Trajectory, row_step, whole
 from energy_opt.numerics.bspline import Basis
 
@@ -46,7 +46,6 @@ RUNG = 1.5  # ratio of the durations at which starts are solved
 KEPT, WORTH_KEEPING = 3, 2.0
 REFINED, WORTH_REFINING = 2, 1.03  # most of these solved in full, and their largest cost relative to the best
 EXACT = 1e-6  # share of a bound: accepted excess while searching the answer
-REPAIRABLE = 0.05  # share of a bound: an excess that more control points, or IPOPT, may still repair
 
 Kept = dict[float, Optima]  # results of the starts, by the duration at which they were solved
 
@@ -145,9 +144,9 @@ class Reshaper:
                 found = search(coarse, there, lines[0], starts, seed, stopped, known)
             kept[rung] = found
             used, spent = found.starts - known.starts, found.iterations - known.iterations
-        best = min(kept[rung].found, key=there.rank)
+        best = min(kept[rung].found, key=there.hope)
         most = at_most(there.cost(best), WORTH_KEEPING)
-        near = [o for o in kept[rung].found if o is best or (o.broken <= FEASIBLE and there.cost(o) <= most)]
+        near = [o for o in kept[rung].found if o is best or (o.broken <= REPAIRABLE and there.cost(o) <= most)]
         optima = islice(valleys(coarse, there, near), KEPT)
         guesses = [refined(task.within(o.curve), fine.shape, task.ends) for o in optima]
         guesses += [task.curve(fine.shape, line) for line in lines[1:]]

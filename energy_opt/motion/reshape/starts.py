@@ -19,7 +19,7 @@ import numpy as np
 
 from energy_opt.motion.limits.base import box_of
 from energy_opt.motion.reshape.curve import Curve, Outcome, between
-from energy_opt.motion.reshape.task import FEASIBLE, Level, Line, Task
+from energy_opt.motion.reshape.task import FEASIBLE, REPAIRABLE, Level, Line, Task
 
 log = logging.getLogger(__name__)
 FEWEST, OFTEN = 10, 3  # fewest starts, and how many of them must have found the best optimum
@@ -71,7 +71,7 @@ def search(
         log.info(text, used, starts, task.cost(outcome), outcome.iterations, extra={"share": 0.1 + 0.4 * used / starts})
         if not any(_same(known, outcome, task) for known in found):
             found.append(outcome)
-        if outcome.broken <= FEASIBLE:
+        if outcome.broken <= REPAIRABLE:
             costs.append(task.cost(outcome))
         enough = _enough(np.sort(costs), used)
         if stopped():
@@ -152,7 +152,7 @@ def _same(a: Outcome, b: Outcome, task: Task) -> bool:
 def valleys(level: Level, task: Task, outcomes: Iterable[Outcome]) -> Iterator[Outcome]:
     """The best outcome of every valley, the best first; within a valley, the cost does not rise between two optima."""
     found: list[Outcome] = []
-    for outcome in sorted(outcomes, key=task.rank):
+    for outcome in sorted(outcomes, key=task.hope):
         alike = (o for o in found if (o.broken <= FEASIBLE) == (outcome.broken <= FEASIBLE))
         if not any(joined(level, task, known, outcome) for known in alike):
             found.append(outcome)

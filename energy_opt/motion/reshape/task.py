@@ -98,6 +98,7 @@ SLACK = 0.01  # the same for a constraint at a place, as beside bodies and in tu
 # multiple of its rival's cost. Multiples from 1 to 1.1 lose no optimum in `benchmarks/starts.py`.
 SOON, MORE, HOPELESS = 4, 3.0, 1.05
 FEASIBLE = 1e-4  # an outcome with a larger excess over a bound counts as infeasible
+REPAIRABLE = 0.05  # share of a bound: an excess that more control points, or IPOPT, may still repair
 
 
 def at_most(cost: float, times: float) -> float:
@@ -208,6 +209,11 @@ class Task:
     def promise(self, outcome: Outcome) -> float:
         """The part of the cost that depends on the path, increased by the excess over limits."""
         return at_most(self.cost(outcome), 1 + max(outcome.broken, 0.0))
+
+    def hope(self, outcome: Outcome) -> tuple[bool, float]:
+        """Sort key of coarse outcomes: by `promise` if their excess may still be repaired, else by their excess."""
+        repairable = outcome.broken <= REPAIRABLE
+        return not repairable, self.promise(outcome) if repairable else outcome.broken
 
     def rank(self, outcome: Outcome) -> tuple[bool, float]:
         """Sort key: feasible outcomes first, by cost; infeasible ones by their excess."""

@@ -260,10 +260,9 @@ def test_starts_that_exceed_a_limit_a_little_are_compared_by_cost() -> None:
     """None of the starts ended within the limit; the one nearest to it was chosen, which costs half as much again."""
     start = [2.806287715, -1.182174353, 1.56447972, 0.6347808836, 0.02536370273, 0.5405990642, -2.237420904]
     goal = [-1.319901364, 0.7808008535, -1.383918657, 1.000148167, 1.496745145, 0.5750512655, 2.253950661]
-    slow = [eo.conditions.ToolSpeed(0.4)]
-    found = [eo.optimize("xarm7", start=start, goal=goal, conditions=slow, seed=seed) for seed in (0, 1)]
-    assert all(result.status == "solved" for result in found)
-    assert found[1].energy.total == pytest.approx(found[0].energy.total, rel=0.02)
+    result = eo.optimize("xarm7", start=start, goal=goal, conditions=[eo.conditions.ToolSpeed(0.4)])
+    assert result.status == "solved" and result.certificate.valid
+    assert result.energy.total < 170
 
 
 def test_a_move_that_begins_in_motion_has_no_bound_by_acceleration(panda: Robot) -> None:

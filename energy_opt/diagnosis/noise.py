@@ -29,6 +29,9 @@ SETTLED, FEW = 0.5, 40  # [s] settling time of drives after a stop; least readin
 JUMP = 6.0  # standard deviations of the difference of neighbouring readings beyond which it is a step, not noise
 SWITCHES = 0.02  # share of samples at which a signal changes; below it the signal counts as switched
 SLACK = 2e-3  # [s] time uncertainty between motion and meter
+# standard deviation of a model's error that all repeats of a motion share, over the noise of a reading: repeats tell no
+# more than four recordings would without it
+SHARED = 0.5
 SLOW_METER, SLOW_NOISE = 0.25, 0.01  # [s] between readings from which a meter is slow; its largest noise over the level
 
 
@@ -215,22 +218,24 @@ def no_less(value: float, white: float, least: float, count: int) -> tuple[float
     return value - count * (float(np.log(floor / white)) + ((white / floor) ** 2 - 1) / 2), floor
 
 
-def weighted(samples: Samples, now: Prediction) -> Samples:
+def weighted(samples: Samples, now: Prediction, repeats: Sequence[int]) -> Samples:
     """The same samples with less weight where errors of clocks or positions make a model's power uncertain.
 
     The time between motion and meter is uncertain by `SLACK`, velocities and accelerations by `Samples.blur`. Smoothed
-    positions do not show the exact start and end of a motion: `EDGE` samples there have less weight.
+    positions do not show the exact start and end of a motion: `EDGE` samples there have less weight. Such errors are
+    the same in all repeats of a motion, see `repeated`.
 
     Args:
-        now: a model's prediction; its slopes convert such errors to watts.
+        now: a model's prediction; its slopes convert such errors to watts. repeats: (R,) of each run's motion.
     """
     weight, allowed = np.ones(len(samples.power)), np.zeros(len(samples.power))
     moving = (samples.v != 0).any(axis=1)
     noise = samples.noise * samples.group**0.5
     open_power = _open_power(samples, now)
-    for span, part, op in zip(samples.slices, samples.parts, samples.operators, strict=True):
+    for span, part, op, count in zip(samples.slices, samples.parts, samples.operators, repeats, strict=True):
         grouped = op is not None and (span.stop - span.start) // samples.group == part.stop - part.start
         if op is not None and not (samples.group > 1 and grouped):
+            weight[part] = repeated(weight[part], count)
             continue
         slope = np.gradient(now.power[span], samples.t[span]) if span.stop - span.start > 1 else np.zeros(1)
         variance = (SLACK * slope) ** 2 + open_power[span] ** 2
@@ -238,10 +243,20 @@ def weighted(samples: Samples, now: Prediction) -> Samples:
         edges = 1 + np.flatnonzero(np.diff(moving[span]))
         for k in [*edges, *_switches(samples, span, part, noise)]:
             own[max(0, k - EDGE) : k + EDGE] *= DOUBTED
+        own = repeated(own, count)
         weight[part] = group_weight(own, samples.group) if grouped else own / samples.group**0.5
         whole = len(variance) // samples.group * samples.group
         allowed[part] = variance[:whole].reshape(-1, samples.group).mean(axis=1) if grouped else variance
     return samples.reread(weight=weight, allowed=allowed)
+
+
+def repeated(weight: np.ndarray, count: int) -> np.ndarray:
+    """Weight of readings (M,) in each of `count` repeats of a motion, from their weight in a single recording.
+
+    The error that lowers a weight is the same in all repeats, and so is a model's error of `SHARED`: of the variance of
+    the mean, only the noise falls with their number.
+    """
+    return np.asarray(1 / np.sqrt(1 + count * (1 / weight**2 - 1) + (count - 1) * SHARED**2))
 
 
 def _switches(samples: Samples, span: slice, part: slice, noise: float) -> list[int]:

@@ -117,6 +117,7 @@ class Whitener:
 WAVES, MEMORIES = (0.0, 0.3, 0.6, 1.0, 1.7, 3.0, 5.0), (0.08, 0.25, 0.7, 2.0)
 FINE_WAVES = (0.0, 0.15, 0.3, 0.45, 0.6, 0.8, 1.0, 1.3, 1.7, 2.2, 3.0, 4.0, 5.0)  # finer grid for readings at rest
 FINE_MEMORIES = (0.08, 0.14, 0.25, 0.42, 0.7, 1.2, 2.0)
+GUESSED = (0.3, 1.0)  # the wave over the white noise where standstills are too few or too short to show it
 LESS = 0.7  # least white noise at rest over the noise of single readings; a wave contributes to their differences
 PLAUSIBLE = 3.0  # log odds below the likeliest noise within which others are plausible: twenty to one
 MISFITS = (0.0, 0.3, 0.7, 1.5, 3.0, 6.0, 12.0)  # grid of the misfit over the white noise
@@ -136,8 +137,8 @@ def standing_noise(*sets: Samples) -> tuple[tuple[tuple[float, Noise], ...], Noi
         stretches = [x for samples in sets for x in _standing(samples, 0.0)]
     count = sum(len(t) for t, _ in stretches)
     if count < FEW:
-        usual = Noise(single, 0.3 * single, 0.5)
-        return ((0.0, usual),), usual
+        guesses = [Noise(single, wave * single, memory) for wave, memory in product(GUESSED, MEMORIES[1:])]
+        return tuple((0.0, guess) for guess in guesses), guesses[-1]
     times = [t for t, _ in stretches]
     y = np.concatenate([p for _, p in stretches])
     levels = np.repeat(np.eye(len(times)), [len(t) for t in times], axis=0)

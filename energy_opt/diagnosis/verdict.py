@@ -327,7 +327,7 @@ def _borne_out(
             accepted, claims = claimed(found, other.without)
             continue
         plain, start = plain_fit(found, accepted), root(found.world, accepted.nuisance)
-        noisy = judge.of(plain).ratio >= NOISE
+        noisy = (loud if judge.unseen else judge).of(plain).ratio >= NOISE
         if noisy and not mostly_explained(loud.of(start), loud.of(plain), bool(accepted.free)):
             return only(found, accepted), ()
         whole = BESIDE * float(np.sum(judge.gains(plain, only(found, plain)))) if noisy else 0.0

@@ -44,7 +44,7 @@ def on_even_clock(time: np.ndarray, values: np.ndarray, kept: np.ndarray, stamps
 
     def smoother(one: np.ndarray, other: np.ndarray) -> bool:
         """True if more of the values run clearly more smoothly in one case than in the other."""
-        return np.count_nonzero(one < SMOOTHER * other) > np.count_nonzero(other < SMOOTHER * one)
+        return bool(np.count_nonzero(one < SMOOTHER * other) > np.count_nonzero(other < SMOOTHER * one))
 
     best: np.ndarray | None = None
     least = rough(stamps, values[kept])

@@ -229,12 +229,16 @@ def bent(found: Search, f: Fit) -> list[bool]:
 
 
 def alternatives(found: Search, accepted: Fit, reach: float) -> tuple[Fit, ...]:
-    """The accepted fit, then fits with one effect exchanged whose scores are within `reach` of it."""
+    """The accepted fit, then fits with one effect exchanged whose scores are within `reach` of it.
+
+    Linearised evidence, by which they are chosen, is in doubt by a share `DETAIL` of what the effects explain.
+    """
     if all(c.term.name in found.world.given for c in accepted.charts):
         return (accepted,)
     bank = found.bank(accepted)
     here = found.whole(bank)
     value = bank.weigh(here).value
+    least = value - 2 * reach - DETAIL * max(value - bank.weigh(frozenset()).value, 0.0)
     near = []
     for k in here:
         if bank.blocks[k].name in found.world.given:
@@ -246,7 +250,7 @@ def alternatives(found: Search, accepted: Fit, reach: float) -> tuple[Fit, ...]:
             if not buildable(bank, option):
                 continue
             found_value = bank.weigh(option).value
-            if b.name != bank.blocks[k].name and found_value > value - 2 * reach:
+            if b.name != bank.blocks[k].name and found_value > least:
                 near.append((found_value, option))
     out = {frozenset(accepted.names): accepted}
     reached = found.score(accepted)

@@ -231,7 +231,7 @@ def bent(found: Search, f: Fit) -> list[bool]:
 def alternatives(found: Search, accepted: Fit, reach: float) -> tuple[Fit, ...]:
     """The accepted fit, then fits with one effect exchanged whose scores are within `reach` of it.
 
-    Linearised evidence, by which they are chosen, is in doubt by a share `DETAIL` of what the effects explain.
+    Linearised evidence, by which they are chosen, is uncertain by a share `DETAIL` of what the effects explain.
     """
     if all(c.term.name in found.world.given for c in accepted.charts):
         return (accepted,)

@@ -77,3 +77,12 @@ def test_clocks_that_are_a_sample_apart_hide_no_cause(rubbed, tmp_path, samples)
     verdict, names, remarks = verdict_of(truth, shifted, tmp_path / "set")
     assert (verdict, names) == ("explained", ["coulomb_friction"])
     assert any("late against the positions" in remark for remark in remarks)
+
+
+def test_a_level_that_may_be_the_meters_is_stated(tmp_path):
+    """A loss of the supply, which links and the meter's drift explain as well, is no cause, but is not concealed."""
+    world = World("xarm7", 11120050, (0.03, 0.05), "ar1", cause="psu_loss")
+    truth = write_world(world, tmp_path / "set")
+    d = diagnose(read_set(truth.folder, truth.robot), truth.declared).document
+    assert d["verdict"] == "nothing_missing"
+    assert any("above the declared model throughout" in remark for remark in d["remarks"])

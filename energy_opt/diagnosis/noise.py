@@ -251,13 +251,13 @@ def weighted(samples: Samples, now: Prediction, repeats: Sequence[int]) -> Sampl
     return samples.reread(weight=weight, allowed=allowed)
 
 
-def repeated(weight: np.ndarray, count: int) -> np.ndarray:
+def repeated(weight: np.ndarray, count: int, shared: float = SHARED) -> np.ndarray:
     """Weight of readings (M,) in each of `count` repeats of a motion, from their weight in a single recording.
 
-    The error that lowers a weight is the same in all repeats, and so is a model's error of `SHARED`: of the variance of
-    the mean, only the noise falls with their number.
+    The error that lowers a weight is the same in all repeats, and so is a model's error of `shared` over the noise: of
+    the variance of the mean, only the noise falls with their number.
     """
-    return np.asarray(1 / np.sqrt(1 + count * (1 / weight**2 - 1) + (count - 1) * SHARED**2))
+    return np.asarray(1 / np.sqrt(1 + count * (1 / weight**2 - 1) + max(count - 1, 0) * shared**2))
 
 
 def _switches(samples: Samples, span: slice, part: slice, noise: float) -> list[int]:

@@ -41,7 +41,8 @@ class Prospect:
 
     def after(self, reading: np.ndarray, count: int) -> float:
         """Log evidence after `count` recordings that show `reading` (M,); the noise itself is left out."""
-        root = repeated(self.weight, count) * (count / self.noise) ** 0.5 if count else np.zeros(len(reading))
+        # the fit's noise adapts to what repeats share beside errors of clocks and speeds
+        root = repeated(self.weight, count, 0.0) * (count / self.noise) ** 0.5
         d, by = root * (reading - self.reading), root[:, None] * self.by
         taken = by.T @ d
         known = np.eye(by.shape[1]) + by.T @ by

@@ -18,9 +18,7 @@ from energy_opt.motion.trajectory import Trajectory
 from energy_opt.next_motion.rivals import Rival, expected_readings, samples_of, slack_under
 from energy_opt.next_motion.search import SAME
 
-# most recordings that are asked for: more of one motion show how inexact laws are, not which of them holds. On a Panda
-# with load friction (seed 5 of tests/diagnosis/test_next_motion.py) after six no cause was left, after twelve there was
-# a false one beside it
+# most recordings that are asked for: repeats share errors of the model, so that more hardly tell more
 MOST = 5
 
 

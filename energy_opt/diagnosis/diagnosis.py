@@ -208,8 +208,8 @@ def _on_time(measured: MeasuredSet, late: float) -> MeasuredSet:
         kept = (time - run.window >= run.time[0]) & (time <= run.time[-1])
         runs.append(replace(run, power_time=time[kept], power=run.power[kept], window=run.window[kept]))
     remark = (
-        f"The meter's readings are {1e3 * late:.2g} ms late against the positions, no more than their sampling and "
-        "smoothing leave open: moved by this time, and no property of the meter."
+        f"The meter's readings are {1e3 * abs(late):.2g} ms {'late' if late > 0 else 'early'} against the positions, "
+        "no more than their sampling and smoothing leave open: moved by this time, and no property of the meter."
     )
     return replace(measured, runs=tuple(runs), remarks=(*measured.remarks, remark))
 

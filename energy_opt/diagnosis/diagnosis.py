@@ -201,12 +201,13 @@ def _metered(measured: MeasuredSet) -> MeasuredSet:
 
 
 def _on_time(measured: MeasuredSet, late: float) -> MeasuredSet:
-    """Move the meter's readings, which are `late` [s] against the positions; those beyond the motion are left out."""
+    """Move the meter's readings, which are `late` [s] against the positions; instants beyond these are left out."""
     runs = []
     for run in measured.runs:
         time = run.power_time - late
-        kept = (time - run.window >= run.time[0]) & (time <= run.time[-1])
-        runs.append(replace(run, power_time=time[kept], power=run.power[kept], window=run.window[kept]))
+        kept = (run.window > 0) | ((time >= run.time[0]) & (time <= run.time[-1]))
+        moved = replace(run, power_time=time[kept], power=run.power[kept], window=run.window[kept])
+        runs.append(moved if kept.any() else run)
     remark = (
         f"The meter's readings are {1e3 * abs(late):.2g} ms {'late' if late > 0 else 'early'} against the positions, "
         "no more than their sampling and smoothing leave open: moved by this time, and no property of the meter."

@@ -26,6 +26,7 @@ RIVAL = 3.0  # log odds within which another set explains the data equally well:
 TURNS = 3
 SURE = 2.0  # standard deviations added to a time constant to get the longest plausible one
 LAGS = 1.5  # a meter lag is claimed only above this multiple of the time uncertainty `Samples.lag`
+SHORTEST = 5e-4  # [s] a shorter error of the clocks is ignored
 MOST = 6  # most alternatives that are fitted
 LIKE = 0.1  # largest share of an effect's squares that a free function of the same signal may fail to represent
 BENT = 0.2  # least change of the power of an effect's watts that makes it another law
@@ -89,9 +90,23 @@ def is_a_step(f: Fit, claim: Claim) -> bool:
     The same holds for a filter with an opposite delay: together they smooth without a lag, as the positions are
     smoothed.
     """
-    name, n = next(n for n in f.names if n not in claim.without.names), f.world.samples.n
-    lags = {e.name: float(e.full(n)[0]) for e in f.model.effects if e.stage == "meter" and e.parameters[0].unit == "s"}
+    name, lags = next(n for n in f.names if n not in claim.without.names), _lags(f.model, f.world.samples.n)
     return name in lags and min(abs(lags[name]), abs(sum(lags.values()))) <= LAGS * f.world.samples.lag
+
+
+def clock_error(f: Fit) -> float:
+    """Lag [s] of the meter in a fit if it is an error of the clocks rather than of the meter, else 0.
+
+    Sampling, quantisation and smoothing of the positions explain such a lag, see `is_a_step`.
+    """
+    n, declared = f.world.samples.n, _lags(f.world.declared, f.world.samples.n)
+    late = sum(_lags(f.model, n).values()) - sum(declared.values())
+    return late if SHORTEST < abs(late) <= LAGS * f.world.samples.lag else 0.0
+
+
+def _lags(model: PowerModel, n: int) -> dict[str, float]:
+    """Lags [s] of the meter by the effects of a model."""
+    return {e.name: float(e.full(n)[0]) for e in model.effects if e.stage == "meter" and e.parameters[0].unit == "s"}
 
 
 def is_a_line(f: Fit, claim: Claim) -> bool:
@@ -214,12 +229,16 @@ def bent(found: Search, f: Fit) -> list[bool]:
 
 
 def alternatives(found: Search, accepted: Fit, reach: float) -> tuple[Fit, ...]:
-    """The accepted fit, then fits with one effect exchanged whose scores are within `reach` of it."""
+    """The accepted fit, then fits with one effect exchanged whose scores are within `reach` of it.
+
+    Linearised evidence, by which they are chosen, is uncertain by a share `DETAIL` of what the effects explain.
+    """
     if all(c.term.name in found.world.given for c in accepted.charts):
         return (accepted,)
     bank = found.bank(accepted)
     here = found.whole(bank)
     value = bank.weigh(here).value
+    least = value - 2 * reach - DETAIL * max(value - bank.weigh(frozenset()).value, 0.0)
     near = []
     for k in here:
         if bank.blocks[k].name in found.world.given:
@@ -231,7 +250,7 @@ def alternatives(found: Search, accepted: Fit, reach: float) -> tuple[Fit, ...]:
             if not buildable(bank, option):
                 continue
             found_value = bank.weigh(option).value
-            if b.name != bank.blocks[k].name and found_value > value - 2 * reach:
+            if b.name != bank.blocks[k].name and found_value > least:
                 near.append((found_value, option))
     out = {frozenset(accepted.names): accepted}
     reached = found.score(accepted)

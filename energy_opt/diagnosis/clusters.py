@@ -1,7 +1,7 @@
 """Distinct motions: repeats of one motion are one cluster, and stay together in every split.
 
-Also here: shortening of sets that are too long to fit, cutting of recordings if too few to hold one out, and leaving
-out runs whose power is damaged.
+Also here: which joints move, shortening of sets that are too long to fit, cutting of recordings if too few to hold one
+out, and leaving out runs whose power is damaged.
 """
 
 from __future__ import annotations
@@ -16,7 +16,10 @@ from energy_opt.diagnosis.noise import Shared, meter_noise
 from energy_opt.diagnosis.recordings import per_bin
 from energy_opt.measured import MeasuredSet, Run
 from energy_opt.measured.run import cut_at_standstill, nodes, pieces
+from energy_opt.robot import Limits
 
+MOVES = 0.03  # [rad/s] a joint that never exceeds this speed does not move
+SLOW = 0.1  # share of a joint's velocity limit
 POINTS = 24  # points of a run's path at which motions are compared
 SAME = 0.05  # [`Samples.unit`] runs whose paths differ by less at all points are repeats of one motion
 PACE = 0.1  # relative difference of durations up to which runs are repeats
@@ -49,6 +52,27 @@ def clusters(samples: Samples) -> list[list[int]]:
         else:
             out.append([k])
     return out
+
+
+def repeats(samples: Samples) -> list[int]:
+    """Number of recordings (R,) of each run's motion or pose."""
+    out = [1] * len(samples.slices)
+    for group in clusters(samples):
+        for r in group:
+            out[r] = len(group)
+    return out
+
+
+def excited(samples: Samples, limits: Limits) -> np.ndarray:
+    """(n,) True for joints that move enough to show their losses.
+
+    A joint must exceed `MOVES`. If no joint of the arm reaches `SLOW` of its velocity limit, all count as idle: slow
+    motion does not show viscous friction, regeneration and inertia.
+    """
+    fastest = np.abs(samples.v).max(axis=0)
+    if (fastest < SLOW * limits.velocity).all():
+        return np.zeros(samples.n, dtype=bool)
+    return np.asarray(fastest > MOVES)
 
 
 def samples_of(samples: Samples, group: Sequence[int]) -> np.ndarray:

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from energy_opt.diagnosis.claims import written
-from energy_opt.diagnosis.clusters import parted, shortened, split, without_scattering
+from energy_opt.diagnosis.clusters import excited, parted, shortened, split, without_scattering
+from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.errors import errors
 from energy_opt.diagnosis.evidence import drift_of
 from energy_opt.diagnosis.findings import Result, evidence_records, findings_of, nuisance_of
@@ -21,7 +22,7 @@ from energy_opt.diagnosis.modes import mode_words, modes_of
 from energy_opt.diagnosis.recordings import take_samples
 from energy_opt.diagnosis.residual import Attribution, goes_with
 from energy_opt.diagnosis.usable import foreseen
-from energy_opt.diagnosis.verdict import Inference, excited, infer, plain_fit
+from energy_opt.diagnosis.verdict import Inference, infer, plain_fit
 from energy_opt.diagnosis.words import UNRECORDED, headline, joints_headline, next_step, remarks, speeds_seen, summary
 from energy_opt.effects import LinkInertia, Payload, effect_class
 from energy_opt.errors import BadInput
@@ -100,15 +101,24 @@ def diagnose(
     if found_pushes and enough:
         side = joint_side(measured, declared)
     prior = prior_of(side, measured.robot.limits) if enough else {}
-    samples, _ = take_samples(measured)
-    if len(samples.power) < FEWEST:
-        raise BadInput(f"{measured.path}: {len(samples.power)} readings in all; a diagnosis needs at least {FEWEST}")
-    train, holdout = split(samples, seed)
-    held = samples.part(holdout) if holdout else None
     limits, joints = measured.robot.limits, measured.robot.joints
-    found = infer(
-        samples.part(train), declared, limits, excited(samples, limits), held, given, stopped, prior, blind=not enough
-    )
+
+    def inferred(measured: MeasuredSet, clock: bool) -> tuple[Samples, list[int], list[int], Inference]:
+        samples, _ = take_samples(measured)
+        if len(samples.power) < FEWEST:
+            raise BadInput(
+                f"{measured.path}: {len(samples.power)} readings in all; a diagnosis needs at least {FEWEST}"
+            )
+        train, holdout = split(samples, seed)
+        held, moving = samples.part(holdout) if holdout else None, excited(samples, limits)
+        return samples, train, holdout, infer(
+            samples.part(train), declared, limits, moving, held, given, stopped, prior, blind=not enough, clock=clock
+        )  # fmt: skip
+
+    samples, train, holdout, found = inferred(measured, True)
+    if found.late:
+        measured = _on_time(measured, found.late)
+        samples, train, holdout, found = inferred(measured, False)
     model = replace(found.model, uncertainty=_covariance(found))
     before = {"train": errors(declared, samples, train), "holdout": errors(declared, samples, holdout)}
     after = {"train": errors(model, samples, train), "holdout": errors(model, samples, holdout)}
@@ -188,6 +198,21 @@ def _metered(measured: MeasuredSet) -> MeasuredSet:
         return measured
     remark = f"{less} run(s) without a reading of the meter left out"
     return replace(measured, runs=runs, remarks=(*measured.remarks, remark))
+
+
+def _on_time(measured: MeasuredSet, late: float) -> MeasuredSet:
+    """Move the meter's readings, which are `late` [s] against the positions; instants beyond these are left out."""
+    runs = []
+    for run in measured.runs:
+        time = run.power_time - late
+        kept = (run.window > 0) | ((time >= run.time[0]) & (time <= run.time[-1]))
+        moved = replace(run, power_time=time[kept], power=run.power[kept], window=run.window[kept])
+        runs.append(moved if kept.any() else run)
+    remark = (
+        f"The meter's readings are {1e3 * abs(late):.2g} ms {'late' if late > 0 else 'early'} against the positions, "
+        "no more than their sampling and smoothing leave open: moved by this time, and no property of the meter."
+    )
+    return replace(measured, runs=tuple(runs), remarks=(*measured.remarks, remark))
 
 
 def explained_share(before: dict[str, Any], after: dict[str, Any], floor: float) -> float:

@@ -44,6 +44,11 @@ class Judge:
         """The likeliest noise at standstill."""
         return self.plausible[0][1]
 
+    @property
+    def unseen(self) -> bool:
+        """True if no standstill shows the noise: several are equally plausible."""
+        return len(self.plausible) > 1 and self.plausible[0][0] == self.plausible[-1][0]
+
     def under_most_noise(self) -> Judge:
         """The same judge under the largest plausible noise."""
         return Judge(self.held, ((0.0, self.most),), self.most, self.drifts)

@@ -29,6 +29,9 @@ SETTLED, FEW = 0.5, 40  # [s] settling time of drives after a stop; least readin
 JUMP = 6.0  # standard deviations of the difference of neighbouring readings beyond which it is a step, not noise
 SWITCHES = 0.02  # share of samples at which a signal changes; below it the signal counts as switched
 SLACK = 2e-3  # [s] time uncertainty between motion and meter
+# standard deviation of a model's error that all repeats of a motion share, over the noise of a reading: repeats tell no
+# more than four recordings would without it
+SHARED = 0.5
 SLOW_METER, SLOW_NOISE = 0.25, 0.01  # [s] between readings from which a meter is slow; its largest noise over the level
 
 
@@ -114,6 +117,7 @@ class Whitener:
 WAVES, MEMORIES = (0.0, 0.3, 0.6, 1.0, 1.7, 3.0, 5.0), (0.08, 0.25, 0.7, 2.0)
 FINE_WAVES = (0.0, 0.15, 0.3, 0.45, 0.6, 0.8, 1.0, 1.3, 1.7, 2.2, 3.0, 4.0, 5.0)  # finer grid for readings at rest
 FINE_MEMORIES = (0.08, 0.14, 0.25, 0.42, 0.7, 1.2, 2.0)
+GUESSED = (0.3, 1.0)  # the wave over the white noise where standstills are too few or too short to show it
 LESS = 0.7  # least white noise at rest over the noise of single readings; a wave contributes to their differences
 PLAUSIBLE = 3.0  # log odds below the likeliest noise within which others are plausible: twenty to one
 MISFITS = (0.0, 0.3, 0.7, 1.5, 3.0, 6.0, 12.0)  # grid of the misfit over the white noise
@@ -133,8 +137,8 @@ def standing_noise(*sets: Samples) -> tuple[tuple[tuple[float, Noise], ...], Noi
         stretches = [x for samples in sets for x in _standing(samples, 0.0)]
     count = sum(len(t) for t, _ in stretches)
     if count < FEW:
-        usual = Noise(single, 0.3 * single, 0.5)
-        return ((0.0, usual),), usual
+        guesses = [Noise(single, wave * single, memory) for wave, memory in product(GUESSED, MEMORIES[1:])]
+        return tuple((0.0, guess) for guess in guesses), guesses[-1]
     times = [t for t, _ in stretches]
     y = np.concatenate([p for _, p in stretches])
     levels = np.repeat(np.eye(len(times)), [len(t) for t in times], axis=0)
@@ -215,22 +219,24 @@ def no_less(value: float, white: float, least: float, count: int) -> tuple[float
     return value - count * (float(np.log(floor / white)) + ((white / floor) ** 2 - 1) / 2), floor
 
 
-def weighted(samples: Samples, now: Prediction) -> Samples:
+def weighted(samples: Samples, now: Prediction, repeats: Sequence[int]) -> Samples:
     """The same samples with less weight where errors of clocks or positions make a model's power uncertain.
 
     The time between motion and meter is uncertain by `SLACK`, velocities and accelerations by `Samples.blur`. Smoothed
-    positions do not show the exact start and end of a motion: `EDGE` samples there have less weight.
+    positions do not show the exact start and end of a motion: `EDGE` samples there have less weight. Such errors are
+    the same in all repeats of a motion, see `repeated`.
 
     Args:
-        now: a model's prediction; its slopes convert such errors to watts.
+        now: a model's prediction; its slopes convert such errors to watts. repeats: (R,) of each run's motion.
     """
     weight, allowed = np.ones(len(samples.power)), np.zeros(len(samples.power))
     moving = (samples.v != 0).any(axis=1)
     noise = samples.noise * samples.group**0.5
     open_power = _open_power(samples, now)
-    for span, part, op in zip(samples.slices, samples.parts, samples.operators, strict=True):
+    for span, part, op, count in zip(samples.slices, samples.parts, samples.operators, repeats, strict=True):
         grouped = op is not None and (span.stop - span.start) // samples.group == part.stop - part.start
         if op is not None and not (samples.group > 1 and grouped):
+            weight[part] = repeated(weight[part], count)
             continue
         slope = np.gradient(now.power[span], samples.t[span]) if span.stop - span.start > 1 else np.zeros(1)
         variance = (SLACK * slope) ** 2 + open_power[span] ** 2
@@ -238,10 +244,20 @@ def weighted(samples: Samples, now: Prediction) -> Samples:
         edges = 1 + np.flatnonzero(np.diff(moving[span]))
         for k in [*edges, *_switches(samples, span, part, noise)]:
             own[max(0, k - EDGE) : k + EDGE] *= DOUBTED
+        own = repeated(own, count)
         weight[part] = group_weight(own, samples.group) if grouped else own / samples.group**0.5
         whole = len(variance) // samples.group * samples.group
         allowed[part] = variance[:whole].reshape(-1, samples.group).mean(axis=1) if grouped else variance
     return samples.reread(weight=weight, allowed=allowed)
+
+
+def repeated(weight: np.ndarray, count: int, shared: float = SHARED) -> np.ndarray:
+    """Weight of readings (M,) in each of `count` repeats of a motion, from their weight in a single recording.
+
+    The error that lowers a weight is the same in all repeats, and so is a model's error of `shared` over the noise: of
+    the variance of the mean, only the noise falls with their number.
+    """
+    return np.asarray(1 / np.sqrt(1 + count * (1 / weight**2 - 1) + max(count - 1, 0) * shared**2))
 
 
 def _switches(samples: Samples, span: slice, part: slice, noise: float) -> list[int]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from energy_opt.diagnosis.claims import (
     alike,
     alternatives,
     claimed,
+    clock_error,
     instead_of_links,
     is_a_line,
     is_a_step,
@@ -32,7 +34,7 @@ from energy_opt.diagnosis.claims import (
     widened,
     written,
 )
-from energy_opt.diagnosis.clusters import FEWEST, clusters
+from energy_opt.diagnosis.clusters import FEWEST, clusters, repeats
 from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.errors import Quality, mostly_explained
 from energy_opt.diagnosis.evidence import links_odds, noise_of
@@ -57,8 +59,6 @@ BESIDE = 0.3  # share of the explained log odds that a claimed effect must have 
 NOISE = 1.2  # factor on the noise below which a model's held-out error counts as noise
 # most noise estimates, and search rounds before each: few, as effects that imitate a misfit hide it
 TURNS, EARLY = 5, 2
-MOVES = 0.03  # [rad/s] a joint that never exceeds this speed does not move
-SLOW = 0.1  # share of a joint's velocity limit
 
 
 @dataclass(frozen=True)
@@ -75,6 +75,7 @@ class Inference:
         verdict: as in diagnosis.json; "" where the search was stopped before it had one.
         blind: True if no cause was sought. unknown: True if a law that the library lacks may rule beside the claims.
         misspecified: True if one surely rules: effects imitated it, or more is left in motion than any noise.
+        late: [s] by which the meter's readings must be moved before the set is judged; 0 if it was judged.
     """
 
     search: Search
@@ -95,18 +96,7 @@ class Inference:
     blind: bool = False
     unknown: bool = False
     misspecified: bool = False
-
-
-def excited(samples: Samples, limits: Limits) -> np.ndarray:
-    """(n,) True for joints that move enough to show their losses.
-
-    A joint must exceed `MOVES`. If no joint of the arm reaches `SLOW` of its velocity limit, all count as idle: slow
-    motion does not show viscous friction, regeneration and inertia.
-    """
-    fastest = np.abs(samples.v).max(axis=0)
-    if (fastest < SLOW * limits.velocity).all():
-        return np.zeros(samples.n, dtype=bool)
-    return np.asarray(fastest > MOVES)
+    late: float = 0.0
 
 
 def infer(
@@ -119,6 +109,7 @@ def infer(
     stopped: Callable[[], bool] = lambda: False,
     measured: Mapping[str, Measured] | None = None,
     blind: bool = False,
+    clock: bool = False,
 ) -> Inference:
     """Run the search and judge it.
 
@@ -129,10 +120,11 @@ def infer(
         stopped: called during the search; True ends it without a verdict.
         measured: values of effects' numbers from other readings than the power, see `Scale`.
         blind: True if no cause may be claimed from these runs; none is sought.
+        clock: True if an error of the clocks may still be corrected: nothing is judged if there is one.
     """
     now = predict(declared, samples)
-    samples = weighted(samples, now)
-    held = weighted(held, predict(declared, held)) if held is not None else None
+    samples = weighted(samples, now, repeats(samples))
+    held = weighted(held, predict(declared, held), [1] * len(held.parts)) if held is not None else None
     idle = tuple(int(j) for j in np.flatnonzero(~moving))
     plausible, most = standing_noise(*([samples] if held is None else [samples, held]))
     # [s] motion and rest are assumed to take half of the time each
@@ -144,7 +136,7 @@ def infer(
     nothing = root(world, Nuisance(0.03, 0.3 * still.white))
     as_declared = judge.of_model(declared, nothing)
 
-    def plain(found: Search, verdict: str, best: Fit = nothing, **more: bool) -> Inference:
+    def plain(found: Search, verdict: str, best: Fit = nothing, **more: Any) -> Inference:
         model = written(best, links=False) if given or best is not nothing else declared
         after = judge.of_model(model, best)
         return Inference(
@@ -158,15 +150,18 @@ def infer(
         return plain(Search(world), "unexplained", follows=False)
     tried: list[Search] = []
     try:
-        return _judged(replace(world, stopped=stopped), nothing, judge, idle, tried)
+        searched = _searched(replace(world, stopped=stopped), nothing, tried)
+        if clock and (late := clock_error(searched[1])):
+            return plain(searched[0], "", late=late)
+        return _judged(*searched, nothing, judge, idle)
     except Stopped:
         best = tried[-1].so_far(nothing)
         return plain(tried[-1], "", nothing if best.free else best)
 
 
-def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tried: list[Search]) -> Inference:
-    """Search and judge; `tried` holds the search in progress."""
-    found, best, noise = _searched(world, nothing, tried)
+def _judged(found: Search, best: Fit, noise: Noise, nothing: Fit, judge: Judge, idle: tuple[int, ...]) -> Inference:
+    """Judge the result of a search."""
+    world = found.world
     log.info("evidence for each effect", extra={"share": 0.65})
     sure, claims = claimed(found, best)
     unsure = [c.term.kind for c in best.charts if c.term.name not in sure.names]
@@ -242,7 +237,7 @@ def _judged(world: World, nothing: Fit, judge: Judge, idle: tuple[int, ...], tri
 
 
 def _searched(world: World, nothing: Fit, tried: list[Search]) -> tuple[Search, Fit, Noise]:
-    """The likeliest hypothesis, under the noise that is likeliest for it."""
+    """The likeliest hypothesis, under the noise that is likeliest for it; `tried` holds the search in progress."""
     best, found = nothing, Search(world)
     for turn in range(TURNS):
         log.info("effects, round %d of at most %d", turn + 1, TURNS, extra={"share": 0.05 + 0.06 * turn})
@@ -261,7 +256,8 @@ def _searched(world: World, nothing: Fit, tried: list[Search]) -> tuple[Search, 
     found.open()
     best = found.descend(best)
     while (k := shaped_otherwise(found, best)) is not None:
-        best = without(found, best, k)
+        likelier = max(alternatives(found, best, CLAIM), key=found.score)  # linearised evidence is not exact
+        best = without(found, best, k) if likelier is best else likelier
     return found, settled(found, max([best, *other_drives(found, best)], key=found.score)), noise
 
 
@@ -331,7 +327,7 @@ def _borne_out(
             accepted, claims = claimed(found, other.without)
             continue
         plain, start = plain_fit(found, accepted), root(found.world, accepted.nuisance)
-        noisy = judge.of(plain).ratio >= NOISE
+        noisy = (loud if judge.unseen else judge).of(plain).ratio >= NOISE
         if noisy and not mostly_explained(loud.of(start), loud.of(plain), bool(accepted.free)):
             return only(found, accepted), ()
         whole = BESIDE * float(np.sum(judge.gains(plain, only(found, plain)))) if noisy else 0.0

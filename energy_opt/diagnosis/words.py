@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from energy_opt.diagnosis.clusters import SLOW
 from energy_opt.diagnosis.fit import Fit
 from energy_opt.diagnosis.predict import friction_torque, predict
-from energy_opt.diagnosis.verdict import NOISE, SLOW, Inference
+from energy_opt.diagnosis.verdict import NOISE, Inference
 from energy_opt.effects import effect_class
 from energy_opt.measured import MeasuredSet, coarse
 from energy_opt.power import PowerModel
@@ -129,6 +130,12 @@ def remarks(found: Inference, measured: MeasuredSet, declared: PowerModel) -> li
                 f"The standby of the model is {level:+.2g} W off the declared one: what the effects add is taken back."
             )
     model_fit = found.accepted
+    level = float(np.mean(model_fit.levels))
+    if found.verdict == "nothing_missing" and abs(level) > WANDERS * found.still.white:
+        out.append(
+            f"The readings are {abs(level):.2g} W {'above' if level > 0 else 'below'} the declared model throughout, "
+            "which a meter's drift may be: another standby or a loss of the supply would look the same here."
+        )
     out += _borrowed(model_fit, joints)
     apart = float(np.std(model_fit.levels))
     if apart > WANDERS * model_fit.world.whiten.noise.white and len(model_fit.levels) > 2:

@@ -12,6 +12,7 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.measured.columns import Rule, factor_of
+from energy_opt.measured.even_clock import on_even_clock
 from energy_opt.measured.plausible import degrees_fault, held_samples, leaps, spikes, step_fault
 from energy_opt.measured.run import JOINT_SIGNALS
 from energy_opt.measured.table import Table
@@ -20,8 +21,6 @@ from energy_opt.robot import Robot
 COARSE = 0.3  # share of samples with a repeated stamp above which stamps are coarser than the samples
 GAP = 0.25  # [s] without a sample (or `GAP_STEPS` steps, if longer) from which the motion in between is unknown
 GAP_STEPS = 10
-JITTER, FEW = 0.05, 20  # median distance of the steps from their mean, over it, of irregular stamps; least samples
-SMOOTHER = 0.5  # factor on the squares of changes of speed by which values run more smoothly with other stamps
 BUNCHED = 5.0  # mean step over median step above which samples arrive in bunches
 SKIPPED = 1.6  # usual steps between two samples from which one is missing
 
@@ -88,12 +87,12 @@ def clean(time: np.ndarray, values: np.ndarray) -> Stamped:
         stamps = spread
         row = 1e3 * float(np.median(np.diff(stamps)))
         remarks.append(f"stamps come in bunches: rows spread evenly, {row:.3g} ms apart, as on the controller's clock")
-    even = _on_a_clock(time, values, kept, stamps)
+    even = on_even_clock(time, values, kept, stamps)
     if even is not None:  # all samples are real
         off = 1e3 * float(np.abs(time - even).max())
         kept, stamps = np.arange(len(time)), even
         remarks = [
-            f"stamps are up to {off:.1g} ms late or early: rows put on an even clock, as they run smoothly on it"
+            f"stamps are up to {off:.2g} ms late or early: rows put on an even clock, as they run smoothly on it"
         ]
     if len(stamps) < 3:
         return Stamped(kept, stamps, (), tuple(remarks))
@@ -111,29 +110,6 @@ def clean(time: np.ndarray, values: np.ndarray) -> Stamped:
         more = f" and {int(wide.sum()) - 3} more" if wide.sum() > 3 else ""
         remarks.append(f"cut at {int(wide.sum())} gap(s) without rows ({lengths}{more})")
     return Stamped(kept, stamps, tuple(int(k) for k in np.flatnonzero(wide)), tuple(remarks))
-
-
-def _on_a_clock(time: np.ndarray, values: np.ndarray, kept: np.ndarray, stamps: np.ndarray) -> np.ndarray | None:
-    """An even clock (N,) for samples with irregular stamps `time` (N,), if it is the better one; else None.
-
-    A recorder writes samples of a controller's clock with stamps of its own. The clock must stay within a step of them,
-    and the values (N, m) run more smoothly on it than those of the samples `kept` with their `stamps` (K,): samples
-    that were really taken at irregular times, or twice, do not.
-    """
-    if len(time) < FEW:
-        return None
-    count = np.arange(len(time))
-    row, begin = (float(x) for x in np.polyfit(count, time - time[0], 1))
-    even = time[0] + begin + row * count
-    if np.median(np.abs(np.diff(time) - row)) < JITTER * row or np.abs(time - even).max() > row:
-        return None
-
-    def rough(at: np.ndarray, x: np.ndarray) -> np.ndarray:
-        return np.asarray(np.nanmean(np.diff(np.diff(x, axis=0) / np.diff(at)[:, None], axis=0) ** 2, axis=0))
-
-    on_clock, as_stamped = rough(even, values), rough(stamps, values[kept])
-    better, worse = on_clock < SMOOTHER * as_stamped, as_stamped < SMOOTHER * on_clock
-    return even if np.count_nonzero(better) > np.count_nonzero(worse) else None
 
 
 def _spread_bunches(stamps: np.ndarray) -> np.ndarray | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations
 
 import numpy as np
@@ -10,15 +10,15 @@ import numpy as np
 from energy_opt.diagnosis.claims import RIVAL, RIVAL_DETAIL
 from energy_opt.diagnosis.evidence import SPREADS, Bank
 from energy_opt.diagnosis.fit import Fit
+from energy_opt.diagnosis.noise import repeated, weighted
+from energy_opt.diagnosis.predict import predict
 from energy_opt.diagnosis.search import Search
 from energy_opt.diagnosis.verdict import Inference
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.next_motion.rivals import Rival, expected_readings, samples_of, slack_under
-from energy_opt.next_motion.search import COARSE, SAME
+from energy_opt.next_motion.search import SAME
 
-# most recordings that are asked for: more of one motion show how inexact laws are, not which of them holds. On a Panda
-# with load friction (seed 5 of tests/diagnosis/test_next_motion.py) after six no cause was left, after twelve there was
-# a false one beside it
+# most recordings that are asked for: repeats share errors of the model, so that more hardly tell more
 MOST = 5
 
 
@@ -28,20 +28,23 @@ class Prospect:
 
     Attributes:
         reading: (M,) W expected. by: (M, g) its derivatives by unknowns u ~ N(0, 1). noise: variance of a reading, W^2.
+        weight: (M,) of readings in a single recording, see `weighted`.
     """
 
     value: float
     reading: np.ndarray
     by: np.ndarray
     noise: float
+    weight: np.ndarray
 
     def after(self, reading: np.ndarray, count: int) -> float:
         """Log evidence after `count` recordings that show `reading` (M,); the noise itself is left out."""
-        weight = count / self.noise
-        d = reading - self.reading
-        taken = weight * self.by.T @ d
-        known = np.eye(self.by.shape[1]) + weight * self.by.T @ self.by
-        squares = weight * float(d @ d) - float(taken @ np.linalg.solve(known, taken))
+        # the fit's noise adapts to what repeats share beside errors of clocks and speeds
+        root = repeated(self.weight, count, 0.0) * (count / self.noise) ** 0.5
+        d, by = root * (reading - self.reading), root[:, None] * self.by
+        taken = by.T @ d
+        known = np.eye(by.shape[1]) + by.T @ by
+        squares = float(d @ d) - float(taken @ np.linalg.solve(known, taken))
         return self.value - 0.5 * squares - 0.5 * float(np.linalg.slogdet(known)[1])
 
 
@@ -85,12 +88,15 @@ def _prospects(search: Search, f: Fit, trajectory: Trajectory) -> list[Prospect]
     bank = Bank(f, search.own(f))
     here = search.whole(bank)
     body = f.world.samples.body
-    motion = samples_of(body, trajectory, COARSE)
+    step = f.world.samples.step
+    motion = samples_of(body, trajectory, step)
     out = []
     for spread in SPREADS:
         own = [n for n in bank.nuisances if n.spread == spread]
         value, best = max(((bank.nuisances[n] + bank.under(here, n)[0], n) for n in own), key=lambda row: row[0])
         slack = slack_under(f, f.model, body.n, best)
         reading, by = expected_readings(Rival(f.model, slack), motion)
-        out.append(Prospect(value, reading, by, slack.density / COARSE))
+        noise, blur = slack.density / step, np.where(np.tile(motion.v != 0, 2), f.world.samples.blur.max(axis=0), 0.0)
+        expected = weighted(replace(motion, noise=noise**0.5, blur=blur), predict(f.model, motion), [1])
+        out.append(Prospect(value, reading, by, noise, expected.weight))
     return out

@@ -269,3 +269,17 @@ def test_a_real_ur3e(tmp_path, meter):
     friction = friction_torque(load_model(tmp_path / "out/model.toml"), 6)(np.array([0.3]), 0)[0]
     assert friction == pytest.approx(3.3 + 4.7 * 0.3, rel=0.25)
     assert not any("pushed" in remark for remark in document["remarks"])
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared recording is not here")
+@pytest.mark.parametrize("less", [60, 100, 140])
+def test_noise_that_no_standstill_shows_hides_no_cause(tmp_path, less):
+    """Without its first samples the recording never stands still for long: at 25 Hz too few readings are at rest."""
+    first, *rest = (SHARED / "rad_ur3e_power/fig9.csv").read_text().splitlines()
+    (tmp_path / "fig9.csv").write_text("\n".join([first, *rest[less:]]) + "\n")
+    log = {"format": "energy-opt/log/1", "robot": "ur3e", "run": [{"file": "fig9.csv", "kind": "motion"}]}
+    write_toml(tmp_path / "log.toml", {**log, "columns": {"preset": "ur_rtde"}, "segment": {"at": "standstill"}})
+    assert main(["diagnose", str(tmp_path), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    document = json.loads((tmp_path / "out/diagnosis.json").read_text())
+    assert document["verdict"] in ("explained", "partly")
+    assert {x["name"] for x in document["effects"]} == {"coulomb_friction", "viscous_friction"}

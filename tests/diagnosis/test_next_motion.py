@@ -33,7 +33,7 @@ from energy_opt.formats import read_trajectory, table
 from energy_opt.measured import read_set
 from energy_opt.motion.limits.base import values_of
 from energy_opt.next_motion.legs import PAUSE, contrast_functions, contrast_parameters
-from energy_opt.next_motion.recordings import recordings
+from energy_opt.next_motion.recordings import Prospect, recordings
 from energy_opt.next_motion.rivals import Rival, Slack, nearest, rivals_of, separations
 from energy_opt.next_motion.search import propose
 from energy_opt.power import PowerModel
@@ -284,6 +284,18 @@ def test_laws_that_are_too_alike_are_not_said_to_be_settled_by_a_recording(tmp_p
     assert any("Not even 5 recordings are sure" in said for said in document["remarks"])
     assert document["usable"] and "good enough" in document["next_step"]  # either law plans as well
     assert (tmp_path / "out" / document["next_motion"]).is_file()
+
+
+def test_errors_that_repeats_share_limit_what_they_tell():
+    """Of readings 2 W apart with 1 W of noise: log odds of 2 each and recording; with errors of as much 1 at first."""
+    reading, none = np.zeros(10), np.zeros((10, 0))
+
+    def odds(weight, count):
+        same, other = (Prospect(0.0, reading + x, none, 1.0, np.full(10, weight)) for x in (0.0, 2.0))
+        return same.after(reading, count) - other.after(reading, count)
+
+    assert [odds(1.0, n) for n in (0, 1, 5)] == pytest.approx([0.0, 20.0, 100.0])
+    assert [odds(0.5**0.5, n) for n in (0, 1, 5, 1000)] == pytest.approx([0.0, 10.0, 100 / 6, 20.0], rel=2e-3)
 
 
 def test_a_rivals_nearest_numbers_are_within_their_bounds(ur5, proposed):

@@ -53,7 +53,7 @@ def test_what_averaged_readings_show_is_the_mean_of_what_the_readings_show(made,
     assert coarse.group == 3 and coarse.noise == pytest.approx(fine.noise / 3**0.5)
     shown = [predict(made.declared, s).reading for s in (fine, coarse)]
     steady = PowerModel("panda", (Standby(power=90.0),))
-    weights = [weighted(s, predict(steady, s)).weight for s in (fine, coarse)]
+    weights = [weighted(s, predict(steady, s), [1] * len(s.parts)).weight for s in (fine, coarse)]
     for a, b in zip(fine.parts, coarse.parts, strict=True):
         count = (a.stop - a.start) // 3
 

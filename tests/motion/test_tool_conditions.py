@@ -265,6 +265,15 @@ def test_starts_that_exceed_a_limit_a_little_are_compared_by_cost() -> None:
     assert result.energy.total < 170
 
 
+def test_a_limit_of_the_tool_and_the_own_body_are_held_together() -> None:
+    """Every search beside the own body stopped early, and the move kept the straight line: 591 J."""
+    start = [1.350996931, 2.790401568, -1.027984942, 2.981609481, 2.806287715, -3.630294652]
+    goal = [1.56447972, -3.760865783, 0.01268185136, -0.4775191767, -2.237420904, -1.319901364]
+    result = eo.optimize("ur5e", start=start, goal=goal, conditions=[eo.conditions.ToolAcceleration(1.5)])
+    assert result.status == "solved" and result.certificate.valid
+    assert result.energy.total < 430
+
+
 def test_a_move_that_begins_in_motion_has_no_bound_by_acceleration(panda: Robot) -> None:
     limit = next(x for x in limits_of(panda, Settings(tool_acceleration=0.5)) if x.name == "tool_acceleration")
     poses = np.array([START, GOAL])

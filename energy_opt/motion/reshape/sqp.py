@@ -101,7 +101,8 @@ def descend(
             elastic = found.broken if found.broken > 1e-3 else 0.0
             most_price = float(np.abs(found.multipliers).max(initial=0.0))
             price = max(0.5 * price, 2 * most_price, 1.0) if not elastic else PRICE
-            predicted += price * (broken - elastic)
+            # the program's excess includes what `give` and `slack` allow; so must the one it started from
+            predicted += price * (model.broken(point, 0.0, 0.0) - elastic if elastic else broken)
             step = float(np.abs(found.d[: model.shape.size]).max(initial=0.0))
             trial = model.at(*model.moved(point, found.d), 2 * step)
             trial_broken = model.broken(trial, give, slack)
@@ -120,11 +121,12 @@ def descend(
                     trust = max(0.7 * step, LEAST_TRUST)
                 break
             failed += 1
-            damping = found.damping
+            damping, corrected = found.damping, constraints is not near
             now.smooth |= model.excess(trial) > max(2 * model.excess(point), 0.0) + FAR
             again = model.other_constraints(trial, step, equalities=False) if model.deepest(trial) < SHALLOW else None
             if again is not None and again.count:
                 constraints = near.joined(again.moved(found.d))
+            # the excess of a corrected program is that of both ends: a small decrease does not mean that it converged
             tries = KINKED if now.convex or now.smooth else TRIES
             worth = not broken and predicted > LITTLE * max(abs(point.cost), 0.02)  # shorter steps along tight limits
             full = failed == 1 and again is not None and again.count and trial_broken > broken
@@ -132,7 +134,7 @@ def descend(
             if (
                 (failed > tries and not worth)
                 or trust < LEAST_TRUST
-                or predicted < tolerance * max(abs(point.cost), 0.02)
+                or (predicted < tolerance * max(abs(point.cost), 0.02) and not corrected)
             ):
                 break
         now.trust = trust

@@ -19,7 +19,7 @@ import numpy as np
 
 from energy_opt.motion.limits.base import box_of
 from energy_opt.motion.reshape.curve import Curve, Outcome, between
-from energy_opt.motion.reshape.task import FEASIBLE, REPAIRABLE, Level, Line, Task
+from energy_opt.motion.reshape.task import FEASIBLE, REPAIRABLE, Level, Line, Task, at_most
 
 log = logging.getLogger(__name__)
 FEWEST, OFTEN = 10, 3  # fewest starts, and how many of them must have found the best optimum
@@ -160,11 +160,15 @@ def valleys(level: Level, task: Task, outcomes: Iterable[Outcome]) -> Iterator[O
 
 
 def joined(level: Level, task: Task, a: Outcome, b: Outcome) -> bool:
-    """True if two curves lie in one valley: between them the cost is nowhere above both."""
+    """True if two curves lie in one valley: between them the cost is nowhere above both.
+
+    If T is free, an excess over a bound adds to the cost what a longer T would: most of the cost of time.
+    """
     ridge = max(task.cost(a), task.cost(b))
     for share in BETWEEN:
         curve = between(a.curve, b.curve, share)
-        cost, _ = level.shares(curve, task.parameters, task.limits, task.width)
-        if cost - task.offset * curve.duration > ridge + NEAR * abs(ridge):
+        cost, shares = level.shares(curve, task.parameters, task.limits, task.width)
+        excess = 0.0 if task.fixed else max((float(np.max(x, initial=0.0)) - 1 for x in shares.values()), default=0.0)
+        if at_most(cost - task.offset * curve.duration, 1 + max(excess, 0.0) / 2) > ridge + NEAR * abs(ridge):
             return False
     return True

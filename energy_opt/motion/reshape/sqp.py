@@ -29,10 +29,10 @@ STALLED = 1e-4  # share of the cost: converged if no step is taken and the expec
 HEAVY = 30.0  # damping above which nodes' Hessians are made convex one by one, as at the kinks of dry friction
 LAST, LITTLE = 10, 1e-3  # converged if the last LAST steps saved less than the share LITTLE of the cost
 KINKED = 8  # most failed steps from one point at kinks
-# If a failed step's worst excess is above twice the one before plus FAR, |d2q/du2| of further steps is at most BEND times
-# the trust region: zigzags of control points change accelerations much, which limits of the tool, linearised, hide. On 24
-# moves with a limit of the tool's acceleration this takes 2 % less energy in the mean, 33 % less at best and 0.3 % more
-# at worst (`benchmarks/tool_limits.py`).
+# If a failed step's worst excess is above twice the one before plus FAR, |d2q/du2| of further steps is at most BEND
+# times the trust region: zigzags of control points change accelerations much, which limits of the tool, linearised,
+# hide. On 24 moves with a limit of the tool's acceleration this takes 2 % less energy in the mean, 33 % less at best
+# and 0.3 % more at worst (`benchmarks/tool_limits.py`).
 BEND, FAR = 400.0, 1.0
 TRIES = 5  # most failed steps from one point otherwise, unless it is within all limits and more than LITTLE is expected
 

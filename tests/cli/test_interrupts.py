@@ -62,7 +62,7 @@ def pressed(monkeypatch: pytest.MonkeyPatch, place: str, times: int = 1) -> None
         ("energy_opt.diagnosis.diagnosis:take_samples", 1, True),
         ("energy_opt.diagnosis.search:Search.fitted", 1, True),
         ("energy_opt.diagnosis.search:Search.fitted", 2, True),
-        ("energy_opt.diagnosis.verdict:alternatives", 1, True),
+        ("energy_opt.diagnosis.verdict:left_open", 1, True),
         ("energy_opt.diagnosis.diagnosis:errors", 1, True),
         ("energy_opt.diagnosis.page:page", 1, True),
     ],

@@ -52,8 +52,11 @@ def moves(robot: eo.Robot, count: int, seed: int) -> list[tuple[np.ndarray, np.n
 def solved(robot: eo.Robot, start: np.ndarray, goal: np.ndarray, limits: Sequence[object]) -> tuple[float, float]:
     """Energy [J] of a move, nan if it is not solved; and processor time [s]."""
     begin = time.process_time()
-    result = eo.optimize(robot, start=start, goal=goal, conditions=limits)
-    energy = result.energy.total if result.status == "solved" else np.nan
+    try:
+        result = eo.optimize(robot, start=start, goal=goal, conditions=limits)
+        energy = result.energy.total if result.status == "solved" else np.nan
+    except Infeasible:
+        energy = np.nan
     return energy, time.process_time() - begin
 
 

@@ -309,7 +309,8 @@ def spline(x: ca.SX, at: ca.SX, y: ca.SX) -> ca.SX:
     last = _end(h[-1], h[-2], s[-1], s[-2]) if count > 2 else s[0]
     d = [first, *inner, last]
     # The straight line beyond the last point, then the piece that contains x, from the last piece to the first: no loop
-    # over pieces remains at run time. Values are chosen, not coefficients: these jump, so ranges would lose the value.
+    # over pieces remains at run time. The cases choose values, not coefficients: coefficients jump from piece to piece,
+    # and the judge's range of the torque would be too wide there.
     out = y[count - 1] + ca.fmax(last, 0) * (x - at[count - 1])
     for i in reversed(range(count - 1)):
         u, c2, c3 = x - at[i], (3 * s[i] - 2 * d[i] - d[i + 1]) / h[i], (d[i] + d[i + 1] - 2 * s[i]) / h[i] ** 2

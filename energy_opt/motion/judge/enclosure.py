@@ -71,7 +71,7 @@ def _rates(x: Range) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _add(a: Range, b: Range) -> Range:
-    """a + b: least and largest add up, for values and rates; of two complementary cases, one of both."""
+    """a + b: least and largest add up, for values and rates; the sum of two complementary cases is one of them."""
     if isinstance(a, Case) and isinstance(b, Case):
         for one, other in ((a, b), (b, a)):
             if isinstance(other.condition, Not) and other.condition.of is one.condition:

@@ -144,7 +144,7 @@ class Reshaper:
                 found = search(coarse, there, lines[0], starts, seed, stopped, known)
             kept[rung] = found
             used, spent = found.starts - known.starts, found.iterations - known.iterations
-        best = min(kept[rung].found, key=there.hope)
+        best = min(kept[rung].found, key=there.coarse_rank)
         most = at_most(there.cost(best), WORTH_KEEPING)
         near = [o for o in kept[rung].found if o is best or (o.broken <= REPAIRABLE and there.cost(o) <= most)]
         optima = islice(valleys(coarse, there, near), KEPT)

@@ -46,7 +46,7 @@ class Optima:
     found: tuple[Outcome, ...] = ()
     starts: int = 0
     iterations: int = 0
-    costs: tuple[float, ...] = ()  # costs of all feasible outcomes
+    costs: tuple[float, ...] = ()  # of all outcomes whose excess can be repaired
     enough: bool = False
 
 
@@ -152,7 +152,7 @@ def _same(a: Outcome, b: Outcome, task: Task) -> bool:
 def valleys(level: Level, task: Task, outcomes: Iterable[Outcome]) -> Iterator[Outcome]:
     """The best outcome of every valley, the best first; within a valley, the cost does not rise between two optima."""
     found: list[Outcome] = []
-    for outcome in sorted(outcomes, key=task.hope):
+    for outcome in sorted(outcomes, key=task.coarse_rank):
         alike = (o for o in found if (o.broken <= FEASIBLE) == (outcome.broken <= FEASIBLE))
         if not any(joined(level, task, known, outcome) for known in alike):
             found.append(outcome)
@@ -162,7 +162,8 @@ def valleys(level: Level, task: Task, outcomes: Iterable[Outcome]) -> Iterator[O
 def joined(level: Level, task: Task, a: Outcome, b: Outcome) -> bool:
     """True if two curves lie in one valley: between them the cost is nowhere above both.
 
-    If T is free, an excess over a bound adds to the cost what a longer T would: most of the cost of time.
+    If T is free, a bound that is exceeded by the share e raises the cost by the share e / 2: about what the longer T
+    costs with which the curve keeps the bound.
     """
     ridge = max(task.cost(a), task.cost(b))
     for share in BETWEEN:

@@ -210,7 +210,7 @@ class Task:
         """The part of the cost that depends on the path, increased by the excess over limits."""
         return at_most(self.cost(outcome), 1 + max(outcome.broken, 0.0))
 
-    def hope(self, outcome: Outcome) -> tuple[bool, float]:
+    def coarse_rank(self, outcome: Outcome) -> tuple[bool, float]:
         """Sort key of coarse outcomes: by `promise` if their excess may still be repaired, else by their excess."""
         repairable = outcome.broken <= REPAIRABLE
         return not repairable, self.promise(outcome) if repairable else outcome.broken

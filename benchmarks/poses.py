@@ -33,7 +33,7 @@ from energy_opt.cell.load import load_cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import EnergyOptError, Infeasible
 from energy_opt.front.rivals import rivals_from
-from energy_opt.poses.ends import Ends
+from energy_opt.poses.given import Ends
 from energy_opt.poses.inverse import ToolKinematics, reach
 from energy_opt.poses.pose import Freedom, Pose
 from energy_opt.poses.sets import free_of

@@ -12,11 +12,10 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from energy_opt.batches.executors import Solver, cluster, local, run_tasks
+from energy_opt.batches.executors import Solver, cluster, local, run_tasks, solve_task
 from energy_opt.batches.records import Journal, Record, Row, read_journal, write_parquet
 from energy_opt.batches.suite import Suite
 from energy_opt.batches.summary import summarize, table
-from energy_opt.batches.work import solve_task
 from energy_opt.files import plain, write_json
 from energy_opt.power.per_year import PerYear
 from energy_opt.requests.option import Request

@@ -20,8 +20,7 @@ from energy_opt.effects import Payload as PointLoad
 from energy_opt.errors import BadInput, suggest
 from energy_opt.files import is_number
 from energy_opt.motion import Settings
-from energy_opt.poses.ends import Ends
-from energy_opt.poses.given import Given, in_base, poses_of_scene
+from energy_opt.poses.given import Ends, Given, in_base, poses_of_scene
 from energy_opt.requests.moves import OptimizeRequest
 from energy_opt.robot import Robot
 from energy_opt.schema import Name, Number, Table, reads

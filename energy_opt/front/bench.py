@@ -53,7 +53,7 @@ def run(request: BenchRequest, desk: Desk) -> Batch | Listing:
     with desk.showing() as show:
         batch = run_batch(
             suite, out, jobs=jobs, resume=request.resume, force=request.force, scheduler=request.scheduler,
-            show=show, request=desk.stamped(asked.document()), worth=worth,
+            show=show, request={**asked.document(), **desk.stamp}, worth=worth,
         )  # fmt: skip
     if batch.left_out:
         desk.say(f"{batch.left_out} earlier results belong to another version of the suite and were left out")

@@ -33,7 +33,7 @@ from energy_opt.power.model import model_from_document
 from energy_opt.requests.verbs import CheckRequest
 from energy_opt.results import Found
 from energy_opt.robot import Robot, known_robots, load_robot
-from energy_opt.robot.limits_file import names_in
+from energy_opt.robot.limits import names_in
 from energy_opt.robot.srdf import read_srdf
 from energy_opt.workcell.as_job import check_workcell
 

@@ -144,10 +144,11 @@ class Desk:
         """A block in which the user may request a stop; yields a test for this request, and the progress."""
         yield self.ends, Show()
 
-    def stamped(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """A request's document with the version and the command line."""
+    @property
+    def stamp(self) -> dict[str, Any]:
+        """The version and the command line, for a request's document."""
         command = None if self.command is None else shlex.join(["energy-opt", *self.command])
-        return {**request, "version": __version__, "command": command}
+        return {"version": __version__, "command": command}
 
     def take(self, answer: str, request: Request, **more: Any) -> dict[str, Any]:
         """The request's document with a stamp; checks first that `answer` can be written.
@@ -158,7 +159,7 @@ class Desk:
         Raises:
             BadInput: see `guard`.
         """
-        document = self.stamped({**request.document(), **more})
+        document = {**request.document(), **more, **self.stamp}
         if self.out is not None:
             guard(self.out / answer, document, self.force)
         return document
@@ -179,6 +180,15 @@ class Desk:
             self.say(assumed)
         for warning in warnings:
             self.say(f"warning: {warning}")
+
+    @contextmanager
+    def stating(self, answer: str, **about: Any) -> Iterator[None]:
+        """A block whose `Infeasible` is written into the folder as the answer, see `failed`."""
+        try:
+            yield
+        except Infeasible as error:
+            self.failed(answer, error, **about)
+            raise
 
     def failed(self, answer: str, error: Infeasible, **about: Any) -> None:
         """Write the reason why there is no answer; `about` is added to the error's document."""

@@ -2,28 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from types import MappingProxyType
 from typing import Any
 
-from energy_opt.errors import BadInput, Infeasible
+from energy_opt.errors import BadInput
 from energy_opt.formats.output import Files
-from energy_opt.front.controllers import check_written
+from energy_opt.front.controllers import check_rate_of, check_written
 from energy_opt.front.desk import Desk, verb
-from energy_opt.front.given import cell_of
+from energy_opt.front.given import cell_of, robot_of, several
 from energy_opt.front.jobs import JOB, JobAnswer, answers_of, content_of, job_from, job_settings, loaded, resolved_job
-from energy_opt.front.rivals import rivals_of, said, with_careful
-from energy_opt.front.workcell import WORKCELL, run_workcell_job
+from energy_opt.front.rivals import rivals_from, rivals_of, said, with_careful
+from energy_opt.jobs import output
 from energy_opt.jobs.models import compared, efforts_held, grounded, held, mean_of, stated, warned
-from energy_opt.jobs.output import found_of, with_room, write, write_programs
 from energy_opt.jobs.posed import run_posed
 from energy_opt.jobs.run import JobResult, run_job
 from energy_opt.motion.plan.planner import Shares
 from energy_opt.power import PowerModel
 from energy_opt.power.assumptions import assumptions_line as assumed
-from energy_opt.power.per_year import per_year_words
 from energy_opt.requests.moves import JobRequest
+from energy_opt.robot import Robot
+
+WORKCELL = "energy-opt/job/2"
+OF_ONE_ROBOT = ("robot", "payload", "base")  # options of one robot, which are refused in a job of several
 
 
 def run(request: JobRequest, desk: Desk) -> JobAnswer:
@@ -47,7 +49,7 @@ def run(request: JobRequest, desk: Desk) -> JobAnswer:
     answers, known = answers_of(request, job, rivals, settings, desk)
     with desk.working() as (stopped, show):
         usual: dict[str, Any] = {"cell": cell, "stopped": stopped, "progress": show}
-        try:
+        with desk.stating(JOB, robot=job.robot.name, cycle_time=job.cycle_time, request=document):
             first = run_posed(job, mean_of(rivals), settings, **known, **usual)
 
             def planned(model: PowerModel, shares: Shares) -> JobResult:
@@ -58,7 +60,7 @@ def run(request: JobRequest, desk: Desk) -> JobAnswer:
                     both = {name: shares.get(name, 1.0) * held.get(name, 1.0) for name in {*shares, *held}}
                     return planned(model, both)
 
-                return with_room(result, Files(formats, request.rate), again)
+                return output.with_room(result, Files(formats, request.rate), again)
 
             def under(model: PowerModel, shares: Shares = MappingProxyType({})) -> JobResult:
                 return roomy(planned(model, shares), model, shares)
@@ -67,59 +69,66 @@ def run(request: JobRequest, desk: Desk) -> JobAnswer:
             if kind is not None:
                 result = held(result, rivals, under)
                 result = efforts_held(result, rivals, lambda shares: under(mean_of(rivals), shares))
-        except Infeasible as error:
-            desk.failed(JOB, error, robot=job.robot.name, cycle_time=job.cycle_time, request=document)
-            raise
         if kind is None:
             result = compared(result, with_careful(rivals, job.robot))
             result = replace(result, warnings=(*result.warnings, *said(result.models, "the cycle")))
         else:
             result = warned(stated(result, rivals), rivals)
         result = grounded(result, rivals)
-        answer = desk.keep(
-            JobAnswer(
-                result=result, request=asked, stamp=desk.stamped({}), formats=formats, programs=write_programs,
-                found_of=found_of, write=write, words=table,
-            )
-        )  # fmt: skip
+        answer = desk.keep(JobAnswer(result=result, request=asked, stamp=desk.stamp, output=output, formats=formats))
     if result.solved and answers is not None:
         answers.forget()
     desk.report(answer.files, assumed(result.assumptions), answer.document()["warnings"])
     return answer
 
 
-job = verb(JobRequest, run)
+def run_workcell_job(request: JobRequest, desk: Desk) -> JobAnswer:
+    """A cycle of several robots, scheduled and planned for least energy.
 
-
-def table(found: Mapping[str, Any], cycles: float | None) -> str:
-    """Table of the steps and savings, for a terminal.
-
-    Args:
-        found: the content of job.json. cycles: how many a year, if asked for.
+    Raises:
+        BadInput: an option of one robot, or a fault of the file.
+        Infeasible: no schedule keeps cycle time, lags, zones, limits of the supply, and arms apart.
     """
-    lines = [f"{'step':<24} {'begins [s]':>10} {'takes [s]':>10} {'energy [J]':>11} {'kg':>5}"]
-    for row in found["steps"]:
-        lines.append(
-            f"{row['name'][:24]:<24} {row['start']:>10.3f} {row['duration']:>10.3f} {row['energy_total']:>11.3f} "
-            f"{row['payload']:>5.2g}"
+    from energy_opt.workcell import output
+    from energy_opt.workcell.as_job import model_named
+    from energy_opt.workcell.file import workcell_of
+    from energy_opt.workcell.run import run_workcell
+
+    content, path = content_of(request)
+    given = next((name for name in OF_ONE_ROBOT if getattr(request, name) is not None), None)
+    if given is not None:
+        raise BadInput(f"--{given} is of one robot; in a job of several, [[robot]] has its own")
+    if request.robust not in (None, "mean"):
+        raise BadInput(
+            f"--robust {request.robust} is of one robot; a job of several is planned under the mean of the models"
         )
-    lines.append(f"in a {found['cycle_time']:g} s cycle: this plan {found['energy_total']:.3f} J")
-    for row in found["baselines"]:
-        name = row["name"].replace("_", " ")
-        if row["energy_total"] is None:
-            lines.append(f"  {name}: not possible within the limits")
-        else:
-            saved = 100 * (1 - found["energy_total"] / row["energy_total"])
-            lines.append(f"  {name} {row['energy_total']:.3f} J (this plan saves {saved:.2f} %)")
-    choice, mean = found.get("choice"), " in the mean of the models" if found.get("robust") else ""
-    if choice and choice["greedy_nearest"] is not None:
-        chosen, nearest = choice["energy_total"], choice["greedy_nearest"]
-        lines.append(f"positions at the poses: {chosen:.3f} J a cycle, with the nearest ones {nearest:.3f} J{mean}")
-    if "per_year" in found:
-        lines.append(per_year_words(found["per_year"], cycles or 0.0))
-    several = found.get("robust")
-    bound, of = (several or found["optimality"])["lower_bound"], " (mean of the models)" if several else ""
-    if bound is not None:
-        gap = found["optimality"]["gap_percent"]
-        lines.append(f"no timing of these paths takes less than {bound:.3f} J{of} (gap {gap:.2g} %)")
-    return "\n".join(lines)
+    kind = None if request.robust is None else "mean"
+    cell = workcell_of(content if request.jitter is None else {**content, "jitter": request.jitter}, path)
+    check_rate_of(request)
+    load = partial(robot_of, request)
+    formats = output.formats_of(cell, list(request.write), path, load, request.allow_outside)
+
+    def model_of(name: str | None, robot: Robot) -> PowerModel:
+        own = [] if name is None else [model_named(name, path, request.allow_outside)]
+        return mean_of(rivals_from(several(request.model) or own, kind, robot)[0])
+
+    asked = replace(request, job=content, folder=str(path.parent.resolve()))
+    _ = request.worth  # refuses invalid numbers before the work
+    document = desk.take(JOB, asked)
+    settings = job_settings(request)
+    with desk.working() as (stopped, show):
+        with desk.stating(JOB, cycle_time=cell.cycle_time, request=document):
+            result = run_workcell(
+                cell, path, load=load, model_of=model_of, settings=settings, request=cell_of(request),
+                stopped=stopped, progress=show,
+            )  # fmt: skip
+        answer = desk.keep(JobAnswer(result=result, request=asked, stamp=desk.stamp, output=output, formats=formats))
+    for row in answer.files:
+        if row.format != "csv" or not row.valid:
+            file = row.file if desk.out is None else desk.out / row.file
+            desk.say(f"{file}: {row}; begins at {row.about['starts_at']:.3f} s of the cell's cycle")
+    desk.report(warnings=answer.document()["warnings"])
+    return answer
+
+
+job = verb(JobRequest, run)

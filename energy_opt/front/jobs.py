@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from types import ModuleType
 from typing import Any, TypeVar
 
 from energy_opt.errors import BadInput, at_least
@@ -116,19 +117,15 @@ class JobAnswer(Answered):
 
     Attributes:
         result: `jobs.run.JobResult` of one robot, `workcell.run.CellResult` of several.
-        formats: of the programs that are written beside it. programs: writes these; see `jobs.output.write_programs`.
-        found_of: makes the content of job.json, write: writes it with all other files; see `jobs.output`.
-        words: a short table of job.json for a terminal.
+        output: the module that writes it: `jobs.output` or `workcell.output`.
+        formats: of the programs that are written beside it.
         files: the programs that were written, read back and judged. saved: job.json as it was written.
     """
 
     result: Any
     request: JobRequest
+    output: ModuleType
     formats: Any
-    programs: Callable[..., list[Written]]
-    found_of: Callable[..., dict[str, Any]]
-    write: Callable[..., dict[str, Any]]
-    words: Callable[[Mapping[str, Any], float | None], str]
     files: tuple[Written, ...] = ()
     saved: dict[str, Any] | None = None
 
@@ -140,17 +137,18 @@ class JobAnswer(Answered):
 
     def document(self) -> dict[str, Any]:
         """Content of job.json."""
-        return self.saved or self.found_of(self.result, self.asked, self.request.worth)
+        return self.saved or self.output.found_of(self.result, self.asked, self.request.worth)
 
     def text(self, out: Path) -> str:
         """A short table for a terminal, of a job that was saved into `out`."""
-        return f"{self.words(self.document(), self.request.cycles_per_year)}\nfiles in {out}"
+        return f"{self.output.table(self.document(), self.request.cycles_per_year)}\nfiles in {out}"
 
     def kept(self, out: Path) -> JobAnswer:
         """Write job.json, the tables of all motions, report.html and the programs asked for into the folder `out`."""
         with written_whole(out, JOB) as aside:
-            records = self.programs(self.result, self.formats, aside, self.request.rate, self.request.joint_prefix)
-            saved = self.write(self.result, self.asked, aside, self.request.worth, records)
+            asked, output = self.request, self.output
+            records = output.write_programs(self.result, self.formats, aside, asked.rate, asked.joint_prefix)
+            saved = output.write(self.result, self.asked, aside, asked.worth, records)
         return replace(self, files=tuple(records), saved=saved)
 
     def __repr__(self) -> str:

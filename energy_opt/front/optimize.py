@@ -84,7 +84,7 @@ def run(request: OptimizeRequest, desk: Desk) -> Answer:
                 found = replace(found, warnings=(*found.warnings, UNCHECKED))
             answer = Answer(
                 **{f.name: getattr(found, f.name) for f in fields(Result)},
-                arm=robot, move=move, request=asked, stamp=desk.stamped({}), cell=cell,
+                arm=robot, move=move, request=asked, stamp=desk.stamp, cell=cell,
                 controllers=lambda result, out: controllers.write(move, result, moves, out),
             )  # fmt: skip
             if ends is not None and chosen is not None:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from energy_opt.errors import Infeasible
 from energy_opt.folders import written_whole
 from energy_opt.front.desk import Answered, Desk, verb
 from energy_opt.front.given import cell_of
@@ -83,16 +82,13 @@ def run(request: PlaceRequest, desk: Desk) -> PlaceAnswer:
     asked = resolved_job(request, job.robot, rivals, kind)
     document = desk.take(ANSWER, asked)
     with desk.working() as (stopped, show):
-        try:
+        with desk.stating(ANSWER, robot=job.robot.name, request=document):
             found = placed(
                 job, mean_of(rivals), box, settings=job_settings(request), cell=around, stopped=stopped, progress=show
             )
-        except Infeasible as error:
-            desk.failed(ANSWER, error, robot=job.robot.name, request=document)
-            raise
         if kind is not None:
             found = _held(found, rivals, job_settings(request), stopped)
-        answer = desk.keep(PlaceAnswer(placement=found, request=asked, stamp=desk.stamped({}), interrupted=stopped()))
+        answer = desk.keep(PlaceAnswer(placement=found, request=asked, stamp=desk.stamp, interrupted=stopped()))
     desk.report(warnings=() if answer.saved is None else answer.saved["warnings"])
     return answer
 

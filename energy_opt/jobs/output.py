@@ -22,9 +22,10 @@ from energy_opt.jobs.run import JobResult
 from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.trajectory import Trajectory
-from energy_opt.poses.ends import pose_document
+from energy_opt.poses.given import pose_document
 from energy_opt.power.per_year import PerYear
 from energy_opt.reports.job import page
+from energy_opt.reports.job import table as table
 from energy_opt.reports.motion import drawn
 
 

@@ -24,8 +24,7 @@ from energy_opt.jobs.file import Job
 from energy_opt.jobs.posed import Ends, Posed, run_posed
 from energy_opt.jobs.run import JobResult, RoughCycles
 from energy_opt.motion.move import Settings
-from energy_opt.placement.placement import Looked, Placement, Rough
-from energy_opt.placement.request import PlaceRequest, fixture_pose, in_scene
+from energy_opt.placement.placement import Looked, Placement, PlaceRequest, Rough, fixture_pose, in_scene
 from energy_opt.power import PowerModel
 
 TRIES = 2  # times as many seeds are tried if rough cycles fail

@@ -13,8 +13,8 @@ from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.plan.robust import RobustPlanner
 from energy_opt.poses.choose import APART, Chooser
 from energy_opt.poses.chosen import Chosen
-from energy_opt.poses.ends import Ends
 from energy_opt.poses.estimate import holding, quickest
+from energy_opt.poses.given import Ends
 from energy_opt.poses.inverse import ToolKinematics
 from energy_opt.poses.sets import Layer, Ring, Target, layer, positions_of, thinned
 from energy_opt.power import PowerModel

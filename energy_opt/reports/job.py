@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from energy_opt.power.per_year import per_year_words
 from energy_opt.reports.charts import Block, Chart, Line
 from energy_opt.reports.motion import Motion, Played, Solid, player
 from energy_opt.reports.optimize import assumed, motion_charts
@@ -108,3 +109,37 @@ def headline(document: Mapping[str, Any]) -> str:
             saved = 100 * (1 - total / row["energy_total"])
             text += f", {saved:.3g} % less than {row['name'].replace('_', ' ')}"
     return text + "."
+
+
+def table(found: Mapping[str, Any], cycles: float | None) -> str:
+    """Table of the steps and savings, for a terminal.
+
+    Args:
+        found: the content of job.json. cycles: how many a year, if asked for.
+    """
+    lines = [f"{'step':<24} {'begins [s]':>10} {'takes [s]':>10} {'energy [J]':>11} {'kg':>5}"]
+    for row in found["steps"]:
+        lines.append(
+            f"{row['name'][:24]:<24} {row['start']:>10.3f} {row['duration']:>10.3f} {row['energy_total']:>11.3f} "
+            f"{row['payload']:>5.2g}"
+        )
+    lines.append(f"in a {found['cycle_time']:g} s cycle: this plan {found['energy_total']:.3f} J")
+    for row in found["baselines"]:
+        name = row["name"].replace("_", " ")
+        if row["energy_total"] is None:
+            lines.append(f"  {name}: not possible within the limits")
+        else:
+            saved = 100 * (1 - found["energy_total"] / row["energy_total"])
+            lines.append(f"  {name} {row['energy_total']:.3f} J (this plan saves {saved:.2f} %)")
+    choice, mean = found.get("choice"), " in the mean of the models" if found.get("robust") else ""
+    if choice and choice["greedy_nearest"] is not None:
+        chosen, nearest = choice["energy_total"], choice["greedy_nearest"]
+        lines.append(f"positions at the poses: {chosen:.3f} J a cycle, with the nearest ones {nearest:.3f} J{mean}")
+    if "per_year" in found:
+        lines.append(per_year_words(found["per_year"], cycles or 0.0))
+    several = found.get("robust")
+    bound, of = (several or found["optimality"])["lower_bound"], " (mean of the models)" if several else ""
+    if bound is not None:
+        gap = found["optimality"]["gap_percent"]
+        lines.append(f"no timing of these paths takes less than {bound:.3f} J{of} (gap {gap:.2g} %)")
+    return "\n".join(lines)

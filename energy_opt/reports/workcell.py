@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from energy_opt.power.per_year import per_year_words
 from energy_opt.reports.charts import Block, Chart, Line
 from energy_opt.reports.page import Report
 
@@ -111,3 +112,72 @@ def headline(document: Mapping[str, Any]) -> str:
 
 def _value_text(lever: Mapping[str, Any]) -> str:
     return str(lever["name"]).replace("_", " ")
+
+
+def table(found: Mapping[str, Any], cycles: float | None) -> str:
+    """Table of the schedule and the saving by each lever, for a terminal.
+
+    Args:
+        found: the content of job.json. cycles: how many a year, if asked for.
+    """
+    lines = [f"{'robot':<14} {'step':<28} {'begins [s]':>10} {'takes [s]':>10} {'mode':<16} {'energy [J]':>12}"]
+    for robot in found["robots"]:
+        lines += [
+            f"{robot['name'][:14]:<14} {s['name'][:28]:<28} {s['start']:>10.3f} {s['duration']:>10.3f} "
+            f"{(s['mode'] or 'moves')[:16]:<16} {s['energy_total']:>12.1f}"
+            for s in robot["steps"]
+            if s["duration"] > BRIEF
+        ]
+    bound = "" if found["bound"] is None else f"; no schedule of these curves takes less than {found['bound']:.1f} J"
+    lines.append(f"the cycle of {found['cycle_time']:g} s takes {found['energy_total']:.1f} J{bound}")
+    lines.append(_apart(found))
+    lines += _supplied(found)
+    lines += _levers(found)
+    if "per_year" in found:
+        lines.append(per_year_words(found["per_year"], cycles or 0.0))
+    return "\n".join(line for line in lines if line)
+
+
+def _apart(found: Mapping[str, Any]) -> str:
+    """Line on the proven distance of the arms; empty for a single arm."""
+    clearance = found["clearance"]
+    if clearance is None:
+        return ""
+    late = f"each up to {1e3 * clearance['jitter']:g} ms early or late"
+    if clearance["verdict"] == "proven":
+        return f"the arms keep at least {1e3 * clearance['lower_bound']:.3g} mm apart, {late}: proven"
+    return f"the arms, {late}: {clearance['verdict']}"
+
+
+def _supplied(found: Mapping[str, Any]) -> list[str]:
+    """Lines on the arms' energy from supplies of their own and from the supply of the file."""
+    supply = found["supply"]
+    if supply is None or found["levers"][-1]["name"] != "supply":
+        return []
+    most = "" if supply["max_power"] is None else f" of {supply['max_power']:.5g} W"
+    return [
+        f"supplies of their own: {supply['energy_own']:.1f} J, {supply['lost_own']:.1f} J of braking lost, "
+        f"peak {supply['peak_own']:.1f} W",
+        f"the supply of the file: {supply['energy']:.1f} J, {supply['lost']:.1f} J of braking lost, "
+        f"peak {supply['peak']:.1f} W{most}",
+    ]
+
+
+def _levers(found: Mapping[str, Any]) -> list[str]:
+    """The cycle with one lever after the other; levers that were computed for evenly slowed moves are marked."""
+    levers = found["levers"]
+    first, year = levers[0]["energy_total"], "per_year" in levers[0]
+    lines = [f"{'with':<10} {'energy [J]':>12} {'saved [J]':>12} {'saved [%]':>10}"]
+    lines[0] += f" {'[kWh a year]':>13} {'[money]':>10}" if year else ""
+    for lever in levers:
+        mark = "*" if lever["moves"] == "evenly_slowed" else ""
+        saved = first - lever["energy_total"]
+        line = f"{lever['name'].replace('_', ' ') + mark:<10} {lever['energy_total']:>12.1f} {saved:>12.1f}"
+        line += f" {100 * saved / first:>10.2f}"
+        if year:
+            kwh, money = lever["per_year"]["kwh"], lever["per_year"]["money"]
+            line += f" {kwh:>13.2f} {'-' if money is None else format(money, '.2f'):>10}"
+        lines.append(line)
+    if any(lever["moves"] == "evenly_slowed" for lever in levers):
+        lines.append("* computed for moves slowed evenly along initial paths, which are not kept apart from other arms")
+    return lines

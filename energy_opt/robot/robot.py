@@ -24,11 +24,11 @@ from energy_opt.robot.limits import (
     ASSUMED_VELOCITY,
     DOUBTFUL_VELOCITY,
     Limits,
+    overlay,
     postures,
     unit_of,
     with_assumptions,
 )
-from energy_opt.robot.limits_file import overlay
 from energy_opt.robot.meshes import mesh_files
 from energy_opt.robot.mimic import followers, leaders_limits
 from energy_opt.robot.rigid_body import RigidBody

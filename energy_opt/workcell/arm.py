@@ -32,8 +32,7 @@ from energy_opt.schedule.problem import SAME
 from energy_opt.workcell.as_job import at_positions, explicit_steps, job_of, request_of
 from energy_opt.workcell.curves import ADDED, mode_of
 from energy_opt.workcell.file import MOTORS, RobotTable, StepTable, WorkCell, step_name
-from energy_opt.workcell.motion import ArmMove, Part, at_rest, nearest
-from energy_opt.workcell.scoring import Scoring
+from energy_opt.workcell.motion import ArmMove, Part, Scoring, at_rest, nearest
 
 # durations of evenly slowed moves to evaluate, as multiples of the shortest
 SLOWER = (1.0, 1.15, 1.35, 1.6, 2.0, 2.5, 3.2, 4.2, 6.0)

@@ -17,8 +17,7 @@ from energy_opt.errors import BadInput
 from energy_opt.files import read_table
 from energy_opt.formats import read, read_trajectory
 from energy_opt.formats.bags import write_mcap
-from energy_opt.front.importing import import_logs
-from energy_opt.front.recordings import unpack
+from energy_opt.front.importing import import_logs, unpack
 from energy_opt.motion.trajectory import Trajectory
 
 JOINTS = ("a", "b")

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 import energy_opt as eo
+from energy_opt.batches.executors import solve_task
 from energy_opt.batches.suite import load_suite
-from energy_opt.batches.work import solve_task
 from energy_opt.cli.main import main
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.power.known import careful

@@ -194,7 +194,7 @@ def test_modules_stay_small() -> None:
 
 
 HEAVY = ("casadi", "pinocchio", "coal", "toppra", "matplotlib", "scipy", "pyarrow", "dask", "distributed", "mujoco")
-PLANS = [f"energy_opt.front.{name}" for name in ("check", "diagnose", "evaluate", "job", "tradeoff", "workcell")]
+PLANS = [f"energy_opt.front.{name}" for name in ("check", "diagnose", "evaluate", "job", "tradeoff")]
 
 
 @pytest.mark.parametrize(

@@ -33,7 +33,7 @@ from energy_opt.cli.terminal import Terminal
 from energy_opt.errors import BadInput, EnergyOptError, speaking_of_options, suggest
 from energy_opt.files import read_text
 from energy_opt.folders import leave_folders
-from energy_opt.front.verbs import VERBS
+from energy_opt.front.verbs import VERBS, function_of
 from energy_opt.requests.option import flag_of, options_of
 
 SHELLS = ("bash", "zsh", "tcsh")
@@ -109,7 +109,7 @@ def _option_hint(option: str, own: Sequence[str]) -> str:
     others = [
         name
         for name, verb in VERBS.items()
-        if option in {flag_of(field, spelled) for field, (_, spelled) in options_of(verb.request).items()}
+        if option in {flag_of(field, spelled) for field, (_, spelled) in options_of(verb).items()}
     ]
     if others:
         return f"; {option} is an option of {', '.join(others)}"
@@ -164,11 +164,11 @@ def _run_verb(args: argparse.Namespace, words: tuple[str, ...]) -> int:
     with stdout_for_json(args.json):
         request = request_of(args, verb)
     given = getattr(args, "out", None)
-    out: Path | None = given if given is not None or not verb.out else Path(verb.out)
+    out: Path | None = given if given is not None or not verb.results else Path(verb.results)
     force = getattr(args, "force", False)
     desk = Terminal(out, force, words, quiet=args.quiet, verbose=args.verbose)
     with stdout_for_json(args.json):
-        found = verb.run(request, desk)
+        found = function_of(args.verb)(request, desk)
     folder = Path(out or getattr(found, "out", None) or ".")
     if getattr(args, "view", False):
         view(folder, args.quiet)

@@ -10,7 +10,6 @@ from typing import Any, NoReturn
 
 from energy_opt.errors import BadInput
 from energy_opt.files import read_toml
-from energy_opt.front.verbs import Verb
 from energy_opt.requests.option import ON_OFF, Option, Request, flag_of, options_of
 
 UNITS = "Units are SI: rad (m for prismatic joints), s, N m (N), W, J. Joints are matched by name, never by order."
@@ -82,7 +81,7 @@ class Parser(argparse.ArgumentParser):
         raise BadInput(f"{message} (see {self.prog} --help)")
 
 
-def add_options(parser: argparse.ArgumentParser, name: str, verb: Verb) -> None:
+def add_options(parser: argparse.ArgumentParser, name: str, verb: type[Request]) -> None:
     """The options of a verb: those of its request, and those that every verb has.
 
     Args:
@@ -90,20 +89,20 @@ def add_options(parser: argparse.ArgumentParser, name: str, verb: Verb) -> None:
     """
     parser.epilog = epilog(name)
     groups: dict[str, argparse._ArgumentGroup] = {}
-    for field, (declared, spelled) in options_of(verb.request).items():
+    for field, (declared, spelled) in options_of(verb).items():
         if spelled.internal:
             continue
-        owner = next(kind for kind in verb.request.__mro__ if field in vars(kind).get("__annotations__", {}))
+        owner = next(kind for kind in verb.__mro__ if field in vars(kind).get("__annotations__", {}))
         title = (owner.__doc__ or "") if owner.__name__.endswith("Group") else ""  # a verb's own options have none
         if title and title not in groups:
             groups[title] = parser.add_argument_group(title)
         _add(groups[title] if title else parser, field, spelled, declared.default)
-    known = {field for field, (_, spelled) in options_of(verb.request).items() if not spelled.internal}
+    known = {field for field, (_, spelled) in options_of(verb).items() if not spelled.internal}
     group = groups.get("output") or parser.add_argument_group("output")
-    if "out" not in known and (verb.out or name == "run"):
-        usual = verb.out or "the verb's own"
+    if "out" not in known and (verb.results or name == "run"):
+        usual = verb.results or "the verb's own"
         group.add_argument("--out", type=Path, metavar="DIR", help=f"folder of results ({usual})")
-    if "force" not in known and (verb.out or name == "run"):
+    if "force" not in known and (verb.results or name == "run"):
         group.add_argument("--force", action="store_true", help="overwrite the results of another request in DIR")
     if verb.report:
         group.add_argument("--view", action="store_true", help="open report.html in the browser")
@@ -144,18 +143,18 @@ def _add(group: Any, field: str, spelled: Option, default: Any) -> None:
     action.main = spelled.main
 
 
-def request_of(args: argparse.Namespace, verb: Verb) -> Request:
+def request_of(args: argparse.Namespace, verb: type[Request]) -> Request:
     """The request that parsed words describe.
 
     Raises:
         BadInput: a value that its field cannot have.
     """
     given = {}
-    for field, (_, spelled) in options_of(verb.request).items():
+    for field, (_, spelled) in options_of(verb).items():
         value = None if spelled.internal else getattr(args, field)
         if value is None or (value is False and spelled.kind is bool):
             continue
         if spelled.several and len(value) == 1:
             value = value[0]
         given[field] = value
-    return verb.request(**given)
+    return verb(**given)

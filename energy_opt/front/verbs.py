@@ -1,11 +1,11 @@
-"""The verbs (purpose, request and function of each), and `run`, which repeats a request from a file."""
+"""The verbs (request and function of each), and `run`, which repeats a request from a file."""
 
 from __future__ import annotations
 
 import importlib
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,80 +18,23 @@ from energy_opt.requests import moves, verbs
 from energy_opt.requests.option import Request
 from energy_opt.requests.verbs import RunRequest
 
-
-@dataclass(frozen=True)
-class Verb:
-    """A verb.
-
-    Attributes:
-        summary: its purpose, in one line. request: the class of its request.
-        out: the default folder of its results; empty if it has none, or if its request states it.
-        report: True if that folder gets a report.html.
-        answer: the file there that holds its answer; empty where that is no file.
-        printed: True if its text is the answer: it is printed with --quiet, too.
-    """
-
-    summary: str
-    request: type[Request]
-    out: str = ""
-    report: bool = False
-    answer: str = ""
-    printed: bool = False
-
-    @property
-    def run(self) -> Callable[..., Any]:
-        """The function of the verb; its arguments are a request and a desk."""
-        module, name = PLACES.get(self.request.verb, (self.request.verb, "run"))
-        function: Callable[..., Any] = getattr(importlib.import_module(f"energy_opt.front.{module}"), name)
-        return function
-
-
-VERBS = {
-    verb.request.verb: verb
-    for verb in (
-        Verb("plan one move with minimum energy", moves.OptimizeRequest, "energy_opt_out", True, "result.json"),
-        Verb(
-            "energy against duration, of one move or of a job",
-            moves.TradeoffRequest, "energy_opt_tradeoff", True, "tradeoff.json",
-        ),
-        Verb(
-            "plan many moves in parallel, with a report; an interrupted run can be resumed",
-            verbs.BenchRequest, report=True, printed=True,
-        ),
-        Verb(
-            "plan a cycle of moves and waits, of one robot or several, with minimum energy",
-            moves.JobRequest, "energy_opt_job", True, "job.json",
-        ),
-        Verb(
-            "find the base pose at which a job takes the least energy",
-            moves.PlaceRequest, "energy_opt_place", True, "place.json",
-        ),
-        Verb(
-            "energy, limits and clearance of given motions; write them in other formats",
-            verbs.EvaluateRequest, "energy_opt_evaluation",
-        ),
-        Verb(
-            "overhead and winding losses from static poses: the source paper's two methods",
-            verbs.IdentifyRequest, "identify", True, "identify.json",
-        ),
-        Verb(
-            "find from measured data which effect a power model lacks",
-            verbs.DiagnoseRequest, "diagnosis", True, "diagnosis.json",
-        ),
-        Verb("make a measured set from a lab's logs; columns and units are guessed", verbs.ImportRequest),
-        Verb(
-            "the electrical passport of an arm: values, intervals, sources; compare several",
-            verbs.PassportRequest, "passport", True,
-        ),
-        Verb("play trajectories on a virtual arm and write a measured set", verbs.SimulateRequest),
-        Verb("check whether logs, trajectories, models and other files are usable", verbs.CheckRequest),
-        Verb("list the known robots, with joints and limits", verbs.RobotsRequest, printed=True),
-        Verb("list the known effects, with parameters, units and laws", verbs.EffectsRequest, printed=True),
-        Verb("repeat the request of a result, or one written by hand", verbs.RunRequest, report=True),
+VERBS: dict[str, type[Request]] = {
+    request.verb: request
+    for request in (
+        moves.OptimizeRequest, moves.TradeoffRequest, verbs.BenchRequest, moves.JobRequest, moves.PlaceRequest,
+        verbs.EvaluateRequest, verbs.IdentifyRequest, verbs.DiagnoseRequest, verbs.ImportRequest, verbs.PassportRequest,
+        verbs.SimulateRequest, verbs.CheckRequest, verbs.RobotsRequest, verbs.EffectsRequest, verbs.RunRequest,
     )
 }  # fmt: skip
 # modules of `front` whose names are not those of their verbs, and functions that are not called `run`
 PLACES = {"import": ("importing", "run"), "effects": ("robots", "run_effects"), "run": ("verbs", "run")}
+
+
+def function_of(verb: str) -> Callable[..., Any]:
+    """The function of a verb; its arguments are a request and a desk."""
+    module, name = PLACES.get(verb, (verb, "run"))
+    function: Callable[..., Any] = getattr(importlib.import_module(f"energy_opt.front.{module}"), name)
+    return function
 
 
 def asked_in(given: Any) -> Request:
@@ -122,7 +65,7 @@ def asked_in(given: Any) -> Request:
             f"{where}: version = {version!r:.40}; expected {__version__} or an earlier version of energy-opt"
         )
     try:
-        return VERBS[name].request.from_document(document)
+        return VERBS[name].from_document(document)
     except BadInput as error:
         raise BadInput(f"{where}: {error}") from None
 
@@ -136,9 +79,9 @@ def run(request: RunRequest, desk: Desk) -> Any:
     asked = asked_in(request.request)
     if hasattr(asked, "out"):
         asked = asked if desk.out is None else replace(asked, out=desk.out)  # type: ignore[call-arg]
-    elif desk.command is not None and desk.out is None and VERBS[asked.verb].out:
-        desk = replace(desk, out=Path(VERBS[asked.verb].out))
-    return VERBS[asked.verb].run(asked, desk)
+    elif desk.command is not None and desk.out is None and asked.results:
+        desk = replace(desk, out=Path(asked.results))
+    return function_of(asked.verb)(asked, desk)
 
 
 repeat = verb(RunRequest, run)

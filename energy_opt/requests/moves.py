@@ -73,7 +73,9 @@ class MoveRequest(
 class OptimizeRequest(WriteGroup, MoveRequest):
     """One move to minimum energy."""
 
-    verb: ClassVar[str] = "optimize"
+    verb = "optimize"
+    summary = "plan one move with minimum energy"
+    results, report, answer = "energy_opt_out", True, "result.json"
     always: ClassVar[tuple[str, ...]] = (*OF_A_MOVE, "mode", "duration", "max_duration")
 
     _: KW_ONLY
@@ -90,7 +92,9 @@ class OptimizeRequest(WriteGroup, MoveRequest):
 class TradeoffRequest(MoveRequest):
     """Energy against duration of one move, or of a job over its cycle time."""
 
-    verb: ClassVar[str] = "tradeoff"
+    verb = "tradeoff"
+    summary = "energy against duration, of one move or of a job"
+    results, report, answer = "energy_opt_tradeoff", True, "tradeoff.json"
 
     _: KW_ONLY
     job: str | PathLike[str] | Mapping[str, Any] | None = option(
@@ -128,7 +132,9 @@ class JobRequest(
 ):
     """A cycle of moves and waits."""
 
-    verb: ClassVar[str] = "job"
+    verb = "job"
+    summary = "plan a cycle of moves and waits, of one robot or several, with minimum energy"
+    results, report, answer = "energy_opt_job", True, "job.json"
 
     job: str | PathLike[str] | Mapping[str, Any] = option(
         ..., "file of the cycle (`energy-opt --example job` prints one)", "JOB.toml", place="1"
@@ -153,7 +159,9 @@ class JobRequest(
 class PlaceRequest(PlannedCellGroup, SeedGroup, RobustGroup, PrefixGroup, RobotGroup):
     """The base pose that makes a job cheapest."""
 
-    verb: ClassVar[str] = "place"
+    verb = "place"
+    summary = "find the base pose at which a job takes the least energy"
+    results, report, answer = "energy_opt_place", True, "place.json"
 
     job: str | PathLike[str] | Mapping[str, Any] = option(
         ..., "file of a cycle with steps that end at poses of the tool", "JOB.toml", place="1"

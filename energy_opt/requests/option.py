@@ -86,11 +86,20 @@ def flag_of(name: str, spelled: Option) -> str:
 class Request:
     """The request to a verb: an immutable value whose fields are checked.
 
+    Each verb states its name, its `summary` (its purpose in one line), the default folder of its `results` (empty if it
+    has none, or if a field says it), whether that folder gets a `report`.html, the file of its `answer` there, and
+    whether its text is `printed` with --quiet, too, because it is the answer.
+
     Attributes:
         stopped: called from time to time while the verb works; True ends the work with the best result so far.
     """
 
     verb: ClassVar[str] = ""
+    summary: ClassVar[str] = ""
+    results: ClassVar[str] = ""
+    report: ClassVar[bool] = False
+    answer: ClassVar[str] = ""
+    printed: ClassVar[bool] = False
     always: ClassVar[tuple[str, ...]] = ()  # fields that the document always contains
 
     stopped: Callable[[], bool] | None = option(None, "ends the work early", internal=True, written=False)

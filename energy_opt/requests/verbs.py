@@ -32,7 +32,9 @@ if TYPE_CHECKING:
 class BenchRequest(WorthGroup, PlannedCellGroup, DeadlineGroup, PayloadGroup, RobotGroup):
     """A batch of moves, in parallel, resumable."""
 
-    verb: ClassVar[str] = "bench"
+    verb = "bench"
+    summary = "plan many moves in parallel, with a report; an interrupted run can be resumed"
+    report = printed = True
 
     suite: str | PathLike[str] | None = option(
         None, "file of the suite (`energy-opt --example suite` prints one)", "SUITE.toml", kind=Path, place="?"
@@ -64,7 +66,9 @@ class BenchRequest(WorthGroup, PlannedCellGroup, DeadlineGroup, PayloadGroup, Ro
 class IdentifyRequest(CellGroup, SeedGroup, PayloadGroup, RobotGroup):
     """The source paper's two methods, from static poses."""
 
-    verb: ClassVar[str] = "identify"
+    verb = "identify"
+    summary = "overhead and winding losses from static poses: the source paper's two methods"
+    results, report, answer = "identify", True, "identify.json"
 
     set: str | PathLike[str] | None = option(
         None, "the measured set: a folder with a log.toml", "DIR", kind=Path, place="?"
@@ -80,7 +84,9 @@ class IdentifyRequest(CellGroup, SeedGroup, PayloadGroup, RobotGroup):
 class DiagnoseRequest(PlannedCellGroup, SeedGroup, PayloadGroup, RobotGroup):
     """Which effect a power model lacks, from measured data."""
 
-    verb: ClassVar[str] = "diagnose"
+    verb = "diagnose"
+    summary = "find from measured data which effect a power model lacks"
+    results, report, answer = "diagnosis", True, "diagnosis.json"
 
     set: str | PathLike[str] = option(..., "the measured set: a folder with a log.toml", "DIR", kind=Path, place="1")
     model: AnyModel | None = option(
@@ -100,7 +106,8 @@ class DiagnoseRequest(PlannedCellGroup, SeedGroup, PayloadGroup, RobotGroup):
 class ImportRequest(RobotGroup):
     """Convert a lab's logs to a measured set."""
 
-    verb: ClassVar[str] = "import"
+    verb = "import"
+    summary = "make a measured set from a lab's logs; columns and units are guessed"
 
     files: Sequence[str | PathLike[str]] | str = option(
         ..., "tables of joints and of power meters, or bags, in any order", "FILE", kind=Path, place="+"
@@ -124,7 +131,8 @@ class ImportRequest(RobotGroup):
 class SimulateRequest(CellGroup, SeedGroup, PayloadGroup, PrefixGroup, RobotGroup):
     """Trajectories played on a virtual arm, and the measured set of it."""
 
-    verb: ClassVar[str] = "simulate"
+    verb = "simulate"
+    summary = "play trajectories on a virtual arm and write a measured set"
 
     trajectories: Sequence[str | PathLike[str]] | str = option(
         ..., "trajectories to play, in this order", "TRAJECTORY", kind=Path, place="+"
@@ -161,7 +169,9 @@ class SimulateRequest(CellGroup, SeedGroup, PayloadGroup, PrefixGroup, RobotGrou
 class EvaluateRequest(CellGroup, SeedGroup, WriteGroup, PayloadGroup, PrefixGroup, RobotGroup):
     """Given motions: energy under models, limits, clearance, baselines."""
 
-    verb: ClassVar[str] = "evaluate"
+    verb = "evaluate"
+    summary = "energy, limits and clearance of given motions; write them in other formats"
+    results = "energy_opt_evaluation"
     always: ClassVar[tuple[str, ...]] = ("files", "robot", "payload", "limits")
 
     files: Trajectory | str | PathLike[str] | Sequence[Trajectory | str | PathLike[str]] = option(
@@ -189,7 +199,9 @@ class EvaluateRequest(CellGroup, SeedGroup, WriteGroup, PayloadGroup, PrefixGrou
 class PassportRequest(Request):
     """An arm's electrical passport from its models; several side by side."""
 
-    verb: ClassVar[str] = "passport"
+    verb = "passport"
+    summary = "the electrical passport of an arm: values, intervals, sources; compare several"
+    results, report = "passport", True
 
     models: AnyModel | Sequence[AnyModel] = option(
         ...,
@@ -215,7 +227,8 @@ class PassportRequest(Request):
 class CheckRequest(CellGroup, PayloadGroup, PrefixGroup, RobotGroup):
     """Whether logs, trajectories, models, limits, suites, scenes, jobs and URDFs are usable."""
 
-    verb: ClassVar[str] = "check"
+    verb = "check"
+    summary = "check whether logs, trajectories, models and other files are usable"
 
     files: Sequence[str | PathLike[str]] | str = option(
         ..., "files and folders to check", "FILE_OR_DIR", kind=Path, place="+"
@@ -230,7 +243,9 @@ class CheckRequest(CellGroup, PayloadGroup, PrefixGroup, RobotGroup):
 class RobotsRequest(Request):
     """The robots known by name, with joints and limits."""
 
-    verb: ClassVar[str] = "robots"
+    verb = "robots"
+    summary = "list the known robots, with joints and limits"
+    printed = True
 
     names: Sequence[str] | str = option((), "robots to list (all known by name)", "NAME_OR_URDF", place="*")
 
@@ -239,7 +254,9 @@ class RobotsRequest(Request):
 class EffectsRequest(Request):
     """The effects known, with parameters, units and laws."""
 
-    verb: ClassVar[str] = "effects"
+    verb = "effects"
+    summary = "list the known effects, with parameters, units and laws"
+    printed = True
 
     names: Sequence[str] | str = option((), "effects to list (all)", "NAME", place="*")
 
@@ -248,7 +265,9 @@ class EffectsRequest(Request):
 class RunRequest(Request):
     """Repeats a request from a file."""
 
-    verb: ClassVar[str] = "run"
+    verb = "run"
+    summary = "repeat the request of a result, or one written by hand"
+    report = True
 
     request: str | PathLike[str] | Mapping[str, Any] = option(
         ..., "a request (JSON), or a result that holds one", "REQUEST.json", place="1"

@@ -189,7 +189,7 @@ def test_verbs_that_look_for_no_path_take_a_planner_and_do_not_offer_one(
     with pytest.raises(SystemExit):
         main([verb, "--help-all"])
     assert "--planner" not in capsys.readouterr().out
-    request = VERBS[verb].request
+    request = VERBS[verb]
     fields = {"simulate": {"trajectories": "a", "plant": "b"}, "check": {"files": "a"}, "evaluate": {"files": "a"}}
     assert cell_of(request(**fields.get(verb, {}), planner="none")).planner == "none"
     with pytest.raises(BadInput, match="planner 'nothing'; expected auto, none, ompl"):

@@ -6,7 +6,7 @@ from typing import Any, get_args, get_type_hints
 
 import pytest
 
-from energy_opt.front.verbs import VERBS
+from energy_opt.front.verbs import VERBS, function_of
 from energy_opt.results import Found, exit_of
 
 
@@ -36,7 +36,7 @@ class Said(Found):
 
 @pytest.mark.parametrize("verb", [name for name in VERBS if name != "run"])
 def test_every_verb_returns_a_result_of_this_base(verb: str) -> None:
-    returned = get_type_hints(VERBS[verb].run)["return"]
+    returned = get_type_hints(function_of(verb))["return"]
     assert all(issubclass(kind, Found) for kind in get_args(returned) or (returned,))
 
 

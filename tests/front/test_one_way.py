@@ -136,7 +136,7 @@ def words_of(verb: str, given: dict[str, Any]) -> list[str]:
     """A request as words of the command line."""
     out, behind = [verb], []
     for name, value in given.items():
-        option = options_of(VERBS[verb].request)[name][1]
+        option = options_of(VERBS[verb])[name][1]
         if value is None:
             continue
         if isinstance(value, dict):
@@ -176,9 +176,9 @@ def test_the_command_and_the_function_give_the_same_json(
     if verb == "diagnose" and not (folder / "measured").exists():
         played = {"rest": 0.5, "static": 4.0, "repeat": 4, "self_collision": False}
         eo.simulate("move.csv", "plant.toml", "measured", **played)
-    known = options_of(VERBS[verb].request)
+    known = options_of(VERBS[verb])
     words = words_of(verb, given)
-    words += ["--out", str(tmp_path / "a")] if "out" in known or VERBS[verb].out else []
+    words += ["--out", str(tmp_path / "a")] if "out" in known or VERBS[verb].results else []
     code = main([*words, "--json", "--quiet"])
     printed = json.loads(capsys.readouterr().out)
     function = {"import": eo.import_logs, "effects": described}.get(verb) or getattr(eo, verb)
@@ -228,16 +228,16 @@ def test_requests_survive_being_written() -> None:
     for verb, rows in requests().items():
         for given in rows:
             out = {"out": "set"} if verb == "import" else {}
-            request = VERBS[verb].request(**given, **out)
+            request = VERBS[verb](**given, **out)
             again = asked_in(json.loads(to_json(request.document())))
             assert to_json(again.document()) == to_json(request.document()), verb
 
 
 def test_every_field_is_explained_and_has_a_schema() -> None:
     for name, verb in VERBS.items():
-        schema = verb.request.schema()
-        for field in fields(verb.request):
-            option = options_of(verb.request)[field.name][1]
+        schema = verb.schema()
+        for field in fields(verb):
+            option = options_of(verb)[field.name][1]
             assert option.help and (option.written == (field.name in schema["properties"])), (name, field.name)
 
 
@@ -257,7 +257,7 @@ def test_help_shows_the_options_that_matter_and_help_all_the_rest(
 
 def test_an_example_job_is_read_from_its_request(tmp_path: Path) -> None:
     (tmp_path / "job.toml").write_text(EXAMPLE)
-    request = VERBS["job"].request(tmp_path / "job.toml")
+    request = VERBS["job"](tmp_path / "job.toml")
     assert asked_in(json.loads(to_json(request.document()))).document() == json.loads(to_json(request.document()))
 
 

@@ -74,7 +74,7 @@ _OWN_NAMES = {"load_scene": "read_scene"}
 # Names of version 0.1 that are kept for one version; effects are kept, too.
 _EARLIER = {
     **dict.fromkeys(("Move", "Settings"), "energy_opt.motion"),
-    "Answer": "energy_opt.front.answer",
+    "Answer": "energy_opt.front.optimize",
     "PerYear": "energy_opt.power.per_year",
     "Pose": "energy_opt.poses",
     "Tradeoff": "energy_opt.front.tradeoff",

@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
+from string import Template
 
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.files import read_text, write_text
+from energy_opt.files import read_text, read_toml, write_text
 from energy_opt.formats.program import Part, joined, standing
 from energy_opt.formats.resample import of_steps
 from energy_opt.formats.waypoints import Samples
@@ -31,8 +33,6 @@ STOP = 4.0  # [rad/s^2] deceleration where the program ends or is refused
 BRIEF = 0.05  # [s] shorter waits are written as motions at rest
 LAST = 0.99  # share of a step: a target this close to a part's end is its end
 
-_SERVO = f"servoj(q, 0, 0, dt, {LOOKAHEAD}, {GAIN})"
-
 
 def vector(values: np.ndarray) -> str:
     """Numbers (n,) as a list of URScript.
@@ -42,20 +42,22 @@ def vector(values: np.ndarray) -> str:
     return "[" + ",".join(f"{x:.15f}" for x in values.tolist()) + "]"
 
 
+@cache
+def _texts() -> dict[str, str]:
+    """The constant parts of programs by name."""
+    return {name: str(text) for name, text in read_toml(Path(__file__).with_name("urscript.toml")).items()}
+
+
+def lines_of(name: str, **values: object) -> list[str]:
+    """Lines of a constant part of programs: "start" (with the arm's START), "quintic" or "rest"."""
+    values |= {"JOINTS": JOINTS, "NEAR": NEAR, "LAST": LAST, "STOP": STOP}
+    values["SERVO"] = f"servoj(q, 0, 0, dt, {LOOKAHEAD}, {GAIN})"
+    return Template(_texts()[name]).substitute(values).splitlines()
+
+
 def check_start(start: np.ndarray) -> list[str]:
     """Lines that stop the program if the arm is not at `start` (6,)."""
-    return [
-        f"  local start = {vector(start)}",
-        "  local here = get_actual_joint_positions()",
-        "  local j = 0",
-        f"  while j < {JOINTS}:",
-        f"    if norm(here[j] - start[j]) > {NEAR}:",
-        '      popup("the arm does not stand at the start of this motion", "energy_opt", False, True, True)',
-        "      halt",
-        "    end",
-        "    j = j + 1",
-        "  end",
-    ]
+    return lines_of("start", START=vector(start))
 
 
 def named_otherwise(joints: Sequence[str]) -> bool:
@@ -93,7 +95,7 @@ def write_program(parts: Sequence[Part], path: Path) -> None:
     first, last = parts[0].trajectory, parts[-1].trajectory
     check_arm(len(first.joints))
     streamed = len(parts) == 1 and streams(first)
-    lines = [] if streamed else [*_QUINTIC, *(_REST if any(map(_rests, parts)) else [])]
+    lines = [] if streamed else [*lines_of("quintic"), *(lines_of("rest") if any(map(_rests, parts)) else [])]
     payload, flows = None, True  # flows: `t` carries the rest of a step
     for number, part in enumerate(parts, start=1):
         if part.name:
@@ -134,48 +136,6 @@ def _head(parts: Sequence[Part]) -> list[str]:
         "  local dt = get_steptime()",
         "  local t = dt * speed",
     ]
-
-
-# Runs one quintic; `t` is the time of the next command in it, and the result is that time in the next quintic. The
-# functions get all values as arguments: it is uncertain whether they see variables `local` to the program.
-#
-# With x = t / h and the differences d = q1 - q0 - h v0 - h^2 a0 / 2, e = h (v1 - v0 - h a0), f = h^2 (a1 - a0):
-# q = q0 + h v0 x + h^2 a0 x^2 / 2 + (10 d - 4 e + f/2) x^3 + (-15 d + 7 e - f) x^4 + (6 d - 3 e + f/2) x^5.
-_QUINTIC = [
-    "  def quintic(h, q0, v0, a0, q1, v1, a1, begin, dt, speed):",
-    "    local t = begin",
-    "    local q = q0",
-    "    while t <= h:",
-    "      local x = t / h",
-    "      local j = 0",
-    f"      while j < {JOINTS}:",
-    "        local d = q1[j] - q0[j] - h * v0[j] - h * h * a0[j] / 2",
-    "        local e = h * (v1[j] - v0[j] - h * a0[j])",
-    "        local f = h * h * (a1[j] - a0[j])",
-    "        local c = 10 * d - 4 * e + f / 2 + x * (7 * e - 15 * d - f + x * (6 * d - 3 * e + f / 2))",
-    "        q[j] = q0[j] + x * (h * v0[j] + x * (h * h * a0[j] / 2 + x * c))",
-    "        j = j + 1",
-    "      end",
-    f"      {_SERVO}",
-    "      t = t + dt * speed",
-    "    end",
-    "    return t - h",
-    "  end",
-]
-
-# Ends a motion at q and rests until `wait` s after its end.
-_REST = [
-    "  def rest(q, wait, t, dt, speed):",
-    "    local begun = t",
-    f"    if t < {LAST} * dt * speed:",
-    f"      {_SERVO}",
-    "    else:",
-    "      begun = t - dt * speed",
-    "    end",
-    f"    stopj({STOP})",
-    "    sleep((wait - begun) / speed)",
-    "  end",
-]
 
 
 def _followed(trajectory: Trajectory) -> list[str]:

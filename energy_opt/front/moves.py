@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import fields, replace
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -19,14 +19,10 @@ from energy_opt.motion.path import JointPath, of_trajectory, through
 from energy_opt.motion.plan.rivals import Rival
 from energy_opt.motion.plan.robust import Kind
 from energy_opt.motion.standing import check_moves_on
-from energy_opt.poses.given import Ends, Given, pose_document, poses_of_request
+from energy_opt.poses.given import Ends, Given, poses_of_request
 from energy_opt.poses.pose import EXACT, AnyOf, Freedom, Pose
 from energy_opt.requests.moves import MoveRequest
 from energy_opt.robot import Robot
-
-if TYPE_CHECKING:
-    from energy_opt.front.answer import Answer
-    from energy_opt.poses.chosen import Chosen
 
 SAMPLED = 401  # points at which a path given as a function is sampled
 DERIVED = ("draw ", "rival ")  # prefixes of models that follow from another one's covariance and rivals
@@ -261,38 +257,3 @@ def written(given: Mapping[str, Any], name: str) -> Pose:
     except (KeyError, TypeError, ValueError) as fault:
         raise BadInput(f"{name}: {fault}; a pose has matrix, free and tolerance") from None
     return Pose(matrix, tuple(ranges), (distance, angle), name, str(given.get("frame", "")))
-
-
-def _passing(trajectory: Trajectory, q: np.ndarray) -> np.ndarray:
-    """Position (n,) of a motion that is nearest to q (n,)."""
-    from scipy.optimize import minimize_scalar
-
-    time = trajectory.time
-    k = int(np.argmin(np.linalg.norm(trajectory.position - q, axis=1)))
-    ends = time[max(k - 1, 0)], time[min(k + 1, len(time) - 1)]
-
-    def miss(t: float) -> float:
-        return float(np.linalg.norm(trajectory.sample(np.array([t]))[0][0] - q))
-
-    found = minimize_scalar(miss, bounds=ends, method="bounded", options={"xatol": 1e-12})
-    return np.asarray(trajectory.sample(np.array([found.x]))[0][0])
-
-
-def with_goals(result: Answer, chosen: Chosen, poses: dict[str, Pose], settings: Settings) -> Answer:
-    """The answer with the goals that were considered, and the errors of its ends at their poses.
-
-    It is `not_converged` if an end misses the tolerance of its pose.
-
-    Args:
-        result: the solved move. chosen: the goals that were compared.
-        poses: of the ends, by "start", "goal" and "via 1". settings: with the tool.
-    """
-    positions = result.trajectory.position
-    at = {"start": positions[0], "goal": positions[-1]}
-    for k, q in enumerate(chosen.move.via, start=1):
-        at[f"via {k}"] = _passing(result.trajectory, q)
-    said = pose_document(result.arm, settings.tool, poses, at)
-    status = result.status
-    if not all(end["valid"] for end in said.values()):
-        status = "not_converged"
-    return replace(result, status=status, goals={**chosen.document(), "poses": said})

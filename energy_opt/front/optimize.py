@@ -1,25 +1,233 @@
-"""The verb `optimize`: one move to minimum energy."""
+"""The verb `optimize`: one move to minimum energy; its answer, the files of this, and the table that is printed."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import fields, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
 from typing import Any
 
-from energy_opt.cell.load import load_cell
+import numpy as np
+
+from energy_opt import formats
+from energy_opt.cell.cell import Cell
+from energy_opt.cell.load import load_cell, own_body
 from energy_opt.errors import BadInput, Infeasible
-from energy_opt.front.answer import ANSWER, UNCHECKED, Answer
+from energy_opt.files import write_json
+from energy_opt.folders import written_whole
+from energy_opt.formats.output import Written, unchanged
 from energy_opt.front.controllers import Controllers, check_written, kept_words
-from energy_opt.front.desk import Desk, verb
+from energy_opt.front.desk import Answered, Desk, verb
 from energy_opt.front.given import cell_of, robot_of
-from energy_opt.front.moves import ends_of, move_of, resolved, settings_of, with_goals
+from energy_opt.front.moves import ends_of, move_of, resolved, settings_of
 from energy_opt.front.rivals import compared, members, rivals_of
-from energy_opt.motion import Move, Planner, Result
+from energy_opt.motion import Move, Planner, Result, Settings, Trajectory
+from energy_opt.motion.judge.energy import Scorer, loss_by_joint
 from energy_opt.motion.move import LONGEST, SHORTEST
 from energy_opt.motion.plan.robust import RobustPlanner
+from energy_opt.motion.timing.toppra import INTERVALS
+from energy_opt.poses.chosen import Chosen
+from energy_opt.poses.given import pose_document
+from energy_opt.poses.pose import Pose
 from energy_opt.poses.solve import solve_to
 from energy_opt.power.assumptions import assumptions_line
+from energy_opt.power.break_even import until
+from energy_opt.power.model import model_from_document
+from energy_opt.power.per_year import per_year_words
+from energy_opt.reports.motion import drawn
+from energy_opt.reports.optimize import page
+from energy_opt.reports.words import clearance_words, energy_records, goals_words, input_words, limits_words
 from energy_opt.requests.moves import OptimizeRequest
+from energy_opt.results import exit_of
+from energy_opt.robot import Robot
+
+UNCHECKED = "self-collision is off: whether the arm touches itself was not checked"
+FORMAT = "energy-opt/result/1"
+ANSWER = "result.json"
+
+
+@dataclass(frozen=True, repr=False, kw_only=True)
+class Answer(Result, Answered):
+    """A result with its robot and request, which can be saved.
+
+    Attributes:
+        arm: the robot.
+        move: as solved; if the goal is a set, with the chosen ends.
+        cell: the arm's body and its surroundings; None without collision checks.
+        goals: if the goal is a set, the candidates, the nearest one, and the errors of the ends at their poses.
+        controllers: writes the files that `--write` and `--as` ask for into a folder.
+        files: those that were written, read back and judged.
+    """
+
+    arm: Robot
+    move: Move
+    request: OptimizeRequest
+    cell: Cell | None = None
+    goals: Mapping[str, Any] = field(default_factory=dict)
+    controllers: Callable[[Result, Path], list[Written]] | None = None
+    files: tuple[Written, ...] = ()
+
+    @property
+    def per_year(self) -> dict[str, float | None] | None:
+        """The saving per year; None if it was not requested."""
+        saving, worth = self.saving, self.request.worth
+        return None if worth is None else worth.of(None if saving is None else saving["joules"])
+
+    @property
+    def year(self) -> str:
+        """`per_year` in words; empty if it was not requested."""
+        found = self.per_year
+        return "" if found is None else per_year_words(found, self.request.cycles_per_year or 0.0)
+
+    @property
+    def exit_code(self) -> int:
+        """Exit code of the command line."""
+        return exit_of(self.interrupted, self.status == "solved" and all(row.valid for row in self.files))
+
+    def document(self) -> dict[str, object]:
+        """Content of result.json."""
+        worth = {} if self.request.worth is None else {"per_year": self.per_year}
+        return {"format": FORMAT, **super().document(), **worth, **self.goals, "request": self.asked}
+
+    def text(self, out: Path) -> str:
+        """The short table for a terminal, of an answer that was saved into `out`."""
+        return table(self, out, self.arm, self.year)
+
+    def kept(self, out: Path) -> Answer:
+        """Write result.json, trajectory.csv, trajectory.yaml, plot.png and report.html into the folder `out`.
+
+        Beside them the files for controllers that the request asks for.
+        """
+        with written_whole(out, ANSWER) as aside:
+            files = () if self.controllers is None else tuple(self.controllers(self, aside))
+            bad = "; ".join(f"{Path(row.file).name}: {row.broken}" for row in files if not row.valid)
+            message = self.message or (bad and f"not every file keeps the limits; {bad}")
+            found = replace(self, files=files, written=tuple(row.document() for row in files), message=message)
+            own = []
+            for name in ("csv", "yaml"):
+                form = formats.FORMATS[name]
+                path = aside / f"trajectory{form.suffix}"
+                form.write(self.trajectory, path)
+                own.append(unchanged(path, form, self.trajectory, self.certificate).document())
+            document = {**found.document(), "written": [*own, *found.written]}
+            motions = {b.name: b.trajectory for b in self.baselines}
+            bodies, scene = drawn(self.cell or own_body(self.arm))
+            lost = _lost(self, self.arm, document)
+            report = page(document, self.trajectory, motions, self.arm, bodies, scene, lost)
+            report.write(aside / "report.html", aside / "plot.png")
+            write_json(aside / ANSWER, document)
+        return found
+
+
+def _lost(result: Result, robot: Robot, document: Mapping[str, Any]) -> dict[str, dict[str, np.ndarray]]:
+    """Losses (n,) [J] by joint and effect of the result and of "scaled", under the model of the request."""
+    model = (document.get("request") or {}).get("model")
+    if model is None:
+        return {}
+    scorer, scaled = Scorer(robot, model_from_document(model, "request")), result.baseline("scaled")
+    motions = {"result": result.trajectory, **({} if scaled is None else {"scaled": scaled.trajectory})}
+    return {name: loss_by_joint(scorer, motion) for name, motion in motions.items()}
+
+
+def _why_less(result: Result) -> list[str]:
+    """Line on why the fastest timing takes less energy than the result, if it does: the overhead lasts less long."""
+    fastest, duration = result.baseline("toppra"), result.trajectory.duration
+    if fastest is None or fastest.energy.total >= result.energy.total or fastest.duration >= duration * (1 - 1e-6):
+        return []
+    power = result.energy.standby / duration
+    return [
+        f"toppra is the fastest timing: {fastest.duration:.3g} s instead of {duration:.3g} s; standby alone is "
+        f"{power:.3g} W, {power * (duration - fastest.duration):.4g} J of the difference"
+    ]
+
+
+def _under(row: Mapping[str, Any]) -> str:
+    """Line on the move's energy under one of several models."""
+    joules, share = row["saving_joules"], row["saving_loss_percent"]
+    if joules is None:
+        return f"  under {row['name']}: {row['total']:.3f} J"
+    of_loss = "" if share is None else f", {share:.2f} % of the loss"
+    uncertainty = ""
+    if "saving_joules_interval" in row:
+        low, high = row["saving_joules_interval"]
+        uncertainty = f"; between {low:.3f} and {high:.3f} J (95 %) by the uncertainty of its data"
+    return f"  under {row['name']}: {row['total']:.3f} J, saves {joules:.3f} J{of_loss}{uncertainty}"
+
+
+def table(result: Result, out: Path, robot: Robot, year: str = "") -> str:
+    """The short table for the terminal.
+
+    Args:
+        result: the solved move. out: the folder of its files. robot: for the units of joints.
+        year: the line on the saving per year, or empty.
+    """
+    columns = [("result", result.trajectory.duration, result.energy)]
+    columns += [(b.name, b.duration, b.energy) for b in result.baselines]
+    lines = [f"{'energy [J]':<22}" + "".join(f"{name:>12}" for name, _, _ in columns)]
+    for name, *values in energy_records([(duration, vars(energy)) for _, duration, energy in columns], "{}", "  {}"):
+        cells = "".join(f"{value:>12.4f}" if isinstance(value, float) else f"{'-':>12}" for value in values)
+        lines.append(f"{name:<22}{cells}")
+    beside = input_words(result.document())
+    lines += [beside] if beside else _why_less(result)
+    several = len(result.models) > 1
+    lines.append(f"{result.saved} (under {result.models[0]['name']})" if several else result.saved)
+    lines += [_under(row) for k, row in enumerate(result.models) if (several and k) or "saving_interval" in row]
+    goals = goals_words(result.document())
+    lines += [goals] if goals else []
+    if ((result.saving or {}).get("joules") or 0.0) > 0:
+        lines.append(until(result.break_even_friction))
+    lines += [year] if year else []
+    certificate = result.certificate.document()
+    lines.append(limits_words(certificate, robot.unit))
+    for row in result.travel:
+        units = robot.unit("position", str(row["joint"]))
+        lines.append(
+            f"{row['joint']} travels {row['path']:.3g} {units}; its goal is {row['straight']:.3g} {units} away"
+        )
+    if result.certificate.clearance is not None:
+        lines.append(clearance_words(result.certificate.clearance.document()))
+    if result.bound:
+        lines.append(
+            f"no timing of this path takes less than {result.bound} (proven on a grid of {INTERVALS} intervals; gap "
+            f"{result.optimality.gap_percent:.1e} %)"
+        )
+    lines.append(f"files: {out}/result.json, trajectory.csv, trajectory.yaml, plot.png, report.html")
+    return "\n".join(lines)
+
+
+def _passing(trajectory: Trajectory, q: np.ndarray) -> np.ndarray:
+    """Position (n,) of a motion that is nearest to q (n,)."""
+    from scipy.optimize import minimize_scalar
+
+    time = trajectory.time
+    k = int(np.argmin(np.linalg.norm(trajectory.position - q, axis=1)))
+    ends = time[max(k - 1, 0)], time[min(k + 1, len(time) - 1)]
+
+    def miss(t: float) -> float:
+        return float(np.linalg.norm(trajectory.sample(np.array([t]))[0][0] - q))
+
+    found = minimize_scalar(miss, bounds=ends, method="bounded", options={"xatol": 1e-12})
+    return np.asarray(trajectory.sample(np.array([found.x]))[0][0])
+
+
+def with_goals(result: Answer, chosen: Chosen, poses: dict[str, Pose], settings: Settings) -> Answer:
+    """The answer with the goals that were considered, and the errors of its ends at their poses.
+
+    It is `not_converged` if an end misses the tolerance of its pose.
+
+    Args:
+        result: the solved move. chosen: the goals that were compared.
+        poses: of the ends, by "start", "goal" and "via 1". settings: with the tool.
+    """
+    positions = result.trajectory.position
+    at = {"start": positions[0], "goal": positions[-1]}
+    for k, q in enumerate(chosen.move.via, start=1):
+        at[f"via {k}"] = _passing(result.trajectory, q)
+    said = pose_document(result.arm, settings.tool, poses, at)
+    status = result.status
+    if not all(end["valid"] for end in said.values()):
+        status = "not_converged"
+    return replace(result, status=status, goals={**chosen.document(), "poses": said})
 
 
 def solved(solve: Callable[[Move], Result], move: Move, asked: Move) -> tuple[Result, Move]:

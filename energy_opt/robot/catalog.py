@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from energy_opt.errors import BadInput
-from energy_opt.files import inside
+from energy_opt.files import inside, read_toml
 
 DATA = Path(__file__).parent / "data"
 
@@ -23,22 +23,7 @@ class Entry:
     srdf: str | None = None
 
 
-CATALOG: dict[str, Entry] = {
-    "panda": Entry(
-        "panda_description/urdf/panda.urdf",
-        lock={"panda_finger_joint1": 0.0, "panda_finger_joint2": 0.0},
-        srdf="panda_description/srdf/panda.srdf",
-    ),
-    "ur3": Entry("ur_description/urdf/ur3_robot.urdf"),
-    "ur5": Entry("ur_description/urdf/ur5_robot.urdf", srdf="ur_description/srdf/ur5.srdf"),
-    "ur10": Entry("ur_description/urdf/ur10_robot.urdf"),
-    "kinova": Entry("kinova_description/robots/kinova.urdf", srdf="kinova_description/srdf/kinova.srdf"),
-    "xarm7": Entry("xarm_description/urdf/xarm7.urdf", srdf="xarm_description/srdf/xarm7.srdf"),
-    "z1": Entry("z1_description/urdf/z1.urdf", lock={"jointGripper": 0.0}, srdf="z1_description/srdf/z1.srdf"),
-    "ur3e": Entry("urdf/ur3e.urdf", own=True),
-    "ur5e": Entry("urdf/ur5e.urdf", own=True),
-    "ur10e": Entry("urdf/ur10e.urdf", own=True),
-}
+CATALOG: dict[str, Entry] = {name: Entry(**row) for name, row in read_toml(DATA / "catalog.toml").items()}
 
 
 def known_robots() -> tuple[str, ...]:

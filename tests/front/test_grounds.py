@@ -10,7 +10,7 @@ import pytest
 
 import energy_opt as eo
 from energy_opt.cli.main import main
-from energy_opt.front.answer import Answer
+from energy_opt.front.optimize import Answer
 from energy_opt.front.rivals import grounded
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.plan.rivals import Rival

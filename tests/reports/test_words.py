@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from energy_opt.effects import CopperLoss, Standby, ViscousFriction
-from energy_opt.front.answer import table
-from energy_opt.front.optimize import optimize
+from energy_opt.front.optimize import optimize, table
 from energy_opt.motion import Move, Planner
 from energy_opt.motion.judge.energy import Scorer, loss_by_joint
 from energy_opt.motion.trajectory import Trajectory

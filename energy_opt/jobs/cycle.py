@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from energy_opt.effects import Payload
-from energy_opt.formats.program import standing
+from energy_opt.formats.program import Part, standing
 from energy_opt.jobs.legs import Job, Leg, Step
 from energy_opt.motion.judge.energy import DENSER, Energy, Scorer
 from energy_opt.motion.trajectory import Trajectory
@@ -36,28 +36,23 @@ class Answer:
 
 
 @dataclass(frozen=True)
-class Piece:
+class Piece(Part):
     """A part of the cycle: the motion of a leg, or a wait.
 
     Attributes:
         steps: the job's steps that it does; empty for remaining time.
         at: place of the step whose payload and scene hold.
-        energy: J, standby included; payload: kg.
+        energy: J, standby included.
         source: of a motion as in `Answer`, else "wait".
         begins: source of a motion's first path; empty for a wait.
-        brakes: a wait without holding losses.
     """
 
-    name: str
-    steps: tuple[int, ...]
-    at: int
-    trajectory: Trajectory
-    energy: float
-    payload: float
-    source: str
+    steps: tuple[int, ...] = ()
+    at: int = 0
+    energy: float = 0.0
+    source: str = "wait"
     status: str = "solved"
     begins: str = ""
-    brakes: bool = False
 
 
 class Scorers:
@@ -151,25 +146,28 @@ def assembled(job: Job, scorers: Scorers, plan: Plan) -> tuple[Piece, ...]:
     by_step = {leg.steps[0]: (leg, answer) for leg, answer in zip(plan.legs, plan.answers, strict=True)}
     rest = plan.rest
     out: list[Piece] = []
+
+    def wait(name: str, steps: tuple[int, ...], k: int, seconds: float, energy: float, brakes: bool) -> None:
+        step = job.steps[k]
+        still = standing(job.robot.joints, step.goal, seconds)
+        out.append(Piece(still, name, True, "brakes" if brakes else "", step.payload, steps, k, energy))
+
     for k, step in enumerate(job.steps):
         more = plan.left if k == rest.after and plan.left > SHORTEST_WAIT else 0.0
         if step.wait is not None:
             energy = standing_power(scorers, step, step.brakes) * step.wait + rest.power * more
-            still = standing(job.robot.joints, step.goal, step.wait + more)
-            out.append(Piece(step.name, (k,), k, still, energy, step.payload[0], "wait", brakes=step.brakes))
+            wait(step.name, (k,), k, step.wait + more, energy, step.brakes)
             continue
         if k in by_step:
             leg, answer = by_step[k]
             out.append(
                 Piece(
-                    leg.name, leg.steps, k, answer.trajectory, answer.energy.total, step.payload[0], answer.source,
-                    answer.status, leg.begins,
+                    answer.trajectory, leg.name, False, "", step.payload, leg.steps, k, answer.energy.total,
+                    answer.source, answer.status, leg.begins,
                 )
             )  # fmt: skip
         if more:
-            still = standing(job.robot.joints, step.goal, more)
-            name, energy = "time left over", rest.power * more
-            out.append(Piece(name, (), k, still, energy, step.payload[0], "wait", brakes=rest.brakes))
+            wait("time left over", (), k, more, rest.power * more, rest.brakes)
     return tuple(out)
 
 

@@ -16,7 +16,7 @@ from energy_opt.formats import Format, output
 from energy_opt.formats.cycle import certificates, without_jumps, write_cycle
 from energy_opt.formats.judging import CycleJudging, Judging
 from energy_opt.formats.output import Files, Shares, Written, unchanged
-from energy_opt.formats.program import Part, joined
+from energy_opt.formats.program import joined
 from energy_opt.jobs.cycle import Piece
 from energy_opt.jobs.run import JobResult
 from energy_opt.motion.judge.certificate import Certificate
@@ -29,18 +29,9 @@ from energy_opt.reports.job import table as table
 from energy_opt.reports.motion import drawn
 
 
-def parts_of(result: JobResult) -> list[Part]:
-    """The motions and waits of a solved job, in order, with the payload in the last joint's frame."""
-    steps = result.job.steps
-    return [
-        Part(p.trajectory, p.name, p.source == "wait", "brakes" if p.brakes else "", steps[p.at].payload)
-        for p in result.pieces
-    ]
-
-
 def whole_cycle(result: JobResult) -> Trajectory:
     """The cycle as one motion; without jumps of acceleration between steps if a jerk limit forbids them."""
-    return joined([part.trajectory for part in without_jumps(parts_of(result), result.job.robot.limits)])
+    return joined([part.trajectory for part in without_jumps(result.pieces, result.job.robot.limits)])
 
 
 def judging_of(result: JobResult) -> CycleJudging:
@@ -60,7 +51,7 @@ def with_room(result: JobResult, files: Files, again: Callable[[Shares], JobResu
 
     def certificates_of(found: JobResult) -> list[Certificate]:
         judge = judging_of(found)
-        return [judge(whole_cycle(found)), *certificates(parts_of(found), judge, files.formats, files.rate)]
+        return [judge(whole_cycle(found)), *certificates(found.pieces, judge, files.formats, files.rate)]
 
     found, shares = output.with_room(result, certificates_of, again)
     if not shares or not found.solved:
@@ -78,7 +69,7 @@ def write_programs(
         result: the solved job. formats: of the files. out: the folder. rate: [Hz] of samples; None: those of the plan.
         prefix: of the joints' names.
     """
-    return write_cycle(parts_of(result), judging_of(result), formats, out, rate, prefix)
+    return write_cycle(result.pieces, judging_of(result), formats, out, rate, prefix)
 
 
 FORMAT = "energy-opt/job-result/1"
@@ -141,15 +132,16 @@ def steps_of(result: JobResult) -> list[dict[str, Any]]:
     out, at = [], 0.0
     for piece in result.pieces:
         for part in split(piece, result):
+            mass, *centre = result.job.steps[part.at].payload
             row = {
                 "name": part.name,
-                "kind": "move" if part.source != "wait" else "standby" if part.brakes else "wait",
+                "kind": "move" if not part.waits else "standby" if part.mode else "wait",
                 "start": at,
                 "duration": part.trajectory.duration,
                 "energy_total": part.energy,
-                "payload": part.payload,
-                "centre": list(result.job.steps[part.at].payload[1:]),
-                "brakes": part.brakes,
+                "payload": mass,
+                "centre": centre,
+                "brakes": bool(part.mode),
                 "source": part.source,
                 "first_path": part.begins or None,
                 "status": part.status,
@@ -187,7 +179,7 @@ def power_of(result: JobResult) -> tuple[np.ndarray, np.ndarray]:
     for piece in result.pieces:
         t = piece.trajectory
         power = np.full(len(t.time), piece.energy / max(t.duration, 1e-9))
-        if piece.source != "wait":
+        if not piece.waits:
             filled = result.scorer(result.job.steps[piece.at]).filled(t).power
             power = power if filled is None else filled
         times.append(at + t.time - t.time[0])

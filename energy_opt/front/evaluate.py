@@ -21,14 +21,14 @@ from energy_opt.formats.cycle import write_cycle
 from energy_opt.formats.output import Written
 from energy_opt.formats.waypoints import Samples
 from energy_opt.front.controllers import check_written
-from energy_opt.front.desk import Desk, verb
+from energy_opt.front.desk import Answered, Desk, verb
 from energy_opt.front.given import cell_of, named_robot, payload_document, refuse_degrees, robot_of
 from energy_opt.front.moves import documents
 from energy_opt.front.rivals import rivals_of
 from energy_opt.motion.standing import standstills
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.requests.verbs import EvaluateRequest
-from energy_opt.results import Found, exit_of
+from energy_opt.results import exit_of
 from energy_opt.robot import Robot, known_robots, load_robot
 
 FORMAT = "energy-opt/evaluation/1"
@@ -37,18 +37,16 @@ WIDTH = 14  # [characters] least width of a column
 AnyMotion = Trajectory | str | PathLike[str]
 
 
-@dataclass(frozen=True, repr=False)
-class Answers(Found):
+@dataclass(frozen=True, repr=False, kw_only=True)
+class Answers(Answered):
     """Evaluations of all motions, with the robot and the request.
 
     Attributes:
-        asked: the request; request: the same as evaluate.json has it.
         files: those that were written for controllers, read back and judged.
     """
 
     robot: Robot
-    asked: EvaluateRequest
-    request: dict[str, Any]
+    request: EvaluateRequest
     found: tuple[Evaluation, ...]
     files: tuple[Written, ...] = ()
 
@@ -66,7 +64,7 @@ class Answers(Found):
             "joints": list(self.robot.joints),
             "motions": [_row(evaluation) for evaluation in self.found],
             "written": [row.document() for row in self.files],
-            "request": plain(self.request),
+            "request": plain(self.asked),
         }
 
     def text(self, out: Path) -> str:
@@ -87,9 +85,9 @@ class Answers(Found):
         Args:
             write, rate, prefix: in place of the request's `write`, `rate` [Hz] and `joint_prefix`.
         """
-        asked = replace(self.asked, write=tuple(write)) if write else self.asked
-        asked = asked if rate is None else replace(asked, rate=rate)
-        replace(self, asked=replace(asked, joint_prefix=prefix) if prefix else asked).kept(Path(out))
+        given: dict[str, Any] = {"write": tuple(write) or None, "rate": rate, "joint_prefix": prefix or None}
+        asked = replace(self.request, **{name: value for name, value in given.items() if value is not None})
+        replace(self, request=asked).kept(Path(out))
         return Path(out)
 
     def kept(self, out: Path) -> Answers:
@@ -97,7 +95,7 @@ class Answers(Found):
 
         Files of a motion are called trajectory, or trajectory_01 and so on.
         """
-        asked, records = self.asked, list[Written]()
+        asked, records = self.request, list[Written]()
         formats = check_written(asked, self.robot.n)
         with written_whole(out, ANSWER) as aside:
             for number, each in enumerate(self.found, start=1):
@@ -129,8 +127,8 @@ def run(request: EvaluateRequest, desk: Desk) -> Answers:
         request, files=tuple(motion.name for motion in motions), robot=named_robot(robot, request.robot or robot),
         model=documents(rivals), payload=payload_document(request.payload),
     )  # fmt: skip
-    document = desk.take(ANSWER, asked)
-    answers = desk.keep(Answers(robot, asked, document, found))
+    desk.take(ANSWER, asked)
+    answers = desk.keep(Answers(robot=robot, request=asked, stamp=desk.stamp, found=found))
     for evaluation in answers.found:
         for note in evaluation.motion.notes:
             desk.say(f"note: {note}")

@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import KW_ONLY, InitVar, dataclass, fields, replace
 from difflib import get_close_matches
 from math import ceil, floor, inf, log10
 from traceback import extract_tb
@@ -96,6 +97,7 @@ class BadInput(EnergyOptError):
     status = "bad_input"
 
 
+@dataclass(eq=False, repr=False)
 class Infeasible(EnergyOptError):
     """No trajectory satisfies the limits.
 
@@ -111,20 +113,17 @@ class Infeasible(EnergyOptError):
     exit_code = 3
     status = "infeasible"
 
-    def __init__(
-        self,
-        message: str,
-        *,
-        joint: str | None = None,
-        limit: str | None = None,
-        time: float | None = None,
-        position: float | None = None,
-        excess: float | None = None,
-        shortest_duration: float | None = None,
-    ) -> None:
+    message: InitVar[str]
+    _: KW_ONLY
+    joint: str | None = None
+    limit: str | None = None
+    time: float | None = None
+    position: float | None = None
+    excess: float | None = None
+    shortest_duration: float | None = None
+
+    def __post_init__(self, message: str) -> None:
         super().__init__(message)
-        self.joint, self.limit, self.time = joint, limit, time
-        self.position, self.excess, self.shortest_duration = position, excess, shortest_duration
 
     def with_shortest_duration(self, shortest: float | None, why: str = FAILED) -> Infeasible:
         """The same error with another shortest duration [s], also in its message; None if none works, and `why`."""
@@ -133,10 +132,8 @@ class Infeasible(EnergyOptError):
             message += f"; {why}"
         elif self.shortest_duration is not None:
             message = message.replace(f"{at_least(self.shortest_duration)} s", f"{at_least(shortest)} s")
-        known = {name: getattr(self, name) for name in ("joint", "limit", "time", "position", "excess")}
-        return type(self)(message, **known, shortest_duration=shortest)
+        return replace(self, message=message, shortest_duration=shortest)
 
     def document(self) -> dict[str, Any]:
         """With joint, limit, place, excess and the shortest duration that would work."""
-        names = ("joint", "limit", "time", "position", "excess", "shortest_duration")
-        return {**super().document(), **{name: getattr(self, name) for name in names}}
+        return super().document() | {each.name: getattr(self, each.name) for each in fields(self)}

@@ -56,17 +56,21 @@ class Piece(Part):
 
 
 class Scorers:
-    """Scorers of the job's model under each payload; their models share one structure."""
+    """Scorers of the job's model under each payload; their models share one structure.
+
+    Attributes:
+        robot: the arm. model: the given one with zero payload, so that all payloads share what is built.
+    """
 
     def __init__(self, robot: Robot, model: PowerModel) -> None:
-        self.robot, self._model = robot, model
+        self.robot, self.model = robot, model.replaced(Payload(mass=0.0, com=[0.0, 0.0, 0.0]))
         self._kept: dict[tuple[float, ...], Scorer] = {}
 
     def of(self, step: Step) -> Scorer:
         """The scorer under the payload of a step."""
         mass, *com = step.payload
         if step.payload not in self._kept:
-            self._kept[step.payload] = Scorer(self.robot, self._model.replaced(Payload(mass=mass, com=com)))
+            self._kept[step.payload] = Scorer(self.robot, self.model.replaced(Payload(mass=mass, com=com)))
         return self._kept[step.payload]
 
 

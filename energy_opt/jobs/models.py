@@ -11,7 +11,6 @@ import numpy as np
 from energy_opt.errors import Infeasible
 from energy_opt.jobs.cycle import Scorers, energy_of
 from energy_opt.jobs.run import JobResult
-from energy_opt.jobs.work import unloaded
 from energy_opt.motion.judge.certificate import ALLOWED
 from energy_opt.motion.judge.energy import COARSER
 from energy_opt.motion.limits.joint import Effort
@@ -32,7 +31,7 @@ def compared(result: JobResult, judges: Sequence[Rival]) -> JobResult:
     slowed = result.baselines[BESIDE]
     records: list[dict[str, Any]] = []
     for judge in judges:
-        scorers = Scorers(job.robot, unloaded(judge.model))
+        scorers = Scorers(job.robot, judge.model)
         energy, joules = energy_of(job, scorers, result.plan.under(job, scorers)), None
         if slowed is not None:
             joules = energy_of(job, scorers, slowed.under(job, scorers)) - energy
@@ -52,7 +51,7 @@ def grounded(result: JobResult, rivals: Sequence[Rival]) -> JobResult:
 
     def saved(model: PowerModel) -> float:
         assert slowed is not None
-        scorers = Scorers(job.robot, unloaded(model))
+        scorers = Scorers(job.robot, model)
         theirs, ours = (energy_of(job, scorers, p.under(job, scorers, COARSER)) for p in (slowed, result.plan))
         return theirs - ours - SAME * abs(theirs)
 
@@ -122,7 +121,7 @@ def warned(result: JobResult, rivals: Sequence[Rival]) -> JobResult:
 def _efforts(result: JobResult, rivals: Sequence[Rival]) -> np.ndarray:
     """The largest share (n,) of each joint's torque limit that the motions use under any of the rivals."""
     job = result.job
-    scorers = [Scorers(job.robot, unloaded(rival.model)) for rival in rivals]
+    scorers = [Scorers(job.robot, rival.model) for rival in rivals]
     legs = zip(result.plan.legs, result.plan.answers, strict=True)
     shares = [
         used(answer.trajectory, [s.of(leg.step) for s in scorers], job.robot.limits.effort) for leg, answer in legs
@@ -162,7 +161,7 @@ def stated(result: JobResult, rivals: Sequence[Rival]) -> JobResult:
         )
     totals = [row["total"] for row in compared(replace(result, plan=plan), rivals).models]
     robust = {"kind": "mean", "total": sum(totals) / len(totals), "lower_bound": result.bound}
-    scorers = Scorers(job.robot, unloaded(rivals[0].model))
+    scorers = Scorers(job.robot, rivals[0].model)
     plans = result.baselines.items()
     stated = replace(
         result, plan=plan.under(job, scorers), scorers=scorers, bound=None, robust=robust, warnings=warnings,

@@ -23,7 +23,7 @@ from energy_opt.jobs.cycle import Choice, Plan, Scorers
 from energy_opt.jobs.file import Job
 from energy_opt.jobs.legs import pose_in_base
 from energy_opt.jobs.run import JobResult, RoughCycles, run_job
-from energy_opt.jobs.work import Cells, unloaded
+from energy_opt.jobs.work import Cells
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.move import Settings
 from energy_opt.poses.estimate import curves, holding, quickest
@@ -61,7 +61,7 @@ class Posed:
         cell: CellRequest,
         starts: Mapping[int, np.ndarray] | None = None,
     ) -> None:
-        self.job, self.scorers = job, Scorers(job.robot, unloaded(model))
+        self.job, self.scorers = job, Scorers(job.robot, model)
         self.cells = Cells(job, cell)
         self.tool = ToolKinematics(job.robot, cell.tool)
         self.moving = [k for k, step in enumerate(job.steps) if step.wait is None]

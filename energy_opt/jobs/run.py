@@ -28,7 +28,7 @@ from energy_opt.jobs.cycle import (
 )
 from energy_opt.jobs.file import Job, Step
 from energy_opt.jobs.legs import Leg, legs_of, slope_of_slowing
-from energy_opt.jobs.work import Cells, Worker, unloaded
+from energy_opt.jobs.work import Cells, Worker
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.move import Settings
 from energy_opt.motion.plan.planner import Planner
@@ -292,8 +292,8 @@ class RoughCycles:
     def __init__(self, model: PowerModel, settings: Settings, job: Job, stopped: Callable[[], bool]) -> None:
         self._model, self._settings, self._stopped = model, settings, stopped
         quick = replace(settings, solver="sqp")
-        self._planner = Planner(job.robot, unloaded(model), quick, stopped=stopped)
-        self.scorers = Scorers(job.robot, unloaded(model))
+        self.scorers = Scorers(job.robot, model)
+        self._planner = Planner(job.robot, self.scorers.model, quick, stopped=stopped)
 
     def cycle(self, job: Job, cells: Cells, near: Plan | None = None) -> tuple[Plan, float]:
         """A cycle of a job without open ends, and its energy [J].

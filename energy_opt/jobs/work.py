@@ -14,7 +14,6 @@ from energy_opt import formats
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.load import load_cell
 from energy_opt.cell.request import CellRequest
-from energy_opt.effects import Payload
 from energy_opt.errors import EnergyOptError, Infeasible
 from energy_opt.files import to_json
 from energy_opt.jobs.allocate import Front
@@ -31,11 +30,6 @@ from energy_opt.poses.freedom import is_free
 from energy_opt.power import PowerModel
 
 LOOKS = 40  # samples of a rough motion that are checked for contact
-
-
-def unloaded(model: PowerModel) -> PowerModel:
-    """The model with zero payload, so that all payloads share what is built."""
-    return model.replaced(Payload(mass=0.0, com=[0.0, 0.0, 0.0]))
 
 
 class Cells:
@@ -64,11 +58,11 @@ class Worker:
         self, job: Job, model: PowerModel, settings: Settings, cells: Cells, stopped: Callable[[], bool],
         shares: Shares = MappingProxyType({}), planner: Planner | None = None,
     ) -> None:  # fmt: skip
-        self.job, self.scorers, self.stopped = job, Scorers(job.robot, unloaded(model)), stopped
+        self.job, self.scorers, self.stopped = job, Scorers(job.robot, model), stopped
         self.cells = cells
         # solvers of equal legs at several durations, by points, mode, payload and scene
         self._steps: dict[tuple[bytes, str, Load, Path | None], Neighbours] = {}
-        planner = planner or Planner(job.robot, unloaded(model), settings, stopped=stopped)
+        planner = planner or Planner(job.robot, self.scorers.model, settings, stopped=stopped)
         self._planner = planner.within(shares) if shares else planner
 
     def check_poses(self) -> None:

@@ -15,7 +15,6 @@ from energy_opt.cell.curve import MotionCurve
 from energy_opt.effects import Regeneration
 from energy_opt.jobs.cycle import Answer, Scorers
 from energy_opt.jobs.legs import Leg, Step
-from energy_opt.jobs.work import unloaded
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.plan.efforts import used
 from energy_opt.motion.timing.law import Timing
@@ -158,11 +157,8 @@ class Scoring:
         first = model.weighted[0][1]
         self.robot, self.mixed = robot, len(model.weighted) > 1
         # with the second ones, all negative power is used again: the link's losses are computed elsewhere
-        self._of_mean = mean, Scorers(robot, unloaded(model.replaced(Regeneration(efficiency=1.0))))
-        self._of_first = (
-            Scorers(robot, unloaded(first)),
-            Scorers(robot, unloaded(first.replaced(Regeneration(efficiency=1.0)))),
-        )
+        self._of_mean = mean, Scorers(robot, model.replaced(Regeneration(efficiency=1.0)))
+        self._of_first = Scorers(robot, first), Scorers(robot, first.replaced(Regeneration(efficiency=1.0)))
 
     def of(self, lossless: bool, first: bool) -> Scorers:
         """The scorers of the first model or of the mean; `lossless`: with all braking energy used again."""

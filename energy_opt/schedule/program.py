@@ -21,11 +21,12 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations
 
+import highspy
 import numpy as np
+from highspy.highs import highs_linear_expression as Terms
 
 from energy_opt.schedule.problem import Group, Move, Problem, Run, possible
 
-Terms = dict[int, float]  # coefficients by variable
 FEASIBLE = 1e-9  # tolerance of HiGHS on constraints and integers: times are accurate to a nanosecond
 
 
@@ -49,8 +50,9 @@ class Program:
     """The program of a problem; tangents can be added between solves.
 
     Attributes:
-        start: variable of the start of (ring, step); duration: terms whose sum is its duration.
-        choice: variables (z, d) of every mode of a wait.
+        cost, lower, upper, integer: of every variable.
+        start, duration, energy: those of (ring, step), as terms of the variables.
+        choice: (z, d) of every mode of a wait.
     """
 
     problem: Problem
@@ -58,11 +60,11 @@ class Program:
     lower: list[float] = field(default_factory=list)
     upper: list[float] = field(default_factory=list)
     integer: list[int] = field(default_factory=list)
-    constraints: list[tuple[Terms, float, float]] = field(default_factory=list)
-    start: dict[tuple[int, int], int] = field(default_factory=dict)
+    constraints: list[Terms] = field(default_factory=list)
+    start: dict[tuple[int, int], Terms] = field(default_factory=dict)
     duration: dict[tuple[int, int], Terms] = field(default_factory=dict)
-    energy: dict[tuple[int, int], int] = field(default_factory=dict)
-    choice: dict[tuple[int, int], list[tuple[int, int]]] = field(default_factory=dict)
+    energy: dict[tuple[int, int], Terms] = field(default_factory=dict)
+    choice: dict[tuple[int, int], list[tuple[Terms, Terms]]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._steps()
@@ -71,8 +73,6 @@ class Program:
 
     def solve(self, seconds: float, gap: float) -> Found:
         """Solve the present program with HiGHS, within `seconds` [s], to a relative `gap`."""
-        import highspy
-
         # the base, as Highs itself prints a banner to standard output when it is made (1.16)
         solver = highspy.Highs.__mro__[1]()
         solver.setOptionValue("output_flag", False)
@@ -87,10 +87,10 @@ class Program:
         kinds = np.full(len(whole), highspy.HighsVarType.kInteger)
         if np.any(np.array(self.lower)[whole] < np.array(self.upper)[whole]):
             solver.changeColsIntegrality(len(whole), whole, kinds)
-        begins = np.cumsum([0] + [len(terms) for terms, _, _ in self.constraints])
-        columns = np.array([j for terms, _, _ in self.constraints for j in terms], dtype=np.int32)
-        values = np.array([c for terms, _, _ in self.constraints for c in terms.values()])
-        low, high = (np.array([c[k] for c in self.constraints], dtype=float) for k in (1, 2))
+        begins = np.cumsum([0] + [len(row.idxs) for row in self.constraints])
+        columns = np.array([j for row in self.constraints for j in row.idxs], dtype=np.int32)
+        values = np.array([c for row in self.constraints for c in row.vals])
+        low, high = np.array([row.bounds for row in self.constraints], dtype=float).T.copy()
         solver.addRows(len(low), low, high, len(columns), begins[:-1].astype(np.int32), columns, values)
         solver.run()
         info = solver.getInfo()
@@ -109,16 +109,21 @@ class Program:
         move = self.problem.rings[at[0]].steps[at[1]]
         assert isinstance(move, Move)
         value, slope = move.curve.value(duration), move.curve.slope(duration)
-        terms = {self.energy[at]: 1.0, **{j: -slope * c for j, c in self.duration[at].items()}}
-        self.constraints.append((terms, value - slope * duration, np.inf))
+        self._require(self.energy[at] - slope * self.duration[at] >= value - slope * duration)
 
-    def _variable(self, lower: float, upper: float, cost: float = 0.0, integer: bool = False) -> int:
-        """Add a variable with bounds and cost; returns its index."""
+    def _require(self, constraint: Terms) -> None:
+        """Add a constraint."""
+        self.constraints.append(constraint.simplify())
+
+    def _variable(self, lower: float, upper: float, cost: float = 0.0, integer: bool = False) -> Terms:
+        """Add a variable with bounds and cost."""
         self.cost.append(cost)
         self.lower.append(lower)
         self.upper.append(upper)
         self.integer.append(int(integer))
-        return len(self.cost) - 1
+        out = Terms()
+        out.idxs, out.vals = [len(self.cost) - 1], [1.0]
+        return out
 
     def _steps(self) -> None:
         """Add the start, duration, energy and mode of every step."""
@@ -131,7 +136,7 @@ class Program:
                 fixed = r == 0 and k == 0 and not any(group.blocks[0][0] == 0 for group in ring.groups)
                 self.start[at] = self._variable(0.0 if fixed else -far, 0.0 if fixed else far)
                 if isinstance(step, Move):
-                    self.duration[at] = {self._variable(step.least, min(step.most, cycle)): 1.0}
+                    self.duration[at] = self._variable(step.least, min(step.most, cycle))
                     self.energy[at] = self._variable(-np.inf, np.inf, cost=1.0)
                     for duration in step.curve.breaks(step.least, min(step.most, cycle)):
                         self.add_tangent(at, float(duration))
@@ -142,10 +147,11 @@ class Program:
                     possible = least <= most
                     z = self._variable(0, float(possible), mode.fixed, integer=True)
                     d = self._variable(0, most if possible else 0.0, mode.power)
-                    self.constraints += [({d: 1.0, z: -least}, 0.0, np.inf), ({d: 1.0, z: -most}, -np.inf, 0.0)]
+                    self._require(d - least * z >= 0)
+                    self._require(d - most * z <= 0)
                     self.choice[at].append((z, d))
-                self.constraints.append(({z: 1.0 for z, _ in self.choice[at]}, 1.0, 1.0))
-                self.duration[at] = {d: 1.0 for _, d in self.choice[at]}
+                self._require(sum((z for z, _ in self.choice[at]), Terms()) == 1)
+                self.duration[at] = sum((d for _, d in self.choice[at]), Terms())
             follows = {k: self.start[r, (k + 1) % len(ring.steps)] for k in range(len(ring.steps))}
             begins = {group.blocks[0][0]: self._begin(r, group) for group in ring.groups}
             for group in ring.groups:
@@ -155,16 +161,15 @@ class Program:
                 self._group(r, group, follows, begins)
             for k, next_start in follows.items():
                 length = cycle if k == len(ring.steps) - 1 else 0.0  # start + duration = next start (+ one cycle)
-                terms = _sum({self.start[r, k]: 1.0}, self.duration[r, k], {next_start: -1.0})
-                self.constraints.append((terms, length, length))
+                self._require(self.start[r, k] + self.duration[r, k] - next_start == length)
 
-    def _begin(self, r: int, group: Group) -> int:
+    def _begin(self, r: int, group: Group) -> Terms:
         """The variable of a group's begin; fixed at 0 if the first robot's cycle begins with it."""
         far = self._latest_start
         fixed = 0.0 if r == 0 and group.blocks[0][0] == 0 else far
         return self._variable(-fixed, fixed)
 
-    def _group(self, r: int, group: Group, follows: dict[int, int], begins: dict[int, int]) -> None:
+    def _group(self, r: int, group: Group, follows: dict[int, Terms], begins: dict[int, Terms]) -> None:
         """Add the blocks of a group between its begin and its end.
 
         Args:
@@ -176,27 +181,26 @@ class Program:
         first, last = group.blocks[0][0], group.blocks[-1][1]
         begin = begins[first]
         blocks = [self._run(Run(r, *block)) for block in group.blocks]
-        spent = _sum(*(_sum(end, _negated(start)) for start, end in blocks))
+        spent = sum(end - start for start, end in blocks)
         known = set(group.before)
         if last - first + 1 == count:  # a ring has no first block: it begins with the first possible one
             root = possible(group, range(len(blocks)))[0]
             known |= {(root, j) for j in range(len(blocks)) if j != root}
-            self.constraints.append((spent, cycle, cycle))
+            self._require(spent == cycle)
         else:
             after = (last + 1) % count
             wraps = cycle if after == 0 else 0.0
-            terms = _sum({begins.get(after, self.start[r, after]): 1.0}, {begin: -1.0}, _negated(spent))
-            self.constraints.append((terms, -wraps, -wraps))
+            self._require(begins.get(after, self.start[r, after]) - begin - spent == -wraps)
             if (first - 1) % count in follows:  # else it is the end of another group
                 follows[(first - 1) % count] = begin
         for start, end in blocks:
-            self.constraints.append((_sum(start, {begin: -1.0}), 0.0, np.inf))
-            self.constraints.append((_sum(spent, {begin: 1.0}, _negated(end)), 0.0, np.inf))
+            self._require(start - begin >= 0)
+            self._require(begin + spent - end >= 0)
         for i, j in combinations(range(len(blocks)), 2):
             y = self._variable(float((i, j) in known), float((j, i) not in known), integer=True)
             (start_i, end_i), (start_j, end_j) = blocks[i], blocks[j]
-            self.constraints.append((_sum(start_j, _negated(end_i), {y: -cycle}), -cycle, np.inf))
-            self.constraints.append((_sum(start_i, _negated(end_j), {y: cycle}), 0.0, np.inf))
+            self._require(start_j - end_i - cycle * y >= -cycle)
+            self._require(start_i - end_j + cycle * y >= 0)
 
     @cached_property
     def _latest_start(self) -> float:
@@ -205,8 +209,8 @@ class Program:
         fixed = ((lag.length, lag.height) for lag in self.problem.lags if lag.height is not None)
         return cycle * (len(self.problem.rings) + 1) + sum(abs(length - cycle * height) for length, height in fixed)
 
-    def _cycles(self) -> int:
-        """Add a whole number of cycles; returns its index."""
+    def _cycles(self) -> Terms:
+        """Add a whole number of cycles."""
         most = 2 * np.ceil(self._latest_start / self.problem.cycle_time) + 2
         return self._variable(-most, most, integer=True)
 
@@ -214,17 +218,17 @@ class Program:
         """Add the constraints of all time lags; a lag without a height gets a number of cycles."""
         cycle = self.problem.cycle_time
         for lag in self.problem.lags:
-            terms: Terms = _sum({self.start[lag.end]: 1.0}, {self.start[lag.begin]: -1.0})
+            behind = self.start[lag.end] - self.start[lag.begin]
             height: float = lag.height or 0
             if lag.height is None:
-                terms = _sum(terms, {self._cycles(): cycle})
+                behind += cycle * self._cycles()
                 height = np.floor(lag.length / cycle)  # whole cycles within the lag itself
             if lag.within is not None:
-                self.constraints.append((terms, -np.inf, lag.within - cycle * height))
+                self._require(behind <= lag.within - cycle * height)
             if lag.begin_ends:
-                terms = _sum(terms, _negated(self.duration[lag.begin]))
+                behind = behind - self.duration[lag.begin]
             most = np.inf if lag.most is None else lag.most - cycle * height
-            self.constraints.append((terms, lag.length - cycle * height, most))
+            self._require(behind == [lag.length - cycle * height, most])
 
     def _exclusions(self) -> None:
         """Add the constraints that two runs never overlap: one ends before the other begins, in some cycle."""
@@ -234,31 +238,14 @@ class Program:
             (begin_1, end_1), (begin_2, end_2) = map(self._run, (pair.first, pair.second))
             # end_1 + gap <= begin_2 + C h and end_2 + gap <= begin_1 + C (1 - h)
             for begin, end, sign, length in (begin_2, end_1, 1.0, 0.0), (begin_1, end_2, -1.0, cycle):
-                terms = _sum(begin, _negated(end), {cycles: sign * cycle})
-                self.constraints.append((terms, pair.gap - length, np.inf))
+                self._require(begin - end + sign * cycle * cycles >= pair.gap - length)
 
     def _run(self, run: Run) -> tuple[Terms, Terms]:
         """Begin and end of a run (the end in the same cycle as the begin)."""
-        start: Terms = {self.start[run.ring, run.first]: 1.0}
+        start = self.start[run.ring, run.first]
         if run.part is not None:
-            lengths = self.duration[run.ring, run.first]
-            begin, end = (_sum(start, {j: share * c for j, c in lengths.items()}) for share in run.part)
-            return begin, end
+            length = self.duration[run.ring, run.first]
+            return start + run.part[0] * length, start + run.part[1] * length
         count = len(self.problem.rings[run.ring].steps)
-        end = start
-        for k in range((run.last - run.first) % count + 1):
-            end = _sum(end, self.duration[run.ring, (run.first + k) % count])
-        return start, end
-
-
-def _sum(*parts: Terms) -> Terms:
-    """Linear terms added: coefficients by variable."""
-    out: Terms = {}
-    for part in parts:
-        for j, c in part.items():
-            out[j] = out.get(j, 0.0) + c
-    return out
-
-
-def _negated(terms: Terms) -> Terms:
-    return {j: -c for j, c in terms.items()}
+        steps = ((run.first + k) % count for k in range((run.last - run.first) % count + 1))
+        return start, start + sum(self.duration[run.ring, step] for step in steps)

@@ -129,12 +129,12 @@ def _best_with_fixed_integers(program: Program, x: np.ndarray, deadline: float) 
 def _refine(program: Program, x: np.ndarray) -> bool:
     """Add a tangent wherever a curve is above the energy in `x`; True if any was added."""
     added = False
-    for at, e in program.energy.items():
+    for at, energy in program.energy.items():
         move = program.problem.rings[at[0]].steps[at[1]]
         assert isinstance(move, Move)
-        d = float(np.clip(sum(c * x[j] for j, c in program.duration[at].items()), move.least, move.most))
+        d = float(np.clip(program.duration[at].evaluate(x), move.least, move.most))
         value = move.curve.value(d)
-        if value - x[e] > SMALL * max(1.0, abs(value)):
+        if value - energy.evaluate(x) > SMALL * max(1.0, abs(value)):
             program.add_tangent(at, d)
             added = True
     return added
@@ -146,11 +146,11 @@ def _schedule(program: Program, x: np.ndarray) -> Schedule:
     starts, durations, modes, energies, orders = [], [], [], [], list[list[int]]()
     for r, ring in enumerate(problem.rings):
         orders.append(_order(program, x, r))
-        length = np.array([sum(c * x[j] for j, c in program.duration[r, k].items()) for k in range(len(ring.steps))])
+        length = np.array([program.duration[r, k].evaluate(x) for k in range(len(ring.steps))])
         named, energy = [], np.zeros(len(ring.steps))
         for k, step in enumerate(ring.steps):
             if isinstance(step, Wait):
-                chosen = step.modes[int(np.argmax([x[z] for z, _ in program.choice[r, k]]))]
+                chosen = step.modes[int(np.argmax([z.evaluate(x) for z, _ in program.choice[r, k]]))]
                 length[k] = np.clip(length[k], max(step.least, chosen.shortest), step.most)
                 named.append(chosen.name)
                 energy[k] = chosen.energy(length[k])
@@ -160,7 +160,7 @@ def _schedule(program: Program, x: np.ndarray) -> Schedule:
                 energy[k] = step.curve.value(float(length[k]))
         # starts follow exactly from the durations; the rounding error goes into a wait
         length, energy = length[orders[r]], energy[orders[r]]
-        starts.append(x[program.start[r, orders[r][0]]] + np.concatenate([[0.0], np.cumsum(length)[:-1]]))
+        starts.append(program.start[r, orders[r][0]].evaluate(x) + np.concatenate([[0.0], np.cumsum(length)[:-1]]))
         durations.append(length)
         modes.append(tuple(named[k] for k in orders[r]))
         energies.append(energy)
@@ -174,8 +174,8 @@ def _order(program: Program, x: np.ndarray, r: int) -> list[int]:
     ring = program.problem.rings[r]
 
     def when(block: tuple[int, int]) -> tuple[float, float]:
-        length = sum(c * x[j] for k in range(block[0], block[1] + 1) for j, c in program.duration[r, k].items())
-        return x[program.start[r, block[0]]] + length / 2, length
+        length = sum(program.duration[r, k].evaluate(x) for k in range(block[0], block[1] + 1))
+        return program.start[r, block[0]].evaluate(x) + length / 2, length
 
     orders = [possible(g, sorted(range(len(g.blocks)), key=lambda b: when(g.blocks[b]))) for g in ring.groups]
     return in_blocks(len(ring.steps), ring.groups, orders)
@@ -185,14 +185,14 @@ def _earliest(schedule: Schedule) -> Schedule:
     """The same durations and modes with every robot as early as possible, from 0 on."""
     program = Program(with_fixed_durations(schedule))
     program.cost = [0.0] * len(program.cost)
-    for (_, step), variable in program.start.items():
+    for (_, step), start in program.start.items():
         if step == 0:
-            program.cost[variable] = 1.0
-            program.lower[variable] = 0.0
+            program.cost[start.idxs[0]] = 1.0
+            program.lower[start.idxs[0]] = 0.0
     found = program.solve(EARLIEST, 0.0)
     if found.x is None:
         return schedule
-    first = [found.x[program.start[r, 0]] for r in range(len(schedule.starts))]
+    first = [program.start[r, 0].evaluate(found.x) for r in range(len(schedule.starts))]
     return replace(schedule, starts=tuple(s - s[0] + f for s, f in zip(schedule.starts, first, strict=True)))
 
 

@@ -19,7 +19,7 @@ from energy_opt.folders import faults_of_results
 from energy_opt.formats import read
 from energy_opt.formats.messages import trajectories
 from energy_opt.front.desk import Desk, verb
-from energy_opt.front.given import cell_of, model_from, payload_from, refuse_degrees, robot_from, robot_of
+from energy_opt.front.given import cell_of, model_from, payload_from, refuse_degrees, robot_of
 from energy_opt.jobs.file import load_job
 from energy_opt.jobs.legs import wrong_frames
 from energy_opt.measured import inspect_set
@@ -155,7 +155,7 @@ def _toml(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
         name = request.robot or (model.robot if model.robot in known_robots() else None)
         if name is not None:
             try:
-                model.check(robot_from(name).n)
+                model.check((name if isinstance(name, Robot) else load_robot(name)).n)
             except BadInput as error:
                 return [f"{file}: {error}"]
         return []

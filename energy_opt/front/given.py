@@ -40,31 +40,22 @@ PAYLOAD = "MASS or MASS,CX,CY,CZ"
 _NUMBER = re.compile(r"[-+.]*\d")
 
 
-def robot_from(
-    given: AnyRobot | None, limits: str | PathLike[str] | None = None, lock: Mapping[str, float] | None = None,
-    prefix: str = "",
-) -> Robot:  # fmt: skip
-    """The given robot, or the robot of a name or of a URDF file.
+def robot_of(request: RobotGroup, given: str | None = None) -> Robot:
+    """The robot that a request names or has, or else `given`, with the limits and locked joints of the request.
 
     Raises:
         BadInput: none is given, or limits and locked joints for a robot that is loaded already.
     """
-    if given is None:
+    named = getattr(request, "robot", None) or given
+    if named is None:
         raise BadInput("--robot is missing: a name (`energy-opt robots`) or a URDF")
-    if isinstance(given, Robot):
-        if limits is not None:
-            raise BadInput("--limits belongs to a robot that is loaded: load_robot(name, limits=...)")
-        if lock:
-            raise BadInput("--lock belongs to a robot that is loaded: load_robot(name, lock=...)")
-        return given
-    return load_robot(given, limits=None if limits is None else Path(limits), lock=lock, prefix=prefix)
-
-
-def robot_of(request: RobotGroup, given: Any = None) -> Robot:
-    """The robot that a request names, or else `given`, with the limits and locked joints of the request."""
-    named = getattr(request, "robot", None)
-    prefix = getattr(request, "joint_prefix", "")
-    return robot_from(given if named is None else named, request.limits, request.locked or None, prefix)
+    known: dict[str, Any] = {"limits": request.limits, "lock": request.locked or None}
+    if isinstance(named, Robot):
+        for name, value in known.items():
+            if value is not None:
+                raise BadInput(f"--{name} belongs to a robot that is loaded: load_robot(name, {name}=...)")
+        return named
+    return load_robot(named, **known, prefix=getattr(request, "joint_prefix", ""))
 
 
 def named_robot(robot: Robot, given: Any) -> str:

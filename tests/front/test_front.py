@@ -17,11 +17,12 @@ import pytest
 import energy_opt as eo
 from energy_opt.effects import ALL_EFFECTS
 from energy_opt.errors import BadInput
-from energy_opt.front.given import payload_from, positions, robot_from, source_model
+from energy_opt.front.given import payload_from, positions, robot_of, source_model
 from energy_opt.front.jobs import job_from
 from energy_opt.motion.path import straight
 from energy_opt.motion.reshape.nodes import node_functions
 from energy_opt.requests.moves import JobRequest, OptimizeRequest
+from energy_opt.requests.verbs import EvaluateRequest
 from energy_opt.robot import load_robot
 
 README = Path(__file__).parents[2] / "README.md"
@@ -237,7 +238,7 @@ def test_a_loaded_robot_accepts_no_further_files() -> None:
     robot = load_robot("z1")
     for more in ({"limits": "limits.yaml"}, {"lock": {"joint1": 0.0}}):
         with pytest.raises(BadInput, match="belongs to a robot that is loaded"):
-            robot_from(robot, **more)
+            robot_of(EvaluateRequest(files=(), robot=robot, **more))
     with pytest.raises(BadInput, match="method 3; expected 1 or 2"):
         source_model(robot, 3)
 

@@ -12,7 +12,8 @@ from energy_opt.formats.output import Files
 from energy_opt.front.controllers import check_rate_of, check_written
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, robot_of, several
-from energy_opt.front.jobs import JOB, JobAnswer, answers_of, content_of, job_from, job_settings, loaded, resolved_job
+from energy_opt.front.jobs import JOB, JobAnswer, answers_of, content_of, job_from, loaded, resolved_job
+from energy_opt.front.moves import settings_of
 from energy_opt.front.rivals import rivals_from, rivals_of, said, with_careful
 from energy_opt.jobs import output
 from energy_opt.jobs.models import compared, efforts_held, grounded, held, mean_of, stated, warned
@@ -42,7 +43,7 @@ def run(request: JobRequest, desk: Desk) -> JobAnswer:
     rivals, kind = rivals_of(request, job.robot, desk)
     job = loaded(request, job, rivals, desk)
     formats = check_written(request, job.robot.n)
-    settings = job_settings(request)
+    settings = settings_of(request)
     cell = cell_of(request)
     asked = resolved_job(request, job.robot, rivals, kind)
     document = desk.take(JOB, asked)
@@ -115,7 +116,7 @@ def run_workcell_job(request: JobRequest, desk: Desk) -> JobAnswer:
     asked = replace(request, job=content, folder=str(path.parent.resolve()))
     _ = request.worth  # refuses invalid numbers before the work
     document = desk.take(JOB, asked)
-    settings = job_settings(request)
+    settings = settings_of(request)
     with desk.working() as (stopped, show):
         with desk.stating(JOB, cycle_time=cell.cycle_time, request=document):
             result = run_workcell(

@@ -91,12 +91,6 @@ def resolved_job(request: Asked, robot: Robot, rivals: list[Rival], kind: Kind |
     )  # fmt: skip
 
 
-def job_settings(request: JobRequest | PlaceRequest) -> Settings:
-    """Solver settings for the moves of a job."""
-    given = {name: getattr(request, name, None) for name in ("seed", "compile", "starts", "deadline")}
-    return Settings(**{name: value for name, value in given.items() if value is not None})
-
-
 def answers_of(
     request: JobRequest | TradeoffRequest, job: Job, rivals: list[Rival], settings: Settings, desk: Desk
 ) -> tuple[Answers | None, dict[str, Any]]:

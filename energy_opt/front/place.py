@@ -10,7 +10,8 @@ from typing import Any
 from energy_opt.folders import written_whole
 from energy_opt.front.desk import Answered, Desk, verb
 from energy_opt.front.given import cell_of
-from energy_opt.front.jobs import job_from, job_settings, loaded, resolved_job
+from energy_opt.front.jobs import job_from, loaded, resolved_job
+from energy_opt.front.moves import settings_of
 from energy_opt.front.rivals import rivals_of
 from energy_opt.jobs.models import efforts_held, mean_of, warned
 from energy_opt.jobs.run import JobResult, run_job
@@ -84,10 +85,10 @@ def run(request: PlaceRequest, desk: Desk) -> PlaceAnswer:
     with desk.working() as (stopped, show):
         with desk.stating(ANSWER, robot=job.robot.name, request=document):
             found = placed(
-                job, mean_of(rivals), box, settings=job_settings(request), cell=around, stopped=stopped, progress=show
+                job, mean_of(rivals), box, settings=settings_of(request), cell=around, stopped=stopped, progress=show
             )
         if kind is not None:
-            found = _held(found, rivals, job_settings(request), stopped)
+            found = _held(found, rivals, settings_of(request), stopped)
         answer = desk.keep(PlaceAnswer(placement=found, request=asked, stamp=desk.stamp, interrupted=stopped()))
     desk.report(warnings=() if answer.saved is None else answer.saved["warnings"])
     return answer

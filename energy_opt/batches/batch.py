@@ -15,7 +15,7 @@ from typing import Any
 from energy_opt.batches.executors import Solver, cluster, local, run_tasks, solve_task
 from energy_opt.batches.records import Journal, Record, Row, read_journal, write_parquet
 from energy_opt.batches.suite import Suite
-from energy_opt.batches.summary import summarize, table
+from energy_opt.batches.summary import summarize, table, write_report
 from energy_opt.files import plain, write_json
 from energy_opt.power.per_year import PerYear
 from energy_opt.requests.option import Request
@@ -101,8 +101,6 @@ def run_batch(
         BadInput: `out` holds an unfinished batch and `resume` is False, or results of another suite or version and
             `force` is False, or the scheduler does not answer.
     """
-    from energy_opt.batches.report import write_report
-
     wanted = {task.key: task for task in suite.tasks}
     header = {"suite": suite.name, "digest": suite.digest}
     with Journal(Path(out), header, resume=resume, force=force) as journal:

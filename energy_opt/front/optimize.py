@@ -30,8 +30,7 @@ from energy_opt.poses.chosen import Chosen
 from energy_opt.poses.given import pose_document
 from energy_opt.poses.pose import Pose
 from energy_opt.poses.solve import solve_to
-from energy_opt.power.assumptions import assumptions_line
-from energy_opt.power.break_even import until
+from energy_opt.power.assumptions import assumptions_line, until
 from energy_opt.power.model import model_from_document
 from energy_opt.power.per_year import per_year_words
 from energy_opt.reports.motion import drawn

@@ -18,8 +18,7 @@ from energy_opt.motion.plan.robust import Kind
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.motion.travel import detours
 from energy_opt.power import PowerModel
-from energy_opt.power.assumptions import assumptions
-from energy_opt.power.break_even import break_even, until
+from energy_opt.power.assumptions import assumptions, break_even, until
 from energy_opt.power.known import has_friction, is_named
 from energy_opt.power.variants import draws_of
 from energy_opt.robot import Robot

@@ -19,8 +19,7 @@ from energy_opt.motion.plan.planner import Shares
 from energy_opt.motion.plan.rivals import SAME, Rival, exceeds, judges_of
 from energy_opt.motion.travel import detours
 from energy_opt.power import Mixture, PowerModel
-from energy_opt.power.assumptions import assumptions
-from energy_opt.power.break_even import break_even
+from energy_opt.power.assumptions import assumptions, break_even
 
 BESIDE = "evenly_slowed"  # the baseline of stated savings
 

@@ -9,8 +9,7 @@ import pytest
 
 from energy_opt.effects import CoulombFriction
 from energy_opt.power import PowerModel
-from energy_opt.power.assumptions import assumptions, assumptions_line, grouped
-from energy_opt.power.break_even import break_even
+from energy_opt.power.assumptions import assumptions, assumptions_line, break_even, grouped
 from energy_opt.power.known import careful, friction_range, source_method_1, source_method_2
 from energy_opt.robot import Robot, known_robots, load_robot
 

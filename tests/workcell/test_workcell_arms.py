@@ -12,12 +12,11 @@ import pytest
 import tomli_w
 
 from energy_opt.cell.cell import Cell
-from energy_opt.cell.moving import MovingCell
 from energy_opt.cell.request import CellRequest
 from energy_opt.cli.main import main
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.robot import load_robot
-from energy_opt.workcell.aside import others_during
+from energy_opt.workcell.aside import MovingCell, others_during
 from energy_opt.workcell.between import TwoArms, prove_apart
 from energy_opt.workcell.motion import Part, PeriodicMotion
 

@@ -12,13 +12,14 @@ import shutil
 import signal
 import tempfile
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from fnmatch import fnmatch
 from pathlib import Path
+from typing import Any
 
 from energy_opt.errors import BadInput
-from energy_opt.files import read_json, write_json
+from energy_opt.files import plain, read_json, write_json
 
 # Files that show that a folder holds a verb's results; reports, plots and tables of several verbs have the same names.
 ANSWERS = {"result.json": "optimize", "tradeoff.json": "tradeoff", "job.json": "job", "results.jsonl": "bench",
@@ -80,8 +81,7 @@ def listed_files(answer: Path) -> dict[str, str] | None:
     records = document.get("files") if isinstance(document, dict) else None
     if not isinstance(records, list):
         return None
-    records = [record for record in records if isinstance(record, dict)]
-    own = {str(row.get("name")): str(row.get("sha256")) for row in records}
+    own = {str(row.get("name")): str(row.get("sha256")) for row in records if isinstance(row, dict)}
     return {name: digest for name, digest in own.items() if Path(name).name == name}
 
 
@@ -156,7 +156,6 @@ def no_foreign_files(out: Path, own: str) -> None:
 
 ASIDE = ".writing-"  # prefix of temporary folders, before the number of the process that writes there
 
-
 _taken: dict[Path, tuple[int, list[Path]]] = {}  # by folder: the descriptor of its lock, and the folders created for it
 
 
@@ -220,6 +219,52 @@ def leave_folders() -> None:
     """Unlock all folders of this process, as `leave_folder` does."""
     for out in list(_taken):
         leave_folder(out)
+
+
+SAME_ANSWER = ("verb", "version", "command", "folder")  # entries that may differ between equal requests
+
+
+def guard(file: Path, request: Mapping[str, Any], force: bool) -> None:
+    """Refuse to overwrite the answer to another request, unless forced.
+
+    A file that says "infeasible" is no answer to keep.
+
+    Args:
+        file: the answer's file in the folder of results. request: the document of the new request. force: overwrite.
+
+    Raises:
+        BadInput: the file holds the answer to another request (the message says what differs), another verb's results
+            are in the folder, a file that the request names or that no result lists would be replaced, the folder
+            cannot be written, or another run writes there.
+    """
+    take_folder(file.parent)
+    no_folder_in_the_way(file.parent, file.name)
+    if force:
+        return
+    no_other_verb(file.parent, file.name)
+    replaced = {str(path.resolve()) for path in files_of_earlier_runs(file.parent, file.name)}
+    for value in plain(request).values():
+        for word in value if isinstance(value, list) else [value]:
+            if isinstance(word, str) and os.path.realpath(word) in replaced:
+                raise BadInput(f"{word}: would be replaced by a result; choose another --out, or add --force")
+    no_foreign_files(file.parent, file.name)
+    if not file.is_file():
+        return
+    try:
+        document = read_json(file)
+    except BadInput:
+        return
+    held = document.get("request")
+    if not isinstance(held, dict) or document.get("status") == "infeasible":
+        return
+    wanted = plain(request)
+    keys = sorted((set(held) | set(wanted)) - set(SAME_ANSWER))
+    differ = [key for key in keys if held.get(key) != wanted.get(key) and (held.get(key) or wanted.get(key))]
+    if differ:
+        raise BadInput(
+            f"{file.parent} holds the result of another request ({', '.join(differ)}); "
+            "choose another --out, or overwrite it with --force"
+        )
 
 
 @contextmanager

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import functools
 import inspect
-import os
 import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -17,63 +16,10 @@ from typing import Any, ParamSpec, TypeVar, cast
 
 from energy_opt import __version__
 from energy_opt.errors import BadInput, Infeasible, suggest
-from energy_opt.files import plain, read_json, write_json
-from energy_opt.folders import (
-    files_of_earlier_runs,
-    no_folder_in_the_way,
-    no_foreign_files,
-    no_other_verb,
-    take_folder,
-    written_whole,
-)
+from energy_opt.files import write_json
+from energy_opt.folders import guard, written_whole
 from energy_opt.requests.option import Request, options_of
 from energy_opt.results import Found
-
-SAME_ANSWER = ("verb", "version", "command", "folder")  # entries that may differ between equal requests
-
-
-def guard(file: Path, request: Mapping[str, Any], force: bool) -> None:
-    """Refuse to overwrite the answer to another request, unless forced.
-
-    A file that says "infeasible" is no answer to keep.
-
-    Args:
-        file: the answer's file in the folder of results. request: the document of the new request. force: overwrite.
-
-    Raises:
-        BadInput: the file holds the answer to another request (the message says what differs), another verb's results
-            are in the folder, a file that the request names or that no result lists would be replaced, the folder
-            cannot be written, or another run writes there.
-    """
-    take_folder(file.parent)
-    no_folder_in_the_way(file.parent, file.name)
-    if force:
-        return
-    no_other_verb(file.parent, file.name)
-    replaced = {str(path.resolve()) for path in files_of_earlier_runs(file.parent, file.name)}
-    for value in plain(request).values():
-        for word in value if isinstance(value, list) else [value]:
-            if isinstance(word, str) and os.path.realpath(word) in replaced:
-                raise BadInput(f"{word}: would be replaced by a result; choose another --out, or add --force")
-    no_foreign_files(file.parent, file.name)
-    if not file.is_file():
-        return
-    try:
-        document = read_json(file)
-    except BadInput:
-        return
-    held = document.get("request")
-    if not isinstance(held, dict) or document.get("status") == "infeasible":
-        return
-    wanted = plain(request)
-    keys = sorted((set(held) | set(wanted)) - set(SAME_ANSWER))
-    differ = [key for key in keys if held.get(key) != wanted.get(key) and (held.get(key) or wanted.get(key))]
-    if differ:
-        raise BadInput(
-            f"{file.parent} holds the result of another request ({', '.join(differ)}); "
-            "choose another --out, or overwrite it with --force"
-        )
-
 
 P = ParamSpec("P")
 Asked = TypeVar("Asked", bound=Request)

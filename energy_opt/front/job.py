@@ -47,11 +47,11 @@ def run(request: JobRequest, desk: Desk) -> JobAnswer:
     cell = cell_of(request)
     asked = resolved_job(request, job.robot, rivals, kind)
     document = desk.take(JOB, asked)
-    answers, known = answers_of(request, job, rivals, settings, desk)
+    answers = answers_of(request, job, rivals, settings, desk)
     with desk.working() as (stopped, show):
         usual: dict[str, Any] = {"cell": cell, "stopped": stopped, "progress": show}
         with desk.stating(JOB, robot=job.robot.name, cycle_time=job.cycle_time, request=document):
-            first = run_posed(job, mean_of(rivals), settings, **known, **usual)
+            first = run_posed(job, mean_of(rivals), settings, answers=answers, **usual)
 
             def planned(model: PowerModel, shares: Shares) -> JobResult:
                 return replace(run_job(first.job, model, settings, room=shares, **usual), choice=first.choice)

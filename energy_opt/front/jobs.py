@@ -93,13 +93,12 @@ def resolved_job(request: Asked, robot: Robot, rivals: list[Rival], kind: Kind |
 
 def answers_of(
     request: JobRequest | TradeoffRequest, job: Job, rivals: list[Rival], settings: Settings, desk: Desk
-) -> tuple[Answers | None, dict[str, Any]]:
-    """Answers to the moves that an earlier run into the folder left, for --resume; and arguments that use them."""
+) -> Answers | None:
+    """Answers to the moves that an earlier run into the folder left, for --resume; None without a folder."""
     if desk.out is None:
-        return None, {}
+        return None
     about = [*(rival.model.to_document() for rival in rivals), job.robot.name, vars(job.robot.limits), vars(settings)]
-    answers = Answers(desk.out, job.robot.joints, [*about, cell_of(request).document()], request.resume)
-    return answers, {"known": answers.known, "answered": answers.keep}
+    return Answers(desk.out, job.robot.joints, [*about, cell_of(request).document()], request.resume)
 
 
 JOB = "job.json"
@@ -177,7 +176,7 @@ def run_job(request: TradeoffRequest, times: list[float] | None, desk: Desk) -> 
     job = loaded(request, job, rivals, desk)
     asked = resolved_job(request, job.robot, rivals, kind, durations=times)
     stamped = desk.take(ANSWER, asked)
-    answers, known = answers_of(request, job, rivals, settings, desk)
+    answers = answers_of(request, job, rivals, settings, desk)
 
     def restated(result: JobResult, again: Callable[[Shares], JobResult]) -> JobResult:
         if kind is None:
@@ -187,7 +186,7 @@ def run_job(request: TradeoffRequest, times: list[float] | None, desk: Desk) -> 
     with desk.working() as (stopped, show):
         points, shortest = over_time(
             job, mean_of(rivals), settings, cell=cell, times=times, stopped=stopped, progress=show,
-            **known, restated=restated,
+            answers=answers, restated=restated,
         )  # fmt: skip
         records = assumptions(job.robot, [rival.model for rival in rivals])
         used = {"assumptions": [asdict(row) for row in records]}

@@ -13,8 +13,8 @@ from energy_opt.errors import Infeasible
 from energy_opt.fronts.output import COLUMNS
 from energy_opt.jobs.legs import Job
 from energy_opt.jobs.posed import Posed
-from energy_opt.jobs.run import Answered, JobResult, Known, run_job
-from energy_opt.jobs.work import Cells, Worker
+from energy_opt.jobs.run import JobResult, run_job
+from energy_opt.jobs.work import Answers, Cells, Worker
 from energy_opt.motion.move import Settings
 from energy_opt.motion.plan.planner import Shares
 from energy_opt.power import PowerModel
@@ -58,8 +58,7 @@ def over_time(
     *,
     cell: CellRequest | None = None,
     times: Sequence[float] | None = None,
-    known: Known = lambda leg, duration: None,
-    answered: Answered = lambda leg, duration, trajectory: None,
+    answers: Answers | None = None,
     restated: Callable[[JobResult, Callable[[Shares], JobResult]], JobResult] = lambda result, again: result,
     stopped: Callable[[], bool] = lambda: False,
     progress: Callable[[str, float], None] = lambda text, share: None,
@@ -72,7 +71,7 @@ def over_time(
         times: cycle times [s]; by default `COUNT` of them from the shortest on.
         restated: converts each result, for example by `jobs.models.stated` for several models. It also gets a function
             that plans the same cycle with shares of the limits' bounds.
-        known, answered, stopped, progress: as those of `run_job`.
+        answers, stopped, progress: as those of `run_job`.
 
     Raises:
         Infeasible: a leg cannot be done at all.
@@ -81,7 +80,7 @@ def over_time(
     if job.open:  # the same positions at every cycle time
         job = job.at(Posed(job, model, settings, around).estimated()[0])
     shortest, work = TOO_SHORT, Worker(job, model, settings, Cells(job, around), stopped)
-    usual: dict[str, Any] = {"stopped": stopped, "known": known, "answered": answered, "worker": work}
+    usual: dict[str, Any] = {"stopped": stopped, "answers": answers, "worker": work}
     try:
         run_job(replace(job, cycle_time=TOO_SHORT), model, settings, **usual)
     except Infeasible as error:

@@ -28,19 +28,16 @@ from energy_opt.jobs.cycle import (
 )
 from energy_opt.jobs.file import Job, Step
 from energy_opt.jobs.legs import Leg, legs_of, slope_of_slowing
-from energy_opt.jobs.work import Cells, Worker
+from energy_opt.jobs.work import Answers, Cells, Worker
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.move import Settings
 from energy_opt.motion.plan.planner import Planner
 from energy_opt.motion.timing.law import Timing
-from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
 from energy_opt.power.assumptions import Assumption
 
 SHARING = 0.05  # approximate share of the work for sharing the time, and as much again for first paths
 AGAIN = 1e-2  # relative: durations that change by less are not solved again
-Known = Callable[[Leg, float], Trajectory | None]
-Answered = Callable[[Leg, float, Trajectory], None]
 
 
 @dataclass(frozen=True)
@@ -122,8 +119,7 @@ def run_job(
     *,
     cell: CellRequest | None = None,
     stopped: Callable[[], bool] = lambda: False,
-    known: Known = lambda leg, duration: None,
-    answered: Answered = lambda leg, duration, trajectory: None,
+    answers: Answers | None = None,
     progress: Callable[[str, float], None] = lambda text, share: None,
     room: Mapping[str, Any] = MappingProxyType({}),
     worker: Worker | None = None,
@@ -133,8 +129,7 @@ def run_job(
     Args:
         cell: bodies to keep clear of in addition to the scenes of steps; by default the arm's own.
         stopped: called between solves; True ends the work with the best so far.
-        known: an earlier run's answer to a leg of that duration, which is judged again before use.
-        answered: called with every answer.
+        answers: of an earlier run, which are judged again before use; every new one is kept there.
         progress: called with the present task and the finished share of the work.
         room: shares of the limits' bounds that the legs may use, by the limits' names.
         worker: solves the legs, with what it knows of them at other cycle times; by default a new one.
@@ -169,8 +164,10 @@ def run_job(
             if stopped():
                 out.append(work.slowed(leg, timing, duration))
                 continue
-            out.append(work.solved(leg, timing, duration, known(leg, duration), alone=worker is None))
-            answered(leg, duration, out[-1].trajectory)
+            known = None if answers is None else answers.known(leg, duration)
+            out.append(work.solved(leg, timing, duration, known, alone=worker is None))
+            if answers is not None:
+                answers.keep(leg, duration, out[-1].trajectory)
         return Plan(legs, tuple(out), rest, time - sum(answer.trajectory.duration for answer in out))
 
     energy = partial(energy_of, job, work.scorers)

@@ -14,7 +14,7 @@ The power models that are known by name (`NAMED`) use these values.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from os import PathLike
@@ -35,6 +35,7 @@ from energy_opt.effects import (
 from energy_opt.errors import BadInput, suggest
 from energy_opt.files import read_toml
 from energy_opt.power.model import PowerModel, load_model
+from energy_opt.power.variants import of_some_joints
 from energy_opt.robot import Robot, load_robot
 
 FILES = Path(__file__).parent / "published"
@@ -77,16 +78,8 @@ def _published(robot: Robot, name: str) -> tuple[list[Known], np.ndarray | None]
     places = [next((k for k, known in enumerate(joints) if own.endswith(known)), -1) for own in robot.joints]
     if -1 in places:
         return [], None
-    return [Known(_of_joints(e, places), "published", sources[e.name]) for e in model.effects], effort[places]
-
-
-def _of_joints(effect: Effect, places: Sequence[int]) -> Effect:
-    """The effect of some joints alone."""
-    values = {}
-    for p in effect.parameters:
-        value = effect.values[p.name]
-        values[p.name] = value[list(places)] if p.per_joint and len(value) > 1 else value
-    return type(effect)(**values, **effect.choices)
+    effects = (of_some_joints(effect, places, len(joints)) for effect in model.effects)
+    return [Known(effect, "published", sources[effect.name]) for effect in effects], effort[places]
 
 
 def electrical(robot: Robot) -> tuple[Known, Known]:

@@ -5,6 +5,7 @@ A draw has values that fit the data about as well as the model's own.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -54,34 +55,36 @@ def of_joints(model: PowerModel, robot: Robot) -> PowerModel:
         BadInput: an effect changes the links themselves; with locked joints these are other bodies.
     """
     whole = len(robot.unlocked)
-    if whole == robot.n or not any(_parameters_by_joint(effect, whole) for effect in model.effects):
+    if whole == robot.n or not any(_joint_axes(effect, whole) for effect in model.effects):
         return model
     kept = [k for k, joint in enumerate(robot.unlocked) if joint in robot.joints]
-    effects = tuple(_of_kept_joints(effect, kept, whole) for effect in model.effects)
+    effects = tuple(of_some_joints(effect, kept, whole) for effect in model.effects)
     return replace(model, effects=effects, uncertainty=_uncertainty(model, kept, whole, robot))
 
 
-def _parameters_by_joint(effect: Effect, whole: int) -> list[str]:
-    """Names of its parameters that have an entry for each of `whole` joints."""
-    return [p.name for p in effect.parameters if p.per_joint and _axis(effect, p.name, whole) is not None]
+def _joint_axes(effect: Effect, whole: int) -> dict[str, int]:
+    """By parameter, the axis of its values that counts `whole` joints; none where one number is for all of them."""
+    out = {}
+    for p in (p for p in effect.parameters if p.per_joint):
+        shape = effect.values[p.name].shape
+        axis = len(shape) - (len(p.dimensions) - p.dimensions.index("joint"))
+        if axis >= 0 and shape[axis] == whole:
+            out[p.name] = axis
+    return out
 
 
-def _axis(effect: Effect, name: str, whole: int) -> int | None:
-    """Axis of a parameter's values that counts joints; None if one number is for all joints."""
-    (p,) = (p for p in effect.parameters if p.name == name)
-    value = effect.values[name]
-    at = value.ndim - (len(p.dimensions) - p.dimensions.index("joint"))
-    return at if at >= 0 and value.shape[at] == whole else None
+def of_some_joints(effect: Effect, kept: Sequence[int], whole: int) -> Effect:
+    """An effect of `whole` joints with the values of the joints `kept` only.
 
-
-def _of_kept_joints(effect: Effect, kept: list[int], whole: int) -> Effect:
-    """The effect with the values of the joints `kept` only."""
-    long = _parameters_by_joint(effect, whole)
-    if long and effect.bakes:
+    Raises:
+        BadInput: it changes the links themselves.
+    """
+    axes = _joint_axes(effect, whole)
+    if axes and effect.bakes:
         raise BadInput(
             f"effect {effect.name}: with locked joints, links are other bodies; leave --lock or the effect out"
         )
-    values = {name: np.take(effect.values[name], kept, axis=_axis(effect, name, whole)) for name in long}
+    values = {name: np.take(effect.values[name], kept, axis=axis) for name, axis in axes.items()}
     return type(effect)(**{**effect.values, **values}, **effect.choices)
 
 
@@ -92,10 +95,10 @@ def _uncertainty(model: PowerModel, kept: list[int], whole: int, robot: Robot) -
         return None
     names: dict[str, str] = {}  # old to new
     for effect in model.effects:
+        axes = _joint_axes(effect, whole)
         for name, value in effect.values.items():
             left = np.arange(value.size).reshape(value.shape)
-            if name in _parameters_by_joint(effect, whole):
-                left = np.take(left, kept, axis=_axis(effect, name, whole))
+            left = np.take(left, kept, axis=axes[name]) if name in axes else left
             names |= {f"{effect.name}.{name}.{k}": f"{effect.name}.{name}.{i}" for i, k in enumerate(left.ravel())}
     at = [k for k, name in enumerate(uncertainty.names) if name in names]
     rivals = tuple(of_joints(rival, robot) for rival in uncertainty.rivals)

@@ -80,8 +80,7 @@ def evaluate(
     first = scorers[rivals[0].name]
     ends = [0.0, *(i.end for i in intervals)]
     judge = CycleJudging.of(
-        (end - start, Judging(first(i.load), limits, cell))
-        for i, start, end in zip(intervals, ends, ends[1:], strict=False)
+        (end - start, first(i.load), cell) for i, start, end in zip(intervals, ends, ends[1:], strict=False)
     )
     certificate = judge(motion.trajectory)
     # the motion's samples keep the position limits; the spline through them may exceed a limit that they only touch

@@ -12,6 +12,7 @@ from energy_opt.motion.judge.certificate import Certificate, certify
 from energy_opt.motion.judge.clearance import clearance_of
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.limits.base import Limit, Violation
+from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.trajectory import Trajectory
 
 
@@ -77,15 +78,19 @@ class CycleJudging(Judging):
     windows: tuple[Window, ...] = ()
 
     @classmethod
-    def of(cls, stretches: Iterable[tuple[float, Judging]]) -> CycleJudging:
-        """Judge of a cycle from the durations [s] of its stretches, in order; equal neighbours are merged."""
+    def of(cls, stretches: Iterable[tuple[float, Scorer, Cell | None]]) -> CycleJudging:
+        """Judge of a cycle within the robot's limits; equal neighbours are merged.
+
+        Args:
+            stretches: duration [s], scorer and cell of each, in order.
+        """
         windows: list[Window] = []
         at = 0.0
-        for seconds, judge in stretches:
-            if windows and windows[-1].judge.scorer is judge.scorer and windows[-1].judge.cell is judge.cell:
+        for seconds, scorer, cell in stretches:
+            if windows and windows[-1].judge.scorer is scorer and windows[-1].judge.cell is cell:
                 windows[-1] = replace(windows[-1], end=at + seconds)
             else:
-                windows.append(Window(at, at + seconds, judge))
+                windows.append(Window(at, at + seconds, Judging(scorer, joint_limits(scorer.robot.limits), cell)))
             at += seconds
         first = windows[0].judge
         return cls(first.scorer, first.limits, windows=tuple(windows))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,6 +11,7 @@ from energy_opt.effects import Payload
 from energy_opt.formats.program import Part, standing
 from energy_opt.jobs.legs import Job, Leg, Step
 from energy_opt.motion.judge.energy import DENSER, Energy, Scorer
+from energy_opt.motion.plan.efforts import used
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.poses.estimate import holding
 from energy_opt.poses.pose import Pose
@@ -72,6 +73,13 @@ class Scorers:
         if step.payload not in self._kept:
             self._kept[step.payload] = Scorer(self.robot, self.model.replaced(Payload(mass=mass, com=com)))
         return self._kept[step.payload]
+
+
+def efforts(robot: Robot, models: Sequence[PowerModel], motions: Iterable[tuple[Step, Trajectory]]) -> np.ndarray:
+    """The largest share (n,) of each joint's torque limit that motions use under any of the models."""
+    scorers = [Scorers(robot, model) for model in models]
+    shares = [used(trajectory, [s.of(step) for s in scorers], robot.limits.effort) for step, trajectory in motions]
+    return np.max([np.zeros(robot.n), *shares], axis=0)
 
 
 @dataclass(frozen=True)

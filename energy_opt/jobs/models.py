@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from energy_opt.errors import Infeasible
-from energy_opt.jobs.cycle import Scorers, energy_of
+from energy_opt.jobs.cycle import Scorers, efforts, energy_of
 from energy_opt.jobs.run import JobResult
 from energy_opt.motion.judge.certificate import ALLOWED
 from energy_opt.motion.judge.energy import COARSER
 from energy_opt.motion.limits.joint import Effort
-from energy_opt.motion.plan.efforts import HELD, ROUNDS, smaller, used
+from energy_opt.motion.plan.efforts import HELD, ROUNDS, smaller
 from energy_opt.motion.plan.planner import Shares
 from energy_opt.motion.plan.rivals import SAME, Rival, exceeds, judges_of
 from energy_opt.motion.travel import detours
@@ -119,13 +119,9 @@ def warned(result: JobResult, rivals: Sequence[Rival]) -> JobResult:
 
 def _efforts(result: JobResult, rivals: Sequence[Rival]) -> np.ndarray:
     """The largest share (n,) of each joint's torque limit that the motions use under any of the rivals."""
-    job = result.job
-    scorers = [Scorers(job.robot, rival.model) for rival in rivals]
     legs = zip(result.plan.legs, result.plan.answers, strict=True)
-    shares = [
-        used(answer.trajectory, [s.of(leg.step) for s in scorers], job.robot.limits.effort) for leg, answer in legs
-    ]
-    return np.max([np.zeros(job.robot.n), *shares], axis=0)
+    motions = ((leg.step, answer.trajectory) for leg, answer in legs)
+    return efforts(result.job.robot, [rival.model for rival in rivals], motions)
 
 
 def _costlier(result: JobResult, rivals: Sequence[Rival]) -> list[tuple[int, Rival]]:

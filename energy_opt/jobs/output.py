@@ -14,13 +14,12 @@ from energy_opt.cell.load import own_body
 from energy_opt.files import plain, write_json
 from energy_opt.formats import Format, output
 from energy_opt.formats.cycle import certificates, without_jumps, write_cycle
-from energy_opt.formats.judging import CycleJudging, Judging
+from energy_opt.formats.judging import CycleJudging
 from energy_opt.formats.output import Files, Shares, Written, unchanged
 from energy_opt.formats.program import joined
 from energy_opt.jobs.cycle import Piece
 from energy_opt.jobs.run import JobResult
 from energy_opt.motion.judge.certificate import Certificate
-from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.poses.given import pose_document
 from energy_opt.power.per_year import PerYear
@@ -36,10 +35,8 @@ def whole_cycle(result: JobResult) -> Trajectory:
 
 def judging_of(result: JobResult) -> CycleJudging:
     """The judge of a job's cycle: every part under the payload and in the scene of its steps."""
-    limits = joint_limits(result.job.robot.limits)
     steps = ((piece.trajectory.duration, result.job.steps[piece.at]) for piece in result.pieces)
-    judges = ((seconds, Judging(result.scorer(step), limits, result.cells.of(step))) for seconds, step in steps)
-    return CycleJudging.of(judges)
+    return CycleJudging.of((seconds, result.scorer(step), result.cells.of(step)) for seconds, step in steps)
 
 
 def with_room(result: JobResult, files: Files, again: Callable[[Shares], JobResult]) -> JobResult:

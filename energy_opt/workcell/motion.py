@@ -13,10 +13,8 @@ import numpy as np
 
 from energy_opt.cell.curve import MotionCurve
 from energy_opt.effects import Regeneration
-from energy_opt.jobs.cycle import Answer, Scorers
+from energy_opt.jobs.cycle import Answer, Scorers, efforts
 from energy_opt.jobs.legs import Leg, Step
-from energy_opt.motion.judge.energy import Scorer
-from energy_opt.motion.plan.efforts import used
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
@@ -155,7 +153,7 @@ class Scoring:
 
     def __init__(self, robot: Robot, mean: Scorers, model: PowerModel) -> None:
         first = model.weighted[0][1]
-        self.robot, self.mixed = robot, len(model.weighted) > 1
+        self.robot, self.model, self.mixed = robot, model, len(model.weighted) > 1
         # with the second ones, all negative power is used again: the link's losses are computed elsewhere
         self._of_mean = mean, Scorers(robot, model.replaced(Regeneration(efficiency=1.0)))
         self._of_first = Scorers(robot, first), Scorers(robot, first.replaced(Regeneration(efficiency=1.0)))
@@ -176,10 +174,5 @@ class Scoring:
 
     def efforts(self, motions: Sequence[tuple[Step, Trajectory]]) -> tuple[np.ndarray, np.ndarray]:
         """The largest share (n,) of each joint's torque limit that motions use: under the first model, the others."""
-        own, others = [], []
-        for step, trajectory in motions:
-            model = self.of(False, False).of(step).model
-            scorers = [Scorer(self.robot, one) for _, one in model.weighted]
-            own.append(used(trajectory, scorers[:1], self.robot.limits.effort))
-            others.append(used(trajectory, scorers[1:], self.robot.limits.effort))
-        return np.max(own, axis=0), np.max(others, axis=0)
+        models = [model for _, model in self.model.weighted]
+        return efforts(self.robot, models[:1], motions), efforts(self.robot, models[1:], motions)

@@ -15,10 +15,9 @@ from energy_opt.errors import BadInput
 from energy_opt.files import plain, write_json
 from energy_opt.formats import FORMATS, Format
 from energy_opt.formats.cycle import write_cycle
-from energy_opt.formats.judging import CycleJudging, Judging
+from energy_opt.formats.judging import CycleJudging
 from energy_opt.formats.output import Written, unchanged, wanted
 from energy_opt.formats.program import Part, joined
-from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.power.per_year import PerYear
 from energy_opt.reports.motion import Solid, cell_player, drawn
 from energy_opt.reports.workcell import page
@@ -118,11 +117,8 @@ def _parts(arm: Arm, motion: PeriodicMotion, modes: dict[str, str]) -> list[Part
 
 def _judging(arm: Arm, motion: PeriodicMotion) -> CycleJudging:
     """The judge of an arm's cycle: every part under the payload of its step."""
-    limits = joint_limits(arm.job.robot.limits)
-    return CycleJudging.of(
-        (part.duration, Judging(arm.worker.scorers.of(arm.step_of(part.name)), limits, arm.cell))
-        for part in motion.parts
-    )
+    of = arm.worker.scorers.of
+    return CycleJudging.of((part.duration, of(arm.step_of(part.name)), arm.cell) for part in motion.parts)
 
 
 FORMAT = "energy-opt/job-result/2"

@@ -16,7 +16,7 @@ from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
 from energy_opt.formats import read_trajectory, write
 from energy_opt.formats.cycle import without_jumps
-from energy_opt.formats.judging import CycleJudging, Judging
+from energy_opt.formats.judging import CycleJudging
 from energy_opt.formats.output import wanted
 from energy_opt.formats.program import Part, standing
 from energy_opt.formats.program import joined as joined_parts
@@ -27,7 +27,6 @@ from energy_opt.jobs.output import write_programs
 from energy_opt.jobs.run import run_job
 from energy_opt.motion import Settings
 from energy_opt.motion.judge.energy import Scorer
-from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.trajectory import Trajectory, whole
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
@@ -134,7 +133,7 @@ def test_accelerations_that_jump_between_motions_are_spread_over_milliseconds(pa
 
     middle = START + 0.6 * (GOAL - START)
     moves = [cubic(START, middle), cubic(middle, GOAL)]
-    judge = CycleJudging.of([(4.0, Judging(Scorer(panda, model), joint_limits(panda.limits)))])
+    judge = CycleJudging.of([(4.0, Scorer(panda, model), None)])
     wait = standing(panda.joints, GOAL, 0.4)
     for trajectories in ([*moves, wait], moves):
         assert not judge(joined_parts(trajectories)).valid

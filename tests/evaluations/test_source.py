@@ -17,7 +17,7 @@ from energy_opt.evaluations.source import load
 from energy_opt.files import write_json
 from energy_opt.formats.waypoints import Samples
 from energy_opt.front.evaluate import evaluate
-from energy_opt.motion.path import straight
+from energy_opt.motion.path import straight, through
 from energy_opt.motion.timing.toppra import fastest
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import source_method_2
@@ -196,3 +196,12 @@ def test_a_result_of_another_base_is_remarked(tmp_path: Path, capsys: pytest.Cap
     for base, remarks in (([], 1), (["--base", "0,0,1,0,1.5,0"], 0), (["--base", "0,0,1,0,0,0"], 1)):
         assert main(["evaluate", str(file), "--out", str(tmp_path / f"seen {len(base)}"), "--force", *base]) == 0
         assert capsys.readouterr().err.count("planned with --base 0,0,1,0,1.5,0, which is not given") == remarks
+
+
+def test_the_fastest_timing_of_a_curve_is_a_valid_baseline() -> None:
+    """It exceeded the limits on acceleration by some millionths between the grid points of its program."""
+    low, high = Z1.limits.lower, Z1.limits.upper
+    path = through(low + (high - low) * np.random.default_rng(3).uniform(0.3, 0.7, (4, 6)))
+    slow = fastest(Z1, source_method_2(Z1), path).slowed(4.0).trajectory(Z1.joints)
+    (found,) = evaluate(slow, robot=Z1, model=source_method_2(Z1), self_collision=False).document()["motions"]
+    assert [row["valid"] for row in found["baselines"]] == [True, True]

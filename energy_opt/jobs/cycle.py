@@ -154,11 +154,10 @@ def assembled(job: Job, scorers: Scorers, plan: Plan) -> tuple[Piece, ...]:
     for k, step in enumerate(job.steps):
         more = plan.left if k == rest.after and plan.left > SHORTEST_WAIT else 0.0
         if step.wait is not None:
-            energy = standing_power(scorers, step, step.brakes) * step.wait + rest.power * more
-            still = standing(job.robot.joints, step.goal, step.wait + more)
+            energy = standing_power(scorers, step, step.brakes) * step.wait
+            still = standing(job.robot.joints, step.goal, step.wait)
             out.append(Piece(step.name, (k,), k, still, energy, step.payload[0], "wait", brakes=step.brakes))
-            continue
-        if k in by_step:
+        elif k in by_step:
             leg, answer = by_step[k]
             out.append(
                 Piece(

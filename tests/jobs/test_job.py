@@ -138,7 +138,7 @@ def test_brakes_wait_without_holding_losses(panda: Robot, tmp_path: Path) -> Non
 
 
 def test_waits_last_as_long_as_the_job_says(panda: Robot, tmp_path: Path) -> None:
-    """Time left over was added to the last wait: it lasted longer, and its brakes, which the energy counts, were open."""
+    """Time left over was added to the last wait: it lasted longer, and brakes that the energy counts were open."""
     text = RETIMED.replace("brakes = false ", "brakes = true ", 1).replace("cycle_time = 5.5", "cycle_time = 9.0")
     text += '\n[[step]]\nname = "rest"\nwait = 0.6\n'
     result = run_job(load_job(_written(tmp_path, text), lambda _: panda), source_method_2())

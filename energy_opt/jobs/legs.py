@@ -142,7 +142,7 @@ class Leg:
 
 
 def legs_of(steps: Sequence[Step]) -> list[Leg]:
-    """The motions of a job in order; a joined leg is reshaped if one of its steps is, and lasts as its last one asks."""
+    """The motions of a job in order; a joined leg is reshaped if one of its steps is, the last bounds its time."""
     out: list[Leg] = []
     part: list[int] = []
     for k, step in enumerate(steps):

@@ -209,8 +209,8 @@ class _Reading:
             )  # fmt: skip
             if not step.stop and (step.least, step.most) != (0.0, np.inf):
                 self.fault(
-                    f"{where}: stop = false; min_duration and max_duration belong to the step that stops, and bound the "
-                    "whole motion"
+                    f"{where}: stop = false; min_duration and max_duration belong to the step that stops, and "
+                    "bound the whole motion"
                 )
             before = out[-1] if out and not out[-1].stop else None
             if before and (step.wait is not None or (step.payload, step.scene) != (before.payload, before.scene)):

@@ -205,3 +205,24 @@ def test_the_fastest_timing_of_a_curve_is_a_valid_baseline() -> None:
     slow = fastest(Z1, source_method_2(Z1), path).slowed(4.0).trajectory(Z1.joints)
     (found,) = evaluate(slow, robot=Z1, model=source_method_2(Z1), self_collision=False).document()["motions"]
     assert [row["valid"] for row in found["baselines"]] == [True, True]
+
+
+@pytest.mark.parametrize(("step", "decimals"), [(0.1, 12), (0.02, 12), (0.002, 12), (0.02, 5)])
+def test_positions_from_rest_to_rest_have_baselines(step: float, decimals: int, tmp_path: Path) -> None:
+    """A spline's velocities at the ends are not quite zero: the fastest timing had to keep these, and took hours."""
+    t = np.round(np.arange(0.0, 2.5 + 1e-9, step), 9)
+    x = (t / 2.5)[:, None]
+    q = np.round(START + (GOAL - START) * (10 * x**3 - 15 * x**4 + 6 * x**5), decimals)
+    (tmp_path / "recorded.csv").write_text(
+        "\n".join(",".join(map(str, row)) for row in [["time", *Z1.joints], *np.column_stack([t, q]).tolist()])
+    )
+    (found,) = evaluate(tmp_path / "recorded.csv", robot=Z1, model=source_method_2(Z1)).document()["motions"]
+    assert [row["valid"] for row in found["baselines"]] == [True, True]
+    assert found["baselines"][0]["duration"] < 1.0
+
+
+def test_recordings_that_end_in_motion_do_so() -> None:
+    t = np.arange(0.0, 2.0, 0.01)
+    q = 0.3 * np.sin(1.0 + t)[:, None] * np.ones(6) + 1e-4 * np.random.default_rng(0).normal(size=(len(t), 6))
+    found = Samples("", Z1.joints, q, t).trajectory()
+    np.testing.assert_allclose(found.velocity[[0, -1]], 0.3 * np.cos(1.0 + t[[0, -1]])[:, None] * np.ones(6), atol=0.15)

@@ -207,12 +207,12 @@ def test_the_fastest_timing_of_a_curve_is_a_valid_baseline() -> None:
     assert [row["valid"] for row in found["baselines"]] == [True, True]
 
 
-@pytest.mark.parametrize(("step", "decimals"), [(0.1, 12), (0.02, 12), (0.002, 12), (0.02, 5)])
-def test_positions_from_rest_to_rest_have_baselines(step: float, decimals: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize("step", [0.1, 0.02, 0.002])
+def test_positions_from_rest_to_rest_have_baselines(step: float, tmp_path: Path) -> None:
     """A spline's velocities at the ends are not quite zero: the fastest timing had to keep these, and took hours."""
     t = np.round(np.arange(0.0, 2.5 + 1e-9, step), 9)
     x = (t / 2.5)[:, None]
-    q = np.round(START + (GOAL - START) * (10 * x**3 - 15 * x**4 + 6 * x**5), decimals)
+    q = START + (GOAL - START) * (10 * x**3 - 15 * x**4 + 6 * x**5)
     (tmp_path / "recorded.csv").write_text(
         "\n".join(",".join(map(str, row)) for row in [["time", *Z1.joints], *np.column_stack([t, q]).tolist()])
     )

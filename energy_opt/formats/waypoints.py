@@ -167,12 +167,13 @@ class Samples:
 def _resting(time: np.ndarray, position: np.ndarray) -> np.ndarray:
     """Whether a motion rests at its start and end (2,): there a spline's velocity is zero within its own error.
 
-    Its error is its difference from the velocity of a spline through every second sample.
+    Its error is its difference from the velocity of a spline through every second sample. A few samples are a plan,
+    which rests at its ends.
     """
     from scipy.interpolate import CubicSpline
 
     if len(time) < FEWEST:
-        return np.full(2, False)
+        return np.full(2, True)
     fine = CubicSpline(time, position)(time[[0, -1]], 1)
     halves = np.s_[::2], np.s_[(len(time) - 1) % 2 :: 2]  # with the first sample, and with the last
     coarse = [CubicSpline(time[k], position[k])(end, 1) for k, end in zip(halves, time[[0, -1]], strict=True)]

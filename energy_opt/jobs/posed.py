@@ -76,7 +76,7 @@ class Posed:
         self.tool = ToolKinematics(job.robot, cell.tool)
         self.moving = [k for k, step in enumerate(job.steps) if step.wait is None]
         self.asked = {k: pose_in_base(job.steps[k], job.robot, cell) for k in job.open}
-        self.poses = {k: as_reached(self.tool, pose) for k, pose in self.asked.items()}
+        self.poses = {k: as_reached(self.tool, pose, (starts or {}).get(k)) for k, pose in self.asked.items()}
         known: dict[Any, np.ndarray] = {}
         self.sets: dict[int, np.ndarray] = {}
         for k in self.moving:

@@ -54,8 +54,14 @@ def unreachable_error(pose: Pose, found: Reached) -> Infeasible:
     )
 
 
-def as_reached(tool: ToolKinematics, pose: Pose) -> Pose:
-    """The pose; one that is reached within its tolerance only becomes the reached one, with the tolerance left."""
+def as_reached(tool: ToolKinematics, pose: Pose, starts: np.ndarray | None = None) -> Pose:
+    """The pose; one that is reached within its tolerance only becomes the reached one, with the tolerance left.
+
+    Args:
+        tool: its kinematics. pose: as asked for. starts: (K, n) positions that may be near it.
+    """
+    if starts is not None and (solve(tool, pose, starts)[1] < SMALL).any():
+        return pose
     found = reach(tool, pose, starts=FURTHER)
     left = pose.tolerance[0] - found.distance, pose.tolerance[1] - found.angle
     if len(found.positions) or min(left) < 0:

@@ -22,6 +22,7 @@ import numpy as np
 from energy_opt.robot.kinematics import Coupling, Link, pseudo_inertia
 
 ROUNDING = 1e-12  # entries this near to 0 and +-1 are rounding errors; coarser snapping would change torques
+STEEP = 0.01  # least share of an axis along which an origin slides: it moves up to 100 offsets far, not kilometres
 
 
 @dataclass(frozen=True)
@@ -123,7 +124,7 @@ class _Frames:
                     trials.append(here - rotation.T @ offset)
                 else:
                     axis = rotation[:, 2]
-                    trials += [here - z * offset[i] / axis[i] for i in range(3) if abs(axis[i]) > 1e-6]
+                    trials += [here - z * offset[i] / axis[i] for i in range(3) if abs(axis[i]) > STEEP]
                     trials += [here + z * self.offset(c)[2] for c, other in enumerate(self.links) if other.parent == k]
                 costs = []
                 for trial in trials:

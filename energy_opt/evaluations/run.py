@@ -17,6 +17,7 @@ from energy_opt.motion.judge.certificate import ALLOWED, Certificate
 from energy_opt.motion.judge.energy import Energy, Scorer
 from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.path import of_trajectory
+from energy_opt.motion.plan.choice import within_limits
 from energy_opt.motion.plan.rivals import Rival
 from energy_opt.motion.retime.fastest import minimum_time
 from energy_opt.motion.trajectory import Trajectory, whole
@@ -203,9 +204,11 @@ def _baselines(
             seconds = i.end - i.start
             trajectory = part_of(motion.trajectory, i.start, i.end)
             if i in timings:
-                timing = timings[i] if name == "toppra" else timings[i].slowed(seconds)
+                judge = Judging(first(i.load), tuple(limits))
+                fastest = within_limits(timings[i], judge, robot.joints)
+                timing = fastest if name == "toppra" else fastest.slowed(seconds)
                 trajectory = timing.trajectory(robot.joints)
-                valid = valid and Judging(first(i.load), tuple(limits))(trajectory).within_limits
+                valid = valid and judge(trajectory).within_limits
             duration += trajectory.duration
             for model, of in scorers.items():
                 energies[model] += _energy(of, trajectory, i).total

@@ -170,6 +170,7 @@ def _motion(samples: Samples) -> tuple[Trajectory, tuple[str, ...]]:
     q = smooth(even, float(time[1] - time[0]), CUTOFF)
     curve = CubicSpline(time, q)
     v, a = curve(time, 1), curve(time, 2)
+    v[[0, -1]] *= t.velocity[[0, -1]].any(axis=1, keepdims=True)  # ends at rest stay so
     rough = np.sqrt(np.mean(t.acceleration**2, axis=0)) > NOISY * np.sqrt(np.mean(a**2, axis=0))
     if not rough.any():
         return t, ()

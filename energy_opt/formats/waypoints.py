@@ -111,10 +111,10 @@ class Samples:
         velocity, acceleration = self.velocity, self.acceleration
         self._check_rates("velocity", velocity, self.position)
         if velocity is None:
-            ends = "clamped" if self.planned else "not-a-knot"
+            resting = np.full(2, True) if self.planned else _resting(self.time, self.position)
+            ends = tuple("clamped" if still else "not-a-knot" for still in resting)
             velocity = CubicSpline(self.time, self.position, bc_type=ends)(self.time, 1)
-            if self.planned:
-                velocity[[0, -1]] = 0.0
+            velocity[[0, -1]] *= ~resting[:, None]
         self._check_rates("acceleration", acceleration, velocity)
         if acceleration is None:
             acceleration = CubicSpline(self.time, velocity)(self.time, 1)
@@ -162,6 +162,22 @@ class Samples:
         trajectory = self.trajectory()
         check_moves_on(trajectory, self.where)
         return of_trajectory(trajectory)
+
+
+def _resting(time: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """Whether a motion rests at its start and end (2,): there a spline's velocity is zero within its own error.
+
+    Its error is its difference from the velocity of a spline through every second sample. A few samples are a plan,
+    which rests at its ends.
+    """
+    from scipy.interpolate import CubicSpline
+
+    if len(time) < FEWEST:
+        return np.full(2, True)
+    fine = CubicSpline(time, position)(time[[0, -1]], 1)
+    halves = np.s_[::2], np.s_[(len(time) - 1) % 2 :: 2]  # with the first sample, and with the last
+    coarse = [CubicSpline(time[k], position[k])(end, 1) for k, end in zip(halves, time[[0, -1]], strict=True)]
+    return np.asarray(np.linalg.norm(fine, axis=1) <= np.linalg.norm(fine - coarse, axis=1))
 
 
 def fitting_prefix(names: Sequence[str], joints: Sequence[str]) -> str | None:

@@ -170,7 +170,8 @@ def verb(request: Callable[P, Asked], run: Callable[[Asked, Desk], Given]) -> Ca
         return run(asked, Desk(force=getattr(asked, "force", False), ends=stopped))
 
     called.__name__ = called.__qualname__ = kind.verb
-    called.__signature__ = inspect.signature(request)  # type: ignore[attr-defined]
+    returned = inspect.signature(run).return_annotation
+    called.__signature__ = inspect.signature(request).replace(return_annotation=returned)  # type: ignore[attr-defined]
     lines = [f"    {name}: {found.help}." for name, found in spelled.items()]
     called.__doc__ = "\n".join([inspect.cleandoc(run.__doc__ or ""), "", "Args:", *lines])
     return called

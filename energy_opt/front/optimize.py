@@ -98,17 +98,20 @@ class Answer(Result, Answered):
         Beside them the files for controllers that the request asks for.
         """
         with written_whole(out, ANSWER) as aside:
-            files = () if self.controllers is None else tuple(self.controllers(self, aside))
-            bad = "; ".join(f"{Path(row.file).name}: {row.broken}" for row in files if not row.valid)
-            message = self.message or (bad and f"not every file keeps the limits; {bad}")
-            found = replace(self, files=files, written=tuple(row.document() for row in files), message=message)
-            own = []
+            own: dict[str, object] = {}
             for name in ("csv", "yaml"):
                 form = formats.FORMATS[name]
                 path = aside / f"trajectory{form.suffix}"
                 form.write(self.trajectory, path)
-                own.append(unchanged(path, form, self.trajectory, self.certificate).document())
-            document = {**found.document(), "written": [*own, *found.written]}
+                own[path.name] = unchanged(path, form, self.trajectory, self.certificate).document()
+            # a file of --write at a rate, or with a prefix of the joints' names, may replace trajectory.yaml
+            files = () if self.controllers is None else tuple(self.controllers(self, aside))
+            bad = "; ".join(f"{Path(row.file).name}: {row.broken}" for row in files if not row.valid)
+            message = self.message or (bad and f"not every file keeps the limits; {bad}")
+            found = replace(self, files=files, written=tuple(row.document() for row in files), message=message)
+            for row in files:
+                own.pop(Path(row.file).name, None)
+            document = {**found.document(), "written": [*own.values(), *found.written]}
             motions = {b.name: b.trajectory for b in self.baselines}
             bodies, scene = drawn(self.cell or own_body(self.arm))
             lost = _lost(self, self.arm, document)

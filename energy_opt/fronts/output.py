@@ -20,7 +20,6 @@ from energy_opt.formats import table as rows
 from energy_opt.fronts.cycle import Cycle
 from energy_opt.fronts.front import Front, Point
 from energy_opt.motion import Move
-from energy_opt.motion.plan.context import path_of
 from energy_opt.motion.plan.neighbour import Optimum
 from energy_opt.motion.plan.robust import RobustPlanner
 from energy_opt.motion.trajectory import Trajectory
@@ -216,7 +215,7 @@ def stated(robust: RobustPlanner, move: Move, front: Front, cycle: Cycle | None)
     """
     planner = robust.planner
     timed, _, _ = planner.first_path(replace(move, duration=None, max_duration=None))
-    fastest = planner.context(timed).fastest(path_of(timed))
+    fastest = planner.timing(timed)
     known: dict[int, Optimum] = {}
 
     def held(optimum: Optimum) -> Optimum:

@@ -167,10 +167,9 @@ def assembled(job: Job, scorers: Scorers, plan: Plan) -> tuple[Piece, ...]:
     for k, step in enumerate(job.steps):
         more = plan.left if k == rest.after and plan.left > SHORTEST_WAIT else 0.0
         if step.wait is not None:
-            energy = standing_power(scorers, step, step.brakes) * step.wait + rest.power * more
-            wait(step.name, (k,), k, step.wait + more, energy, step.brakes)
-            continue
-        if k in by_step:
+            energy = standing_power(scorers, step, step.brakes) * step.wait
+            wait(step.name, (k,), k, step.wait, energy, step.brakes)
+        elif k in by_step:
             leg, answer = by_step[k]
             out.append(
                 Piece(

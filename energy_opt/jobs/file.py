@@ -207,6 +207,11 @@ class _Reading:
                 name, at, goal, row.wait, row.brakes, row.mode or self.job.mode, row.min_duration, row.max_duration,
                 payload, scene, row.stop, pose,
             )  # fmt: skip
+            if not step.stop and (step.least, step.most) != (0.0, np.inf):
+                self.fault(
+                    f"{where}: stop = false; min_duration and max_duration belong to the step that stops, and "
+                    "bound the whole motion"
+                )
             before = out[-1] if out and not out[-1].stop else None
             if before and (step.wait is not None or (step.payload, step.scene) != (before.payload, before.scene)):
                 self.fault(

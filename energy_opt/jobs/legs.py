@@ -142,7 +142,7 @@ class Leg:
 
 
 def legs_of(steps: Sequence[Step]) -> list[Leg]:
-    """The motions of a job in order; a joined leg is reshaped if one of its steps is."""
+    """The motions of a job in order; a joined leg is reshaped if one of its steps is, the last bounds its time."""
     out: list[Leg] = []
     part: list[int] = []
     for k, step in enumerate(steps):
@@ -157,8 +157,8 @@ def legs_of(steps: Sequence[Step]) -> list[Leg]:
                     tuple(s.name for s in joined),
                     np.vstack([joined[0].start, *(s.goal for s in joined)]),
                     "reshape" if any(s.mode == "reshape" for s in joined) else "retime",
-                    sum(s.least for s in joined),
-                    sum(s.most for s in joined),
+                    step.least,
+                    step.most,
                     step,
                 )
             )

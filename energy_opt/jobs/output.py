@@ -18,8 +18,10 @@ from energy_opt.formats.judging import CycleJudging
 from energy_opt.formats.output import Files, Shares, Written, unchanged
 from energy_opt.formats.program import joined
 from energy_opt.jobs.cycle import Piece
+from energy_opt.jobs.legs import Step
 from energy_opt.jobs.run import JobResult
 from energy_opt.motion.judge.certificate import Certificate
+from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.poses.given import pose_document
 from energy_opt.power.per_year import PerYear
@@ -152,22 +154,27 @@ def split(piece: Piece, result: JobResult) -> list[Piece]:
     """A motion of several steps, divided where it passes between them; else the piece itself."""
     if len(piece.steps) < 2:
         return [piece]
-    steps, t = [result.job.steps[k] for k in piece.steps], piece.trajectory
+    steps = [result.job.steps[k] for k in piece.steps]
+    parts = divided(piece.trajectory, piece.energy, steps, result.scorer(steps[0]))
+    return [
+        replace(piece, name=step.name, steps=(k,), trajectory=part, energy=energy)
+        for k, step, (part, energy) in zip(piece.steps, steps, parts, strict=True)
+    ]
+
+
+def divided(t: Trajectory, energy: float, steps: Sequence[Step], scorer: Scorer) -> list[tuple[Trajectory, float]]:
+    """The parts of a motion of `energy` [J] that does several steps, from time 0 each, and their energies [J]."""
     cuts = [0]
     for step in steps[:-1]:
         after = np.abs(t.position[cuts[-1] + 1 : -1] - step.goal).max(axis=1)
         cuts.append(cuts[-1] + 1 + int(np.argmin(after)))
     cuts.append(len(t.time) - 1)
-    scorer = result.scorer(steps[0])
     parts = [t.part(slice(a, b + 1)) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
     parts = [replace(part, time=part.time - part.time[0]) for part in parts]
     energies = np.array([scorer.energy(part).total for part in parts])
     # distribute the error of kinks between samples
-    energies += (piece.energy - energies.sum()) * energies / energies.sum()
-    return [
-        replace(piece, name=step.name, steps=(k,), trajectory=part, energy=float(energy))
-        for k, step, part, energy in zip(piece.steps, steps, parts, energies, strict=True)
-    ]
+    energies += (energy - energies.sum()) * energies / energies.sum()
+    return list(zip(parts, energies.tolist(), strict=True))
 
 
 def power_of(result: JobResult) -> tuple[np.ndarray, np.ndarray]:

@@ -30,7 +30,17 @@ from energy_opt.poses.estimate import curves, holding, quickest
 from energy_opt.poses.freedom import Bent, has_freedom, improved
 from energy_opt.poses.inverse import ToolKinematics
 from energy_opt.poses.pose import Pose
-from energy_opt.poses.sets import DETOUR, Layer, Ring, Target, positions_near, positions_of, straight_is_free, thinned
+from energy_opt.poses.sets import (
+    DETOUR,
+    Layer,
+    Ring,
+    Target,
+    as_reached,
+    positions_near,
+    positions_of,
+    straight_is_free,
+    thinned,
+)  # fmt: skip
 from energy_opt.power import PowerModel
 
 SWEEPS = 3  # sweeps over all ends, by estimates
@@ -65,7 +75,8 @@ class Posed:
         self.cells = Cells(job, cell)
         self.tool = ToolKinematics(job.robot, cell.tool)
         self.moving = [k for k, step in enumerate(job.steps) if step.wait is None]
-        self.poses = {k: pose_in_base(job.steps[k], job.robot, cell) for k in job.open}
+        self.asked = {k: pose_in_base(job.steps[k], job.robot, cell) for k in job.open}
+        self.poses = {k: as_reached(self.tool, pose, (starts or {}).get(k)) for k, pose in self.asked.items()}
         known: dict[Any, np.ndarray] = {}
         self.sets: dict[int, np.ndarray] = {}
         for k in self.moving:
@@ -318,7 +329,7 @@ def run_posed(
         raise errors[0]
     branches = {k: len(posed.sets[k]) for k in posed.poses}
     ends = {k: best[0][k] for k in posed.poses}
-    return replace(best[1], choice=Choice(ends, posed.poses, branches, best[1].energy, greedy, solves, cell.tool))
+    return replace(best[1], choice=Choice(ends, posed.asked, branches, best[1].energy, greedy, solves, cell.tool))
 
 
 def _rank(result: JobResult) -> tuple[bool, float]:

@@ -233,8 +233,8 @@ def _shortest(job: Job, legs: Sequence[Leg], timings: Sequence[Timing]) -> np.nd
     if legs:
         longest = legs[int(np.argmax(shortest))]
         text += (
-            f"its moves take {shortest.sum():.4g} s at least and it waits {job.waiting:.4g} s, {at_least(needed)} s in "
-            f"all; the longest is {longest.name} with {shortest.max():.4g} s"
+            f"on their first paths its moves take {shortest.sum():.4g} s at least and it waits {job.waiting:.4g} s, "
+            f"{at_least(needed)} s in all; the longest is {longest.name} with {shortest.max():.4g} s"
         )
     else:
         text += f"it waits {at_least(needed)} s"

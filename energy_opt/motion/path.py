@@ -11,9 +11,11 @@ from typing import Protocol
 
 import numpy as np
 
+from energy_opt.motion.standing import STILL
 from energy_opt.motion.trajectory import Trajectory
 
 NO_LENGTH = 1e-12  # [rad] a shorter path counts as no move
+HALVINGS = 30  # of the time between two samples, until a point of an even path is found
 TRAJECTORY_PIECES = 200  # cubic pieces of the curve through a trajectory
 
 
@@ -100,6 +102,8 @@ def of_trajectory(trajectory: Trajectory) -> JointPath:
     is a cubic spline between them; standstills inside the trajectory are dropped. If the trajectory begins (ends) in
     motion, the path has the same tangent there.
     """
+    from scipy.interpolate import CubicHermiteSpline
+
     time = trajectory.denser(max(4, -(-4 * TRAJECTORY_PIECES // (len(trajectory.time) - 1))))
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(trajectory.sample(time)[0], axis=0), axis=1))])
     total = float(length[-1])
@@ -107,10 +111,16 @@ def of_trajectory(trajectory: Trajectory) -> JointPath:
         return replace(straight(trajectory.position[0], trajectory.position[0]), source=trajectory)
     advance = np.concatenate([[True], np.diff(length) > NO_LENGTH * total])
     s = np.linspace(0.0, 1.0, TRAJECTORY_PIECES + 1)
-    at = np.interp(s * total, length[advance], time[advance])
-    points = trajectory.sample(np.concatenate([time[:1], at[1:-1], time[-1:]]))[0]
+    along = CubicHermiteSpline(time, length, np.linalg.norm(trajectory.sample(time)[1], axis=1))
+    behind = np.searchsorted(length[advance], s[1:-1] * total)
+    low, high = time[advance][behind - 1], time[advance][behind]
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        before = along(middle) < s[1:-1] * total
+        low, high = np.where(before, middle, low), np.where(before, high, middle)
+    points = trajectory.sample(np.concatenate([time[:1], low, time[-1:]]))[0]
     speed = np.linalg.norm(trajectory.velocity[[0, -1]], axis=1)
-    resting = speed <= 1e-9 * max(1e-9, float(np.abs(trajectory.velocity).max()))
+    resting = np.abs(trajectory.velocity[[0, -1]]).max(axis=1) <= STILL * float(np.abs(trajectory.velocity).max())
     ends: list[str | tuple[int, np.ndarray]] = [
         "not-a-knot" if still else (1, v / norm * total)
         for v, norm, still in zip(trajectory.velocity[[0, -1]], speed, resting, strict=True)

@@ -30,6 +30,7 @@ from energy_opt.power import PowerModel
 TRIES = 2  # times as many seeds are tried if rough cycles fail
 APART = 0.15  # share of the box: least distance of seeds
 FARTHEST = 0.5  # share of the box: longest step of bent motions
+SHORTER = 0.25  # share of a step to try where the whole one leads to contact, or to a higher energy
 BESIDE = 0.2  # share of the box: step to a neighbour
 WORTH = 1e-3  # share of the losses: a step that promises to save less ends the search
 POOL = 48  # positions from which inverse kinematics starts at a placement
@@ -216,7 +217,7 @@ class Search:
         at, gain = self.better(here)
         if gain < WORTH * sum(answer.energy.loss for answer in here.plan.answers):
             return None, relax
-        for factor in ((relax, 1.0) if relax > 1 else (1.0,))[:most]:
+        for factor in (*((relax,) if relax > 1 else ()), 1.0, SHORTER)[:most]:
             point = np.clip(here.point + factor * (at - here.point), self.bounds[:, 0], self.bounds[:, 1])
             ends = self.ends_at(point, here.ends)
             found = None if ends is None else self.settled(point, "step", here, ends)

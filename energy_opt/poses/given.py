@@ -10,7 +10,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -218,10 +218,15 @@ class Ends:
         given = [each for each in (self.start, *self.goals, *self.via) if isinstance(each, Pose)]
         scene = scene_of(asked) if any(pose.frame for pose in given) else None
 
-        def placed(each: Any) -> Any:
-            return in_base(each, robot, scene, asked.base_pose) if isinstance(each, Pose) else each
+        return self.changed(lambda pose: in_base(pose, robot, scene, asked.base_pose))
 
-        return Ends(placed(self.start), tuple(map(placed, self.goals)), tuple(map(placed, self.via)))
+    def changed(self, change: Callable[[Pose], Any]) -> Ends:
+        """The same ends with every pose changed; positions stay."""
+
+        def new(each: Any) -> Any:
+            return change(each) if isinstance(each, Pose) else each
+
+        return Ends(new(self.start), tuple(map(new, self.goals)), tuple(map(new, self.via)))
 
     @property
     def poses(self) -> dict[str, Pose]:

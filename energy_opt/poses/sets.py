@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from energy_opt.cell.cell import Cell
 from energy_opt.errors import Infeasible
@@ -21,6 +22,7 @@ FURTHER = 60  # further starts if none of the given ones reaches a pose
 AVOIDED = 12  # most rings to check for moves in contact
 DETOUR = 1e6  # [J] assumed cost of a straight move in contact, so that others come first
 LOOKS = 12  # places of a straight move to check
+CLOSE = 0.02  # [m, rad] so near a pose, a message names the tolerance that allows it
 PRICES = 40  # most prices of time to try
 
 
@@ -41,13 +43,42 @@ class Layer:
 def unreachable_error(pose: Pose, found: Reached) -> Infeasible:
     """The error of a pose that no joint positions reach."""
     joint, beyond = found.beyond
-    length, angle = round(1e3 * found.distance, 3), round(np.degrees(found.angle), 2)
+    length, angle = _above(1e3 * found.distance), _above(np.degrees(found.angle))
+    close = found.distance < CLOSE and found.angle < CLOSE
+    hint = f"; --pose-tolerance {length:g}mm,{angle:g}deg allows it" if close else ""
     return Infeasible(
         f"{pose.name}: no joint positions reach it; the nearest that can be reached is {length:g} mm and {angle:g} deg "
-        f"away{beyond and '; ' + beyond}",
+        f"away{hint}{beyond and '; ' + beyond}",
         joint=joint or None,
         limit="position" if joint else "pose",
     )
+
+
+def as_reached(tool: ToolKinematics, pose: Pose, starts: np.ndarray | None = None) -> Pose:
+    """The pose; one that is reached within its tolerance only becomes the reached one, with the tolerance left.
+
+    Args:
+        tool: its kinematics. pose: as asked for. starts: (K, n) positions that may be near it.
+    """
+    if starts is not None and (solve(tool, pose, starts)[1] < SMALL).any():
+        return pose
+    found = reach(tool, pose, starts=FURTHER)
+    left = pose.tolerance[0] - found.distance, pose.tolerance[1] - found.angle
+    if len(found.positions) or min(left) < 0:
+        return pose
+    at, q = pose.matrix.copy(), found.nearest[None]
+    for _ in range(4):  # shifts in free directions turn with the pose
+        shift, turn = np.split(tool.pose_error(replace(pose, matrix=at), q)[0], 2)
+        turned = at[:3, :3].T @ tool(q)[0][0]  # the free turn, followed by the error
+        at[:3, 3] += at[:3, :3] @ shift
+        at[:3, :3] = at[:3, :3] @ turned @ Rotation.from_rotvec(turn).as_matrix() @ turned.T
+    return replace(pose, matrix=at, tolerance=left)
+
+
+def _above(value: float) -> float:
+    """A distance [mm] or angle [deg], rounded up to three digits or to 0.001."""
+    unit = 10.0 ** np.floor(np.log10(max(value, 0.1)) - 2)
+    return float(np.ceil(value / unit) * unit)
 
 
 def positions_of(

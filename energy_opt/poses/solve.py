@@ -16,7 +16,7 @@ from energy_opt.poses.chosen import Chosen
 from energy_opt.poses.estimate import holding, quickest
 from energy_opt.poses.given import Ends
 from energy_opt.poses.inverse import ToolKinematics
-from energy_opt.poses.sets import Layer, Ring, Target, layer, positions_of, thinned
+from energy_opt.poses.sets import Layer, Ring, Target, as_reached, layer, positions_of, thinned
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 
@@ -40,6 +40,7 @@ def solve_to(
         planner: of these models, which gives the answer.
     """
     tool = ToolKinematics(robot, settings.tool)
+    ends = ends.changed(lambda pose: as_reached(tool, pose))
     scorers = [Scorer(robot, model) for model in models]
     chooser = Chooser(
         tool, scorers, cell, planner.solve, planner.sketch, planner.settle, settings.seed, worst, ends.start, ends.via
@@ -91,6 +92,7 @@ def nearest_move(ends: Ends, move: Move, robot: Robot, cell: Cell | None, settin
         Infeasible: a pose is out of reach, or every position that reaches it touches something.
     """
     tool = ToolKinematics(robot, settings.tool)
+    ends = ends.changed(lambda pose: as_reached(tool, pose))
     q = move.start
     if ends.start is not None:
         near = robot.limits.near_zero

@@ -122,7 +122,10 @@ def zones_of(robot: RobotTable, ring: Ring) -> list[str | None]:
     An added wait stays in the zone of the step before it; an added move to wait elsewhere leaves that zone, unless the
     step after it is in the same.
     """
-    own = {step_name(k, step): step.zone for k, step in enumerate(robot.step)}
+    own: dict[str, str | None] = {}
+    before: str | None = None
+    for k, table in reversed(list(enumerate(robot.step))):  # a step that does not stop is one motion with the next
+        own[step_name(k, table)] = before = table.zone or (before if table.passes else None)
     out: list[str | None] = []
     zone = own.get(ring.steps[-1].name)
     for k, step in enumerate(ring.steps):

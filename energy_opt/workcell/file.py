@@ -118,6 +118,11 @@ class StepTable(Table):
         return self.to is not None or self.pose is not None
 
     @property
+    def passes(self) -> bool:
+        """True if it is a move that passes its pose without stopping."""
+        return self.moves and not self.stop
+
+    @property
     def span(self) -> Span:
         """Shortest and longest duration of a wait or a curve [s]."""
         given = self.wait if self.wait is not None else self.duration
@@ -207,7 +212,7 @@ def groups_of(robot: RobotTable) -> list[Group]:
     blocks: list[tuple[int, int, bool]] = []  # first and last step, and whether it may be moved
     for k, step in enumerate(robot.step):
         before = robot.step[k - 1] if k else step
-        passes = k > 0 and before.moves and not before.stop
+        passes = k > 0 and before.passes
         if blocks and (passes or (step.wait is not None and blocks[-1][2] and robot.step[blocks[-1][0]].wait is None)):
             first, _, free = blocks.pop()
             blocks.append((first, k, free or step.any_order))
@@ -286,6 +291,11 @@ def _wrong_names(cell: WorkCell) -> list[str]:
                 "any_order belongs to a move; its waits go with it": step.any_order and not step.moves and arm,
             }
             faults += [f"{where}: step {steps[k]}: {text}" for text, wrong in said.items() if wrong]
+            other = robot.step[k + 1].zone if step.passes and k + 1 < len(steps) else None
+            if step.zone and other and step.zone != other:
+                faults.append(
+                    f"{where}: steps {steps[k]} and {steps[k + 1]}: one motion, as stop = false, in two zones"
+                )
             if step.after is not None:
                 faults += _unknown(cell, step.after, f"{where}: step {steps[k]}: after")
                 if step.after == f"{robot.name}.{steps[k]}":

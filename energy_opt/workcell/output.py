@@ -18,6 +18,7 @@ from energy_opt.formats.cycle import write_cycle
 from energy_opt.formats.judging import CycleJudging
 from energy_opt.formats.output import Written, unchanged, wanted
 from energy_opt.formats.program import Part, joined
+from energy_opt.jobs.output import divided
 from energy_opt.power.per_year import PerYear
 from energy_opt.reports.motion import Solid, cell_player, drawn
 from energy_opt.reports.workcell import page
@@ -136,8 +137,9 @@ def document(result: CellResult) -> dict[str, Any]:
             "name": [step.name for step in ring.steps], "start": schedule.starts[r], "duration": schedule.durations[r],
             "mode": modes, "zone": zones_of(cell.robot[r], ring), "energy_total": schedule.energies[r],
         }  # fmt: skip
-        records = zip(*columns.values(), strict=True)
-        robots.append({"name": ring.name, "steps": [dict(zip(columns, record, strict=True)) for record in records]})
+        records = [dict(zip(columns, record, strict=True)) for record in zip(*columns.values(), strict=True)]
+        steps = [part for record in records for part in _of_each_step(record, result, r)]
+        robots.append({"name": ring.name, "steps": steps})
     levers = [_lever(name, found.energy, result) for name, found in result.levers.steps]
     if cell.supply is not None and result.supply is not None:
         levers.append(_lever("supply", result.supply.energy, result))
@@ -193,6 +195,22 @@ def document(result: CellResult) -> dict[str, Any]:
         "warnings": warnings,
         "solve_seconds": schedule.seconds,
     }
+
+
+def _of_each_step(record: dict[str, Any], result: CellResult, r: int) -> list[dict[str, Any]]:
+    """The record of a motion of robot r that does several steps without stopping, one for each; else the record."""
+    arm, motion = result.arms[r], result.planned.motions[r]
+    move = None if arm is None else next((m for m in arm.moves if arm.names[m.place] == record["name"]), None)
+    if arm is None or motion is None or move is None or len(move.leg.steps) < 2:
+        return [record]
+    part = next(part for part in motion.parts if part.name == record["name"])
+    steps = arm.job.steps[move.place : move.place + len(move.leg.steps)]
+    scorer = arm.scoring.of(False, True).of(steps[0])
+    out, start = [], float(record["start"])
+    for step, (t, energy) in zip(steps, divided(part.trajectory, record["energy_total"], steps, scorer), strict=True):
+        out.append({**record, "name": step.name, "start": start, "duration": t.duration, "energy_total": energy})
+        start += t.duration
+    return out
 
 
 def _lever(name: str, energy: float, result: CellResult) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from energy_opt.evaluations.source import load
 from energy_opt.files import write_json
 from energy_opt.formats.waypoints import Samples
 from energy_opt.front.evaluate import evaluate
-from energy_opt.motion.path import straight
+from energy_opt.motion.path import straight, through
 from energy_opt.motion.timing.toppra import fastest
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import source_method_2
@@ -196,3 +196,33 @@ def test_a_result_of_another_base_is_remarked(tmp_path: Path, capsys: pytest.Cap
     for base, remarks in (([], 1), (["--base", "0,0,1,0,1.5,0"], 0), (["--base", "0,0,1,0,0,0"], 1)):
         assert main(["evaluate", str(file), "--out", str(tmp_path / f"seen {len(base)}"), "--force", *base]) == 0
         assert capsys.readouterr().err.count("planned with --base 0,0,1,0,1.5,0, which is not given") == remarks
+
+
+def test_the_fastest_timing_of_a_curve_is_a_valid_baseline() -> None:
+    """It exceeded the limits on acceleration by some millionths between the grid points of its program."""
+    low, high = Z1.limits.lower, Z1.limits.upper
+    path = through(low + (high - low) * np.random.default_rng(3).uniform(0.3, 0.7, (4, 6)))
+    slow = fastest(Z1, source_method_2(Z1), path).slowed(4.0).trajectory(Z1.joints)
+    (found,) = evaluate(slow, robot=Z1, model=source_method_2(Z1), self_collision=False).document()["motions"]
+    assert [row["valid"] for row in found["baselines"]] == [True, True]
+
+
+@pytest.mark.parametrize("step", [2.5, 0.5, 0.1, 0.02, 0.002])
+def test_positions_from_rest_to_rest_have_baselines(step: float, tmp_path: Path) -> None:
+    """A spline's velocities at the ends are not quite zero: the fastest timing had to keep these, and took hours."""
+    t = np.round(np.arange(0.0, 2.5 + 1e-9, step), 9)
+    x = (t / 2.5)[:, None]
+    q = START + (GOAL - START) * (10 * x**3 - 15 * x**4 + 6 * x**5)
+    (tmp_path / "recorded.csv").write_text(
+        "\n".join(",".join(map(str, row)) for row in [["time", *Z1.joints], *np.column_stack([t, q]).tolist()])
+    )
+    (found,) = evaluate(tmp_path / "recorded.csv", robot=Z1, model=source_method_2(Z1)).document()["motions"]
+    assert [row["valid"] for row in found["baselines"]] == [True, True]
+    assert found["baselines"][0]["duration"] < 1.0
+
+
+def test_recordings_that_end_in_motion_do_so() -> None:
+    t = np.arange(0.0, 2.0, 0.01)
+    q = 0.3 * np.sin(1.0 + t)[:, None] * np.ones(6) + 1e-4 * np.random.default_rng(0).normal(size=(len(t), 6))
+    found = Samples("", Z1.joints, q, t).trajectory()
+    np.testing.assert_allclose(found.velocity[[0, -1]], 0.3 * np.cos(1.0 + t[[0, -1]])[:, None] * np.ones(6), atol=0.15)

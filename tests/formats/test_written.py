@@ -274,3 +274,18 @@ def test_a_recording_with_noise_is_smoothed(panda: Robot, tmp_path: Path) -> Non
     clean = eo.evaluate(exact, panda, "source-method-2").found[0].energies["source-method-2"]
     assert "noisy recording" in found.motion.notes[0]
     assert found.energies["source-method-2"].loss == pytest.approx(clean.loss, rel=0.02)
+
+
+def test_the_message_of_write_is_the_one_in_the_folder(panda: Robot, tmp_path: Path) -> None:
+    """`--write yaml --rate 50` was replaced by the judged samples, with joint names without the prefix."""
+    start, goal = (",".join(map(str, q)) for q in (START, START + 0.2))
+    words = ["optimize", "--robot", "panda", f"--start={start}", f"--goal={goal}", "--mode", "retime", "--quiet"]
+    words += ["--model", "source-method-2", "--compile", "never", "--out", str(tmp_path / "out")]
+    assert main([*words, "--write", "yaml", "--rate", "50", "--joint-prefix", "left_"]) == 0
+    found = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert [(row["file"], row["rate"]) for row in found["written"]] == [
+        ("trajectory.csv", None),
+        ("trajectory.yaml", 50),
+    ]
+    again = read_trajectory(tmp_path / "out" / "trajectory.yaml", panda.joints, "left_")
+    np.testing.assert_allclose(np.diff(again.time)[:-1], 0.02, rtol=1e-6)

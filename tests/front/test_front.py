@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import doctest
+import inspect
 import json
 import pickle
 import re
@@ -248,3 +249,11 @@ def test_payloads_are_numbers_or_payloads() -> None:
     assert payload_from(payload) is payload and payload_from("1.5,0,0,0.1") == payload
     with pytest.raises(BadInput, match="expected a mass, or mass and centre of mass"):
         payload_from(["heavy"])
+
+
+def test_the_signature_of_a_verb_says_what_it_returns() -> None:
+    """`help(eo.optimize)` said that it returns None."""
+    assert {str(inspect.signature(verb).return_annotation) for verb in (eo.optimize, eo.place)} == {
+        "Answer",
+        "PlaceAnswer",
+    }

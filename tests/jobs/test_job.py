@@ -137,6 +137,17 @@ def test_brakes_wait_without_holding_losses(panda: Robot, tmp_path: Path) -> Non
     assert looks[0].energy / looks[0].trajectory.duration > 88.1
 
 
+def test_waits_last_as_long_as_the_job_says(panda: Robot, tmp_path: Path) -> None:
+    """Time left over was added to the last wait: it lasted longer, and brakes that the energy counts were open."""
+    text = RETIMED.replace("brakes = false ", "brakes = true ", 1).replace("cycle_time = 5.5", "cycle_time = 9.0")
+    text += '\n[[step]]\nname = "rest"\nwait = 0.6\n'
+    result = run_job(load_job(_written(tmp_path, text), lambda _: panda), source_method_2())
+    *_, rest, left = result.pieces
+    assert (rest.name, rest.trajectory.duration, rest.brakes) == ("rest", 0.6, False)
+    assert left.brakes and left.energy == pytest.approx(88.04 * left.trajectory.duration, rel=1e-9)
+    assert rest.energy > 88.1 * 0.6
+
+
 FAULTS = [
     ('to = "tray"', 'to = "trai"', r"step 6 \(to the tray\).*'trai'; did you mean 'tray'"),
     ("wait = 0.3", "wait = -1", r"step 7 \(release\): wait"),
@@ -145,6 +156,11 @@ FAULTS = [
     ("cycle_time = 5.5", "cycle_tim = 5.5", "unknown key 'cycle_tim'; did you mean 'cycle_time'"),
     ("payload = 2.0", "payload = -2.0", r"step 4 \(to the camera\): payload"),
     ("max_duration = 4.0", "max_duration = 4.0\nmin_duration = 5.0", r"step 6 \(to the tray\): min_duration"),
+    (
+        "stop = false ",
+        "max_duration = 0.6\nstop = false ",
+        r"step 1 \(over the part\): stop = false; .*the step that stops",
+    ),
     ("part = [0.9,", "part = [9.0,", "panda_joint1 = 9 is outside"),
     ("stop = false", "stop = 0", "stop = 0; expected true or false"),
     ('to = "part"\n', 'to = "part"\nwait = 1.0\n', "either `to` or `wait`"),

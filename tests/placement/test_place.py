@@ -138,6 +138,27 @@ def test_a_rough_cycle_follows_the_base_and_a_step_costs_less(tmp_path: Path, ur
         assert np.linalg.norm(at - wanted) <= (1e-3 if k else 1e-6)
 
 
+def test_a_shorter_step_is_tried_where_the_whole_one_leads_to_contact(
+    tmp_path: Path, ur: ToolKinematics, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The search had gone on along the axes of the box, and ended 7 J above what a shorter step finds."""
+    path = tmp_path / "job.toml"
+    path.write_text(JOB)
+    box = PlaceRequest((-0.4, 0.4, 0.0, 0.0, 0.0, 0.0))
+    job, free = load_job(path, lambda name: ur.robot), lambda: False
+    search = Search(job, source_model(ur.robot), box, Settings(), CellRequest(), free, lambda text, share: None)
+
+    def settled(search: Search, point: np.ndarray, kind: str, near: object = None, ends: object = None) -> Rough:
+        return Rough(point, {}, None, 100.0 - 10.0 * point[0] if point[0] < 0.1 else np.inf)
+
+    monkeypatch.setattr(Search, "settled", settled)
+    monkeypatch.setattr(Search, "better", lambda search, here: (here.point + np.array([0.2, 0.0, 0.0, 0.0]), 2.0))
+    monkeypatch.setattr(Search, "ends_at", lambda search, point, ends: {})
+    plan = SimpleNamespace(answers=[SimpleNamespace(energy=SimpleNamespace(loss=20.0))])
+    found, _ = search.step(Rough(np.zeros(4), {}, plan, 100.0), 1.0, 5)  # type: ignore[arg-type]
+    assert found is not None and 0.0 < found.point[0] < 0.1
+
+
 def test_alternatives_reach_the_poses_by_different_positions_and_cost_more_in_turn(
     tmp_path: Path, ur: ToolKinematics
 ) -> None:

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import BPoly
 from scipy.optimize import minimize_scalar
-from tool_poses import by_pinocchio
+from scipy.spatial.transform import Rotation
+from tool_poses import by_pinocchio, pose_at
 
 import energy_opt as eo
 from energy_opt.cli.main import main
@@ -277,3 +278,31 @@ def test_the_duration_that_a_refusal_names_works(ur: ToolKinematics) -> None:
     assert named == pytest.approx(caught.value.shortest_duration, rel=1e-5) and caught.value.joint in ur.robot.joints
     chosen = chooser.choose(Move(start, start, "retime", caught.value.shortest_duration), goals)
     np.testing.assert_allclose(chosen.move.goal, goals[0])
+
+
+def test_poses_within_their_tolerance_are_reached_by_arms_of_few_axes(tmp_path: Path) -> None:
+    """They were refused as "0 mm and 0.3 deg away", whatever the tolerance; a message names one that allows them."""
+    arm, words = load_robot("ur5e", lock={"wrist_2_joint": -1.5}), {"model": "source-method-2", "self_collision": False}
+    start, reached = np.array([0.0, -1.57, 1.57, -1.57, 0.0]), np.array([0.8, -1.2, 1.3, -1.4, 0.4])
+    pose = pose_at(ToolKinematics(arm), reached)
+    pose.matrix[:3, :3] = pose.matrix[:3, :3] @ Rotation.from_rotvec([3e-3, -4e-3, 2e-3]).as_matrix()
+    asked = {"start": start, "goal_pose": pose.matrix, "duration": 2.0, "starts": 2, **words}
+    with pytest.raises(Infeasible, match="no joint positions reach it") as refused:
+        eo.optimize(arm, **asked)
+    found = re.search(r"pose_tolerance (\S+) allows it", str(refused.value))
+    assert found is not None
+    for tolerance, free in ((found[1], ()), ("1mm,1deg", ("rz:-10:10", "z:-20:20"))):
+        answer = eo.optimize(arm, **asked, pose_tolerance=tolerance, free=free).document()
+        assert answer["status"] == "solved" and answer["poses"]["goal"]["valid"]
+
+
+def test_a_job_reaches_poses_within_their_tolerance(tmp_path: Path) -> None:
+    pose = pose_at(ToolKinematics(load_robot("ur5e")), np.array([0.8, -1.2, 0.0, -1.4, -1.5, 0.4]))
+    pose.matrix[:3, 3] *= 1 + 5e-4 / np.linalg.norm(pose.matrix[:3, 3])  # a little beyond the stretched arm
+    place = [*pose.matrix[:3, 3].tolist(), *Rotation.from_matrix(pose.matrix[:3, :3]).as_euler("xyz").tolist()]
+    text = 'format = "energy-opt/job/1"\nrobot = "ur5e"\ncycle_time = 6.0\nhome = [0, -1.57, 1.57, -1.57, -1.57, 0]\n'
+    text += f'[[step]]\npose = {place}\npose_tolerance = "1mm,1deg"\n[[step]]\nto = "home"\n'
+    (tmp_path / "job.toml").write_text(text)
+    found = eo.job(tmp_path / "job.toml", model="source-method-2", self_collision=False, starts=2).document()
+    (end,) = found["poses"]
+    assert end["valid"] and 1e-5 < end["distance"] < 1e-3

@@ -200,6 +200,10 @@ def test_a_value_of_a_step_that_cannot_be(
         ({"model": "cell.toml"}, "cell.toml: format = 'energy-opt/job/2'; expected 'energy-opt/model/1'"),
         ({"tool": "nowhere"}, "--tool nowhere: no frame 'nowhere'"),
         ({"step": [{"to": [0, 1, -1, 0, 0, 0], "free": ["rz"]}]}, "free belongs to a pose of the tool"),
+        (
+            {"step": [{"to": [0, 1, -1, 0, 0, 0], "stop": False, "zone": z} for z in "tu"]},
+            "steps step 1 and step 2: one motion, as stop = false, in two zones",
+        ),
         ({"step": [{"to": [0, 1, -1, 0, 0, 0], "stop": "no"}]}, "stop = 'no'; expected true or false, without quotes"),
     ],
 )

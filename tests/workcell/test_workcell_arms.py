@@ -298,3 +298,29 @@ def test_two_arms_over_one_table_take_turns(tmp_path: Path) -> None:
             }
             if not any(values[".velocity"]):
                 assert np.abs(values["ation"]).max() < 1e-6  # no jump of the acceleration at a join
+
+
+@pytest.mark.slow
+def test_steps_that_do_not_stop_are_listed_and_keep_their_zone(tmp_path: Path) -> None:
+    """The zone of the step after one that is passed was ignored, and only the first of both was listed."""
+    near, far, rest = ([x, 1.2 + y, -1.2, 0.0, 0.0, 0.0] for x, y in ((0.3, 0.0), (0.6, 0.1), (-0.3, -0.1)))
+    steps = [{"name": "go", "to": rest}, {"name": "pass", "to": near, "stop": False}, {"name": "on", "to": far}]
+    arm = {
+        "name": "arm",
+        "robot": "z1",
+        "model": "source-method-2",
+        "step": [*steps[:2], {**steps[2], "zone": "table"}],
+    }
+    weld = {"name": "weld", "duration": [6.0, 6.0], "curve": [[0, 100.0]], "zone": "table", "after": "arm.go"}
+    other = {"name": "other", "step": [{**weld, "lag": [0.0, 0.5]}, {"name": "wait", "wait": [0.0, 9.0]}]}
+    cell = {"format": "energy-opt/job/2", "cycle_time": 9.0, "jitter": 0.05, "mode": [{"name": "on", "power": 50.0}]}
+    (tmp_path / "cell.toml").write_bytes(tomli_w.dumps({**cell, "robot": [arm, other]}).encode())
+    assert main(["job", str(tmp_path / "cell.toml"), "--quiet", "--out", str(tmp_path / "out")]) == 0
+    found = json.loads((tmp_path / "out" / "job.json").read_text())
+    arms, welds = ({step["name"]: step for step in robot["steps"]} for robot in found["robots"])
+    passed, on = arms["pass"], arms["on"]
+    assert (passed["zone"], on["zone"]) == ("table", "table")
+    assert on["start"] == pytest.approx(passed["start"] + passed["duration"], abs=1e-9)
+    begin, end = passed["start"], on["start"] + on["duration"]
+    gap = (welds["weld"]["start"] - end) % 9.0
+    assert gap >= 0.1 - 1e-6 and gap + 6.0 + (end - begin) <= 9.0 - 0.1 + 1e-6

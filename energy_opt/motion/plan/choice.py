@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from energy_opt.errors import Infeasible
-from energy_opt.motion.judge.certificate import ALLOWED
+from energy_opt.motion.judge.certificate import ALLOWED, Certificate
 from energy_opt.motion.move import Move
 from energy_opt.motion.plan.candidates import Candidate, repaired_timing
 from energy_opt.motion.plan.context import Context, Judged
@@ -194,7 +194,7 @@ def baselines_of(context: Context, move: Move, timing: Timing | None, duration: 
     """The baselines: TOPP-RA's move, the same slowed evenly to `duration` s, and the user's own trajectory if given."""
     out: list[tuple[str, Trajectory]] = []
     if timing is not None:
-        toppra = _within_limits(context, move, timing)
+        toppra = context.judge.slowed(timing, timing.duration).trajectory
         same = abs(duration / timing.duration - 1) <= SAME_DURATION
         scaled = toppra if same else context.judge.slowed(timing, duration).trajectory
         out += [("toppra", toppra), ("scaled", scaled)]
@@ -203,13 +203,16 @@ def baselines_of(context: Context, move: Move, timing: Timing | None, duration: 
     return [(name, context.judge(trajectory)) for name, trajectory in out]
 
 
-def _within_limits(context: Context, move: Move, timing: Timing) -> Trajectory:
-    """The fastest timing's trajectory, slowed slightly if it breaks a limit between the grid points of its program."""
-    trajectory = timing.trajectory(context.robot.joints)
-    excess = context.judge(trajectory).within.violation
-    if not ALLOWED < excess < HAIR or np.any(move.end_velocities):
-        return trajectory
-    return timing.slowed(timing.duration * (1 + 2 * excess)).trajectory(context.robot.joints)
+def within_limits(timing: Timing, judge: Callable[[Trajectory], Certificate], joints: tuple[str, ...]) -> Timing:
+    """The fastest timing, slowed slightly if it breaks a limit between the grid points of its program.
+
+    Args:
+        timing: the fastest of a path. judge: gives the certificate of its trajectory. joints: their names.
+    """
+    if np.any(timing.control[[0, -1]]):
+        return timing
+    excess = judge(timing.trajectory(joints)).violation
+    return timing.slowed(timing.duration * (1 + 2 * excess)) if ALLOWED < excess < HAIR else timing
 
 
 def _baseline(name: str, judged: Judged) -> Baseline:

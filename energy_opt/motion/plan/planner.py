@@ -26,7 +26,7 @@ from energy_opt.motion.move import LONGEST, Move, Settings, long_turns
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.plan.anytime import LATE, Progress
 from energy_opt.motion.plan.candidates import below_resolution
-from energy_opt.motion.plan.choice import with_trajectory
+from energy_opt.motion.plan.choice import with_trajectory, within_limits
 from energy_opt.motion.plan.context import Context, Judge, Workshop, path_of
 from energy_opt.motion.plan.first_path import check_free, first_path
 from energy_opt.motion.plan.single import Single
@@ -187,7 +187,9 @@ class Planner:
         for asked, *under, timing in self._timings:
             if all(a is b for a, b in zip(under, given, strict=True)) and asked == timeless:
                 return timing
-        found = self.context(timeless).fastest(path_of(timeless))
+        context = self.context(timeless)
+        found = context.fastest(path_of(timeless))
+        found = within_limits(found, lambda trajectory: context.judge(trajectory).within, self.robot.joints)
         self._timings[:] = [*self._timings[1 - REMEMBERED :], (timeless, *given, found)]
         return found
 

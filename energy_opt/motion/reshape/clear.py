@@ -33,10 +33,11 @@ MORE, MOST = 0.0007, 0.003  # [m] added to the margin after a failed proof, and 
 RAMP = 0.15  # share of the move over which the margin grows from a nearer end to the full one
 END_SHARE = 0.8  # share of an end's distance beyond the required clearance that is kept as its margin
 TRUST = 0.1  # [rad, m] first step from a curve that is free
-ROUNDS, AGAIN = 10, 5  # most descents from a curve; iterations of each but the first
+ROUNDS, AGAIN = 10, 15  # most descents from a curve; iterations of each but the first
 GIVE = 0.1  # share of a bound: smaller excesses are accepted in the first descent
 NEARBY = 0.06  # [rad, m] first step of each descent but the first
-FINE = 1e-3  # relative: such a descent ends if it can save less
+CAUGHT = 0.7  # given up from the third on, if the sum of violations beyond this share of the last one is left
+FINE = 2e-4  # relative: such a descent ends if it can save less
 MET = 1e-7  # [rad] allowed error of via points: a tenth of that of poses
 TRIAL, ROUGH = 5, 3e-3  # iterations of a trial, and the relative change of cost at which it ends
 SOON, STUCK = 2, 5.0  # it ends after so many iterations if the sum of its violations is larger [0.1 m]
@@ -168,7 +169,7 @@ class ClearSearch:
         places = Places.evenly(len(self.wanted))
         dense = (np.arange(DENSE) + 0.5) / DENSE
         now: Descent | None = None
-        again = FINE
+        again, broken = FINE, np.inf
         for turn in range(ROUNDS):
             model, first = self._with(places), now is None
             point = model.at_curve(curve, trust if first else NEARBY)
@@ -178,8 +179,10 @@ class ClearSearch:
                     model, now, iterations, trust, tolerance=tolerance, give=give, slack=SLACK, stopped=self.stopped
                 )
             else:
-                descend(model, now, AGAIN, NEARBY, tolerance=again, slack=SLACK, stopped=self.stopped)
-            if now.point.cost + 10 * model.broken(now.point, GIVE, SLACK) > known:
+                nearby = float(np.clip(4 * now.trust, NEARBY / 16, NEARBY))
+                descend(model, now, AGAIN, nearby, tolerance=again, slack=SLACK, stopped=self.stopped)
+            before, broken = broken, model.broken(now.point, GIVE, SLACK)
+            if now.point.cost + 10 * broken > known or (turn > 1 and broken > CAUGHT * before):
                 break
             curve = self.curve_of(now)
             k, number, distance, _, _ = self._many.measured(dense, curve.position(dense), self.cell.asked + HAIR)

@@ -81,7 +81,8 @@ class Model(Evaluation):
             lam_place = multipliers.get(f"place {number}")  # neglects how moving ends scale with T
             if lam_place is not None and lam_place.any():
                 window, local = self._placing(constraints.u)
-                add_places(band, constraints.hessian(q, lam_place), local, window, n)
+                bent = constraints.hessian(q, lam_place)
+                add_places(band, _convex(bent) if convex else bent, local, window, n)
         if s.vias and "via" in multipliers:
             self._add_via_curvature(out, point, multipliers["via"])
         return out
@@ -257,6 +258,22 @@ class Model(Evaluation):
             self.shape.joints, self.border, first=none, joint=none, coefficient=np.zeros((count, LOCAL)), border=border,
             floor=np.minimum(low - value, 0.0), ceiling=np.maximum(high - value, 0.0), keys=-1 - 4 * np.arange(count),
         )  # fmt: skip
+
+    @staticmethod
+    def relaxed(constraints: Constraints, give: float, slack: float) -> Constraints:
+        """The constraints with bounds that count excesses as `broken` does.
+
+        An excess that is allowed (by `give` of limits, by `slack` at places) need not shrink, but may not grow. A
+        larger one needs to shrink only to what is allowed. If nothing is exceeded, these are the same constraints.
+        """
+        floor, ceiling = constraints.floor, constraints.ceiling
+        if floor.max(initial=0.0) <= 0 <= ceiling.min(initial=0.0):  # nothing is exceeded
+            return constraints
+        kind = constraints.keys & 3
+        allowed = np.where(kind == AT_PLACES, slack, np.where(kind == VIA, 0.0, give))
+        return constraints.within(
+            np.minimum(floor, np.maximum(floor - allowed, 0.0)), np.maximum(ceiling, np.minimum(ceiling + allowed, 0.0))
+        )
 
     def multipliers(self, point: Point, keys: np.ndarray, values: np.ndarray) -> dict[str, np.ndarray]:
         """Multipliers by constraint key, in the form that `hessian` takes."""

@@ -201,18 +201,10 @@ class Reshaper:
         model = task.model(level)
         found = task.descended(model, curve, ITERATIONS, trust=trust, tolerance=FINE, give=EXACT, stopped=stopped)
         for _ in range(AGAIN):  # repeat until no more is saved
-            beyond = FEASIBLE < found.broken <= REPAIRABLE and not task.fixed
-            if (found.converged and not beyond) or stopped():
+            if found.converged or stopped():
                 break
-            slower = found.curve.duration * (1 + (found.broken if beyond else 0.0))
             more = task.descended(
-                model,
-                task.within(replace(found.curve, duration=slower)),
-                ITERATIONS,
-                trust=trust / 4,
-                tolerance=FINE,
-                give=EXACT,
-                stopped=stopped,
+                model, found.curve, ITERATIONS, trust=trust / 4, tolerance=FINE, give=EXACT, stopped=stopped
             )
             settled = task.cost(found) - task.cost(more) < ROUGH * abs(task.cost(found))
             spent += more.iterations

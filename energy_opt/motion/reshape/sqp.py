@@ -4,6 +4,11 @@ Each linearisation is one banded quadratic program (see `numerics.quadratic`). A
 price times the sum of excesses, falls; excesses up to a small share of a bound are free, so that steps along curved
 limits are not cut short (the Maratos effect). After a failed step, constraints linearised at its end join the program
 until the next one: a second-order correction.
+
+A program whose constraints cannot all be met in the trust region, or that saves nothing, is solved again with relaxed
+ones: free excesses need not shrink, and larger ones only down to what is free. So program and merit count the same
+excesses. Without this, steps that only reduce free excesses promise much and win nothing, and the trust region shrinks
+until the search ends far from an optimum.
 """
 
 from __future__ import annotations
@@ -15,18 +20,19 @@ import numpy as np
 
 from energy_opt.motion.reshape.evaluation import Point
 from energy_opt.motion.reshape.model import Model
-from energy_opt.numerics.quadratic import LEAST_DAMPING, minimise
+from energy_opt.numerics.quadratic import LEAST_DAMPING, Banded, Minimum, minimise
 
 # last barrier parameter of quadratic programs, at most, and as a share of the tolerance
 BARRIER, CLOSER = 1e-6, 0.01
 PRICE = 30.0  # price of a constraint's excess in a quadratic program, whose cost is of order one
 BOLD, FAIR = 0.7, 0.3  # ratios of actual to expected decrease: above BOLD the trust region grows, below FAIR it shrinks
 LEAST_TRUST = 2e-4  # [rad] smallest trust region
+UNMET = 1e-3  # a quadratic program has not met its constraints if its sum of excesses is larger
 ACCEPTED = 1e-3  # least such ratio at which a step is taken
 SHALLOW = 0.12  # largest excess of a numeric constraint at which the constraints at a failed step's end are added
 SADDLE = 0.003  # factor of the tolerance if the model is not convex: near a saddle little decrease is expected
 STALLED = 1e-4  # share of the cost: converged if no step is taken and the expected decrease is less
-HEAVY = 30.0  # damping above which nodes' Hessians are made convex one by one, as at the kinks of dry friction
+HEAVY = 30.0  # damping above which Hessians of nodes and places are made convex one by one, as at kinks of dry friction
 LAST, LITTLE = 10, 1e-3  # converged if the last LAST steps saved less than the share LITTLE of the cost
 KINKED = 8  # most failed steps from one point at kinks
 # If a failed step's worst excess is above twice the one before plus FAR, |d2q/du2| of further steps is at most BEND
@@ -41,7 +47,7 @@ TRIES = 5  # most failed steps from one point otherwise, unless it is within all
 class Descent:
     """The state of a search: point, multipliers by constraint, damping, trust region, iterations and steps so far.
 
-    `convex`: nodes' Hessians are made convex one by one. `smooth`: second derivatives of steps are bounded, too.
+    `convex`: Hessians of nodes and places are made convex one by one. `smooth`: steps' second derivatives are bounded.
     """
 
     point: Point
@@ -90,6 +96,10 @@ def descend(
             try:
                 held = model.smooth_steps(constraints, point, BEND * trust) if now.smooth else constraints
                 found = minimise(hessian, gradient, bounds, held, PRICE, model.mass, damping, barrier)
+                least = tolerance * max(abs(point.cost), 0.02)
+                unmet = found.broken > UNMET or saved(hessian, gradient, model.mass, found) < least
+                if unmet and (allowed := model.relaxed(held, give, slack)) is not held:
+                    found = minimise(hessian, gradient, bounds, allowed, PRICE, model.mass, damping, barrier)
             except np.linalg.LinAlgError:  # no damping makes the program convex, because numbers overflowed
                 return now
             now.steps += found.steps
@@ -97,13 +107,14 @@ def descend(
                 now.convex, damping = True, 0.0
                 hessian = model.hessian(point, known, convex=True)
                 continue
-            predicted = -(gradient @ found.d + hessian.times(found.d) @ found.d / 2)
-            predicted -= found.damping * model.mass.times(found.d) @ found.d / 2 if found.damping else 0.0
-            elastic = found.broken if found.broken > 1e-3 else 0.0
+            predicted = saved(hessian, gradient, model.mass, found)
+            elastic = found.broken if found.broken > UNMET else 0.0
+            if elastic > broken and constraints is not near:  # constraints at both ends of a step contradict each other
+                constraints = near
+                continue
             most_price = float(np.abs(found.multipliers).max(initial=0.0))
             price = max(0.5 * price, 2 * most_price, 1.0) if not elastic else PRICE
-            # the program's excess includes what `give` and `slack` allow; so must the one it started from
-            predicted += price * (model.broken(point, 0.0, 0.0) - elastic if elastic else broken)
+            predicted += price * (broken - elastic)
             step = float(np.abs(found.d[: model.shape.size]).max(initial=0.0))
             trial = model.at(*model.moved(point, found.d), 2 * step)
             trial_broken = model.broken(trial, give, slack)
@@ -148,6 +159,12 @@ def descend(
     before = costs[-LAST:][0]
     now.converged |= broken <= give and before - costs[-1] < LITTLE * max(abs(point.cost), 0.02)
     return now
+
+
+def saved(hessian: Banded, gradient: np.ndarray, mass: Banded, found: Minimum) -> float:
+    """By how much a quadratic program's step lowers its cost."""
+    out = -(gradient @ found.d + hessian.times(found.d) @ found.d / 2)
+    return float(out - (found.damping * mass.times(found.d) @ found.d / 2 if found.damping else 0.0))
 
 
 def box(model: Model, point: Point, trust: float) -> tuple[np.ndarray, np.ndarray]:

@@ -19,7 +19,7 @@ import numpy as np
 
 from energy_opt.motion.limits.base import box_of
 from energy_opt.motion.reshape.curve import Curve, Outcome, between
-from energy_opt.motion.reshape.task import FEASIBLE, REPAIRABLE, Level, Line, Task, at_most
+from energy_opt.motion.reshape.task import REPAIRABLE, Level, Line, Task, at_most
 
 log = logging.getLogger(__name__)
 FEWEST, OFTEN = 10, 3  # fewest starts, and how many of them must have found the best optimum
@@ -89,7 +89,7 @@ def followed(level: Level, task: Task, known: Optima) -> Optima:
         spent += outcome.iterations
         if not any(_same(other, outcome, task) for other in found):
             found.append(outcome)
-    costs = tuple(task.cost(outcome) for outcome in found if outcome.broken <= FEASIBLE)
+    costs = tuple(task.cost(outcome) for outcome in found if outcome.broken <= REPAIRABLE)
     return Optima(tuple(found), len(known.found), spent, costs, enough=True)
 
 
@@ -143,7 +143,7 @@ def _bent(level: Level, straight: Curve, task: Task, seed: int, k: int) -> Curve
 
 def _same(a: Outcome, b: Outcome, task: Task) -> bool:
     """True if two coarse outcomes are one optimum."""
-    if (a.broken <= FEASIBLE) != (b.broken <= FEASIBLE):
+    if (a.broken <= REPAIRABLE) != (b.broken <= REPAIRABLE):
         return False
     near = abs(task.cost(a) - task.cost(b)) <= NEAR * abs(task.cost(a))
     return bool(near and np.abs(a.curve.points - b.curve.points).max() <= SAME)
@@ -153,7 +153,7 @@ def valleys(level: Level, task: Task, outcomes: Iterable[Outcome]) -> Iterator[O
     """The best outcome of every valley, the best first; within a valley, the cost does not rise between two optima."""
     found: list[Outcome] = []
     for outcome in sorted(outcomes, key=task.coarse_rank):
-        alike = (o for o in found if (o.broken <= FEASIBLE) == (outcome.broken <= FEASIBLE))
+        alike = (o for o in found if (o.broken <= REPAIRABLE) == (outcome.broken <= REPAIRABLE))
         if not any(joined(level, task, known, outcome) for known in alike):
             found.append(outcome)
             yield outcome

@@ -274,6 +274,17 @@ def test_a_limit_of_the_tool_and_the_own_body_are_held_together() -> None:
     assert result.energy.total < 430
 
 
+def test_beside_the_own_body_starts_hardly_change_what_a_limit_of_the_tool_costs() -> None:
+    """Searches beside the body ended far from an optimum: two seeds took 631 and 1,177 J."""
+    start = [1.323038483, 2.996569864, 1.285813699, 0.0155452015, -0.6322491853, 1.501334273]
+    goal = [1.373391621, -1.377520039, 0.4681299015, -0.8303267372, 3.616937607, -2.014094894]
+    limits = [eo.conditions.ToolSpeed(0.4)]
+    found = [eo.optimize("ur5e", start=start, goal=goal, conditions=limits, seed=seed) for seed in (0, 2)]
+    assert all(result.status == "solved" and result.certificate.valid for result in found)
+    energies = [result.energy.total for result in found]
+    assert max(energies) < 1.05 * min(energies)
+
+
 def test_a_move_that_begins_in_motion_has_no_bound_by_acceleration(panda: Robot) -> None:
     limit = next(x for x in limits_of(panda, Settings(tool_acceleration=0.5)) if x.name == "tool_acceleration")
     poses = np.array([START, GOAL])

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from energy_opt.motion.judge.energy import Energy
+from energy_opt.motion.result import Result
 from energy_opt.power import PowerModel
 from energy_opt.power.known import friction_range
 from energy_opt.robot import Robot
@@ -49,3 +52,29 @@ def record_of(name: str, energy: Energy, slowed: Energy | None) -> dict[str, obj
         "saving_loss_percent": share,
         "saving_joules": joules,
     }
+
+
+@dataclass(frozen=True)
+class UnderJudges:
+    """A result with the energies of the move under each judge, and of the evenly slowed move if that is valid.
+
+    Judges are the models of the mean, then the corners of their friction's range. `bound` [J]: a lower bound, over all
+    timings of the path, of the minimised value (mean of the planned models' energies, or the largest of all); None if
+    unknown.
+    """
+
+    result: Result
+    energies: list[Energy]
+    slowed: list[Energy] | None
+    bound: float | None = None
+
+    @property
+    def totals(self) -> np.ndarray:
+        """(K,) J under each judge."""
+        return np.array([energy.total for energy in self.energies])
+
+    def costlier(self) -> np.ndarray:
+        """(K,) True if the move costs more than the evenly slowed one."""
+        if self.slowed is None:
+            return np.zeros(len(self.energies), dtype=bool)
+        return np.array([exceeds(e.total, s.total) for e, s in zip(self.energies, self.slowed, strict=True)])

@@ -143,8 +143,8 @@ def test_waits_last_as_long_as_the_job_says(panda: Robot, tmp_path: Path) -> Non
     text += '\n[[step]]\nname = "rest"\nwait = 0.6\n'
     result = run_job(load_job(_written(tmp_path, text), lambda _: panda), source_method_2())
     *_, rest, left = result.pieces
-    assert (rest.name, rest.trajectory.duration, rest.brakes) == ("rest", 0.6, False)
-    assert left.brakes and left.energy == pytest.approx(88.04 * left.trajectory.duration, rel=1e-9)
+    assert (rest.name, rest.trajectory.duration, rest.mode) == ("rest", 0.6, "")
+    assert left.mode == "brakes" and left.energy == pytest.approx(88.04 * left.trajectory.duration, rel=1e-9)
     assert rest.energy > 88.1 * 0.6
 
 

@@ -36,7 +36,7 @@ TRUST = 0.1  # [rad, m] first step from a curve that is free
 ROUNDS, AGAIN = 10, 15  # most descents from a curve; iterations of each but the first
 GIVE = 0.1  # share of a bound: smaller excesses are accepted in the first descent
 NEARBY = 0.06  # [rad, m] first step of each descent but the first
-CAUGHT = 0.7  # given up from the third on, if the sum of violations beyond this share of the last one is left
+CAUGHT = 0.7  # from the third on, a search is given up if more than this share of the last sum of violations is left
 FINE = 2e-4  # relative: such a descent ends if it can save less
 MET = 1e-7  # [rad] allowed error of via points: a tenth of that of poses
 TRIAL, ROUGH = 5, 3e-3  # iterations of a trial, and the relative change of cost at which it ends
@@ -182,7 +182,7 @@ class ClearSearch:
                 nearby = float(np.clip(4 * now.trust, NEARBY / 16, NEARBY))
                 descend(model, now, AGAIN, nearby, tolerance=again, slack=SLACK, stopped=self.stopped)
             before, broken = broken, model.broken(now.point, GIVE, SLACK)
-            if now.point.cost + 10 * broken > known or (turn > 1 and broken > CAUGHT * before):
+            if now.point.cost + 10 * broken > known or (turn > 1 and broken > max(SLACK, CAUGHT * before)):
                 break
             curve = self.curve_of(now)
             k, number, distance, _, _ = self._many.measured(dense, curve.position(dense), self.cell.asked + HAIR)

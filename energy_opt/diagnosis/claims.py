@@ -160,15 +160,14 @@ def only(found: Search, f: Fit, names: Collection[str] = ()) -> Fit:
 
 def _profiled(found: Search, f: Fit) -> float:
     """Score of a hypothesis under the noise that suits it best: its residual may be correlated noise, or misfit."""
-    key = id(f)
-    if key not in found.profiled:
+    if f.token not in found.profiled:
         own = noise_of(f)
         value = found.score(f)
         if not alike(own, f.world.whiten.noise):
             other = Search(f.world.under(own), variants=found.variants)
             value = max(value, other.score(moved(f, other.world)))
-        found.profiled[key] = value
-    return found.profiled[key]
+        found.profiled[f.token] = value
+    return found.profiled[f.token]
 
 
 def structures(found: Search, f: Fit) -> list[int]:

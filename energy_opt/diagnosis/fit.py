@@ -159,7 +159,8 @@ class Fit:
         charts, numbers: of its effects. free, weights: of its free functions. amounts, levels: of links and runs.
         model: the declared model with the effects' values. residual: (M,) what remains, W, levels and free functions
             taken out. mean, precision: of theta's prior. hessian: of phi.
-        spread: (P, P) covariance of theta if not the inverse of `hessian`.
+        token: number of the fit, by which results on it are cached. spread: (P, P) covariance of theta if not the
+            inverse of `hessian`.
     """
 
     world: World
@@ -255,12 +256,11 @@ def fit(
 ) -> Fit:
     """Fit a hypothesis from `starts` (one vector per chart)."""
     mean, precision, low, high = _before(world, nuisance, charts, free)
-    cuts = np.cumsum([len(c.mean) for c in charts]).astype(int)
-    zs, ws = int(cuts[-1]) if charts else 0, sum(f.columns.shape[1] for f in free)
-    ds, os = world.links.basis.shape[1], len(world.samples.parts)
-    theta = np.concatenate([*starts, np.zeros(ws), np.zeros(ds) if amounts is None else amounts, np.zeros(os)])
-    theta = np.clip(theta, low, high)
     drawn = columns_of(world, free)
+    if amounts is None:
+        amounts = np.zeros(world.links.basis.shape[1])
+    theta = np.concatenate([*starts, np.zeros(drawn.shape[1]), amounts, np.zeros(len(world.samples.parts))])
+    theta = np.clip(theta, low, high)
 
     def state(theta: np.ndarray) -> tuple[PowerModel, Prediction, np.ndarray, np.ndarray, float]:
         model, p, residual, white = linearised(world, charts, drawn, theta)
@@ -286,10 +286,10 @@ def fit(
             break
     jacobian = white[:, 1:]
     hessian = jacobian.T @ jacobian + precision
+    numbers, weights, amounts, levels = _parts(world, charts, drawn, theta)
     found = Fit(
-        world, nuisance, tuple(charts), tuple(np.split(theta[:zs], cuts[:-1])) if charts else (), tuple(free),
-        theta[zs : zs + ws], theta[zs + ws : zs + ws + ds], theta[zs + ws + ds :], model, residual, mean, precision,
-        hessian,
+        world, nuisance, tuple(charts), numbers, tuple(free), weights, amounts, levels, model, residual, mean,
+        precision, hessian,
     )  # fmt: skip
     world.recent.put(found.token, (p, jacobian))
     return found
@@ -309,15 +309,22 @@ def linearised(
         drawn: columns (M, w) of the free functions.
     """
     s, links, model = world.samples, world.links, world.declared
-    cuts = np.cumsum([len(c.mean) for c in charts]).astype(int)
-    zs, ws, ds = int(cuts[-1]) if charts else 0, drawn.shape[1], links.basis.shape[1]
-    parts = np.split(theta[:zs], cuts[:-1]) if charts else []
-    for c, z in zip(charts, parts, strict=True):
+    numbers, weights, amounts, levels = _parts(world, charts, drawn, theta)
+    for c, z in zip(charts, numbers, strict=True):
         model = model.replaced(c.effect(z))
-    d = theta[zs + ws : zs + ws + ds]
-    p = predict(model, s, links.torques @ d, links.torques)
-    residual = s.power - p.reading - drawn @ theta[zs : zs + ws] - world.offsets @ theta[zs + ws + ds :]
-    return model, p, residual, world.whiten(np.column_stack([residual, slopes(world, model, charts, parts, drawn, p)]))
+    p = predict(model, s, links.torques @ amounts, links.torques)
+    residual = s.power - p.reading - drawn @ weights - world.offsets @ levels
+    by_theta = slopes(world, model, charts, numbers, drawn, p)
+    return model, p, residual, world.whiten(np.column_stack([residual, by_theta]))
+
+
+def _parts(
+    world: World, charts: Sequence[Chart], drawn: np.ndarray, theta: np.ndarray
+) -> tuple[tuple[np.ndarray, ...], np.ndarray, np.ndarray, np.ndarray]:
+    """The parts of theta: numbers of each effect, weights of free functions, amounts of links, levels of runs."""
+    sizes = [*(len(c.mean) for c in charts), drawn.shape[1], world.links.basis.shape[1]]
+    *numbers, weights, amounts, levels = np.split(theta, np.cumsum(sizes))
+    return tuple(numbers), weights, amounts, levels
 
 
 def slopes(

@@ -33,13 +33,25 @@ GAIN = 0.3  # least gain of log evidence for a move
 
 @dataclass
 class Search:
-    """A search: hypotheses fitted so far, by terms and free functions. `closed`: True without free functions."""
+    """A search for the likeliest hypothesis.
+
+    Attributes:
+        closed: True without free functions.
+        fits: the best fit of each hypothesis so far, by its terms and free functions.
+        banks, scores, found, profiled: of fits by their tokens: bank, evidence, candidates, and score under the noise
+            that suits the fit best.
+        variants: how many variants of each effect are tried. settled: tokens of fits that `kinks.settled` returned.
+    """
 
     world: World
     closed: bool = True
     fits: dict[tuple[frozenset[Term], frozenset[str]], Fit] = field(default_factory=dict)
     banks: dict[int, Bank] = field(default_factory=dict)
-    scores: dict[int, tuple[Fit, Weighed]] = field(default_factory=dict)
+    scores: dict[int, Weighed] = field(default_factory=dict)
+    variants: dict[str, int] = field(default_factory=dict)
+    found: dict[int, list[Candidate]] = field(default_factory=dict)
+    profiled: dict[int, float] = field(default_factory=dict)
+    settled: set[int] = field(default_factory=set)
 
     def odds(self, f: Fit) -> float:
         """Prior log odds of a hypothesis."""
@@ -55,26 +67,21 @@ class Search:
 
     def weighed(self, f: Fit) -> Weighed:
         """A fit's own evidence over all nuisances."""
-        if id(f) not in self.scores:
+        if f.token not in self.scores:
             bank = Bank(f, self.own(f))
-            self.scores[id(f)] = f, bank.weigh(self.whole(bank))
-        return self.scores[id(f)][1]
+            self.scores[f.token] = bank.weigh(self.whole(bank))
+        return self.scores[f.token]
 
     @staticmethod
     def whole(bank: Bank) -> Subset:
         """The blocks of a bank that its fit has."""
         return frozenset(k for k, b in enumerate(bank.blocks) if isinstance(b.source, int))
 
-    variants: dict[str, int] = field(default_factory=dict)
-    found: dict[int, list[Candidate]] = field(default_factory=dict)
-    profiled: dict[int, float] = field(default_factory=dict)
-    settled: set[int] = field(default_factory=set)  # tokens of fits that `kinks.settled` returned
-
     def bank(self, f: Fit) -> Bank:
         """The bank around a fit, built once."""
-        if id(f) not in self.banks:
-            self.banks[id(f)] = self._bank(f)
-        return self.banks[id(f)]
+        if f.token not in self.banks:
+            self.banks[f.token] = self._bank(f)
+        return self.banks[f.token]
 
     def own(self, f: Fit) -> list[Block]:
         """Blocks of a fit's own effects and free functions."""
@@ -145,7 +152,7 @@ class Search:
 
     def so_far(self, start: Fit) -> Fit:
         """The likeliest hypothesis that was fitted and scored; `start` if there is none."""
-        known = [f for f in self.fits.values() if id(f) in self.scores]
+        known = [f for f in self.fits.values() if f.token in self.scores]
         return max(known, key=self.score, default=start)
 
     def keep(self, f: Fit) -> Fit:

@@ -94,13 +94,13 @@ def diagnose(
         raise BadInput(f"{measured.path}: the power is {readings[0]:g} W throughout; is the meter connected?")
     measured = parted(shortened(without_scattering(_metered(measured))))
     side = joint_side(measured, declared)
-    if wrong := wrong_units(side, measured.robot.joints, measured.robot.limits):
+    if side is not None and (wrong := wrong_units(side)):
         side, measured = None, replace(measured, remarks=(*measured.remarks, wrong))
     found_pushes = pushes(side, measured) if side is not None else []
     measured, enough = free_runs(measured, found_pushes)
     if found_pushes and enough:
         side = joint_side(measured, declared)
-    prior = prior_of(side, measured.robot.limits) if enough else {}
+    prior = prior_of(side) if enough else {}
     limits, joints = measured.robot.limits, measured.robot.joints
 
     def inferred(measured: MeasuredSet, clock: bool) -> tuple[Samples, list[int], list[int], Inference]:
@@ -138,7 +138,7 @@ def diagnose(
     if found.idle:
         ahead = replace(ahead, reason=ahead.reason or f"{joints[found.idle[0]]} hardly moves in the set")
     floor = found.after.noise
-    records = side_records(side, joints, limits, found.accepted if enough else None)
+    records = side_records(side, found.accepted if enough else None)
     modes = modes_of(model, samples)
     document: dict[str, Any] = {
         "verdict": found.verdict or None,
@@ -180,7 +180,7 @@ def diagnose(
         document["remarks"].append(
             "The fitted model predicts held-out motions worse than the declared one: model.toml holds the declared one."
         )
-    document["remarks"] += push_words(found_pushes, enough) + side_remarks(side, joints, limits, records)
+    document["remarks"] += push_words(found_pushes, enough) + side_remarks(side, records)
     document["remarks"] += speeds_seen(found, joints)
     document["headline"] = headline(document)
     document["next_step"] = next_step(document, found.follows)
@@ -265,18 +265,17 @@ def _of_joints(measured: MeasuredSet, declared: PowerModel) -> Diagnosis:
         raise BadInput(
             f"{measured.path}: no readings of power, energy, currents or torques; a diagnosis is not possible"
         )
-    limits, joints = measured.robot.limits, measured.robot.joints
-    if wrong := wrong_units(side, joints, limits):
+    if wrong := wrong_units(side):
         raise BadInput(f"{measured.path}: {wrong}")
     found = pushes(side, measured)
     kept, enough = free_runs(measured, found)
     if found and enough:
         side = joint_side(kept, declared) or side
-    effects, said = friction_findings(side, limits, joints) if enough else ([], [])
+    effects, said = friction_findings(side) if enough else ([], [])
     model = declared
     for x in effects:
         model = model.replaced(effect_class(x.name)(**x.parameters))
-    records = side_records(side, joints, limits, None)
+    records = side_records(side, None)
     nothing = {"train": None, "holdout": None}
     document: dict[str, Any] = {
         "verdict": "insufficient",
@@ -296,11 +295,11 @@ def _of_joints(measured: MeasuredSet, declared: PowerModel) -> Diagnosis:
         "next_motion": None,
         "worth": None,
         "remarks": [
-            *measured.remarks, *push_words(found, enough), *side_remarks(side, joints, limits, records), *said,
+            *measured.remarks, *push_words(found, enough), *side_remarks(side, records), *said,
             "No meter: the model's other effects are as declared or borrowed, not measured.",
         ],
         "robot": measured.robot.name,
-        "joints": list(joints),
+        "joints": list(measured.robot.joints),
         "next_step": "Next: record the power (a meter's file, or supply voltage and current) beside such motions.",
     }  # fmt: skip
     return Diagnosis(measured, declared, model, tuple(effects), document, side)

@@ -28,7 +28,6 @@ class Finding:
     Attributes:
         parameters, ci95, units: values, 95 % intervals and units by parameter.
         share_of_residual: share of the squares explained by all effects that is lost without this one.
-        p_value: None: effects are chosen among many, for which no p-value is calibrated.
         log_odds: for the effect, None if unknown. refit: True if the declared model has the effect.
     """
 
@@ -37,13 +36,12 @@ class Finding:
     ci95: dict[str, Any]
     units: dict[str, str]
     share_of_residual: float
-    p_value: None
-    log_odds: float | None
-    refit: bool
+    log_odds: float | None = None
+    refit: bool = False
 
     def document(self) -> dict[str, Any]:
-        """As in diagnosis.json."""
-        return asdict(self)
+        """As in diagnosis.json. It states no p-value: effects are chosen among many, for which none is calibrated."""
+        return {**asdict(self), "p_value": None}
 
 
 def findings_of(found: Inference) -> list[Finding]:
@@ -76,7 +74,7 @@ def findings_of(found: Inference) -> list[Finding]:
         values = _values(effect, deviation, n)
         values[0].update(effect.choices)
         share = float(np.clip((size(less) - here) / explained, 1e-6, 1.0))
-        records.append(Finding(c.term.name, *values, share, None, claim.odds, c.term.declared))
+        records.append(Finding(c.term.name, *values, share, claim.odds, c.term.declared))
     return sorted(records, key=lambda row: -row.share_of_residual)
 
 
@@ -106,7 +104,7 @@ def _of_links(found: Inference) -> Finding:
     deviation = np.sqrt(np.maximum(np.einsum("pi,ij,pj->p", slope, spread, slope), 0.0))
     effect = found.model.get(LinkInertia.name)
     assert effect is not None
-    return Finding(LinkInertia.name, *_values(effect, deviation, samples.n), 1.0, None, None, False)
+    return Finding(LinkInertia.name, *_values(effect, deviation, samples.n), 1.0)
 
 
 def _values(effect: Effect, deviation: np.ndarray, n: int) -> tuple[dict[str, Any], dict[str, Any], dict[str, str]]:

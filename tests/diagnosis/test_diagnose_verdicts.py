@@ -203,7 +203,7 @@ def test_torque_in_newton_metres_is_read_as_it_is_and_wrists_get_no_more_than_th
     side = joint_side(dataclasses.replace(measured, runs=runs), truth.declared)
     assert side is not None and not side.known[5]
     limits = measured.robot.limits
-    found, said = friction_findings(side, limits, measured.robot.joints)
+    found, said = friction_findings(side)
     coulomb = next(x for x in found if x.name == "coulomb_friction")
     values, ends = np.array(coulomb.parameters["tau_c"]), np.array(coulomb.ci95["tau_c"])
     largest = max(np.abs(run.effort[:, 5]).max() for run in runs)

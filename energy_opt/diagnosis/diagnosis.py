@@ -11,16 +11,15 @@ from typing import Any
 import numpy as np
 
 from energy_opt.diagnosis.claims import written
-from energy_opt.diagnosis.clusters import excited, parted, shortened, split, without_scattering
+from energy_opt.diagnosis.clusters import excited, split
 from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.errors import errors
 from energy_opt.diagnosis.evidence import drift_of
 from energy_opt.diagnosis.findings import Result, evidence_records, findings_of, nuisance_of
 from energy_opt.diagnosis.joint_report import friction_findings, prior_of, side_records, side_remarks, wrong_units
 from energy_opt.diagnosis.joint_side import free_runs, joint_side, push_words, pushes
-from energy_opt.diagnosis.modes import mode_words, modes_of
-from energy_opt.diagnosis.recordings import take_samples
-from energy_opt.diagnosis.residual import Attribution, goes_with
+from energy_opt.diagnosis.recordings import on_time, prepared, take_samples
+from energy_opt.diagnosis.residual import Attribution, goes_with, mode_words, modes_of
 from energy_opt.diagnosis.usable import foreseen
 from energy_opt.diagnosis.verdict import Inference, infer, plain_fit
 from energy_opt.diagnosis.words import UNRECORDED, headline, joints_headline, next_step, remarks, speeds_seen, summary
@@ -92,7 +91,7 @@ def diagnose(
     readings = np.concatenate([run.power for run in measured.runs])
     if len(readings) >= FEWEST and np.ptp(readings) == 0:
         raise BadInput(f"{measured.path}: the power is {readings[0]:g} W throughout; is the meter connected?")
-    measured = parted(shortened(without_scattering(_metered(measured))))
+    measured = prepared(measured)
     side = joint_side(measured, declared)
     if side is not None and (wrong := wrong_units(side)):
         side, measured = None, replace(measured, remarks=(*measured.remarks, wrong))
@@ -117,7 +116,7 @@ def diagnose(
 
     samples, train, holdout, found = inferred(measured, True)
     if found.late:
-        measured = _on_time(measured, found.late)
+        measured = on_time(measured, found.late)
         samples, train, holdout, found = inferred(measured, False)
     model = replace(found.model, uncertainty=_covariance(found))
     before = {"train": errors(declared, samples, train), "holdout": errors(declared, samples, holdout)}
@@ -188,31 +187,6 @@ def diagnose(
         measured, declared, model, tuple(effects), document, side, samples, tuple(train), tuple(holdout),
         found,
     )  # fmt: skip
-
-
-def _metered(measured: MeasuredSet) -> MeasuredSet:
-    """Leave out the runs without any meter reading."""
-    runs = tuple(run for run in measured.runs if len(run.power))
-    less = len(measured.runs) - len(runs)
-    if not less:
-        return measured
-    remark = f"{less} run(s) without a reading of the meter left out"
-    return replace(measured, runs=runs, remarks=(*measured.remarks, remark))
-
-
-def _on_time(measured: MeasuredSet, late: float) -> MeasuredSet:
-    """Move the meter's readings, which are `late` [s] against the positions; instants beyond these are left out."""
-    runs = []
-    for run in measured.runs:
-        time = run.power_time - late
-        kept = (run.window > 0) | ((time >= run.time[0]) & (time <= run.time[-1]))
-        moved = replace(run, power_time=time[kept], power=run.power[kept], window=run.window[kept])
-        runs.append(moved if kept.any() else run)
-    remark = (
-        f"The meter's readings are {1e3 * abs(late):.2g} ms {'late' if late > 0 else 'early'} against the positions, "
-        "no more than their sampling and smoothing leave open: moved by this time, and no property of the meter."
-    )
-    return replace(measured, runs=tuple(runs), remarks=(*measured.remarks, remark))
 
 
 def explained_share(before: dict[str, Any], after: dict[str, Any], floor: float) -> float:

@@ -114,22 +114,13 @@ class World:
             raise Stopped
 
     @classmethod
-    def of(
-        cls,
-        samples: Samples,
-        declared: PowerModel,
-        scale: Scale,
-        links: Links,
-        noise: Noise,
-        given: tuple[str, ...] = (),
-        stopped: Callable[[], bool] = lambda: False,
-    ) -> World:
+    def of(cls, samples: Samples, declared: PowerModel, scale: Scale, links: Links, noise: Noise) -> World:
         """The samples with what all fits share: levels of runs, model errors of repeated motions, and the noise."""
         offsets = np.zeros((len(samples.power), len(samples.parts)))
         for r, part in enumerate(samples.parts):
             offsets[part, r] = 1.0
         shared = shared_functions(samples)
-        return cls(samples, declared, scale, links, whitener(samples, noise, shared), offsets, shared, given, stopped)
+        return cls(samples, declared, scale, links, whitener(samples, noise, shared), offsets, shared)
 
     def before(self, nuisance: Nuisance) -> np.ndarray:
         """Prior precision (c, c) of link amounts and run levels; computed once for each nuisance."""

@@ -30,7 +30,7 @@ from energy_opt.numerics.bspline import greville
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 
-INTERVALS = 200
+INTERVALS = 200  # of the grid
 ROUNDS = 8
 CHECKS_PER_INTERVAL = 5
 GAIN = 1e-3  # relative: smaller gains of a minimum time end the iteration
@@ -41,20 +41,17 @@ def fastest(
     model: PowerModel,
     path: JointPath,
     *,
-    grid: int | np.ndarray = INTERVALS,
     start_speed: float = 0.0,
     end_speed: float = 0.0,
     limits: Sequence[Limit] | None = None,
-    jerk: bool = True,
 ) -> Timing:
     """The fastest timing within limits (torque with every torque effect of `model`).
 
     TOPP-RA supports limits that are linear in path acceleration and squared speed, or that a tangent replaces. If the
-    result breaks others, such as jerk (ignored if `jerk` is False), coarser grids, which switch more gently, and even
-    slowing are tried, and the fastest valid timing is returned.
+    result breaks others, such as jerk, coarser grids, which switch more gently, and even slowing are tried, and the
+    fastest valid timing is returned.
 
     Args:
-        grid: number of grid intervals, or the knots of the timing (grid points lie between them and at both ends).
         start_speed, end_speed: path speed at both ends, 1/s.
         limits: in place of the robot's own.
 
@@ -63,9 +60,7 @@ def fastest(
             gave up.
     """
     held = joint_limits(robot.limits) if limits is None else tuple(limits)
-    if not jerk:
-        held = tuple(limit for limit in held if limit.order != 3)
-    knots = np.linspace(0, 1, grid) if isinstance(grid, int) else np.asarray(grid, dtype=float)
+    knots = np.linspace(0, 1, INTERVALS)  # of the timing; grid points lie between them and at both ends
     count = CHECKS_PER_INTERVAL * (len(knots) - 1) + 1
     dense = PathDynamics(robot, model, path, points_of(path, count))
     check_path(held, dense)

@@ -135,7 +135,7 @@ def is_beyond_bounds(f: Fit, claim: Claim) -> bool:
     pull = f.jacobian.T @ f.world.whiten(f.residual) - f.precision @ (f.theta - f.mean)
     fixed = np.zeros(len(f.theta), dtype=bool)
     fixed[: f.count] = np.concatenate([_at_bounds(c, z) for c, z in zip(f.charts, f.numbers, strict=True)])
-    own, first = f.charts[k], sum(map(len, f.numbers[:k]))
+    own, first = f.charts[k], f.places[k].start
     for i in np.flatnonzero(fixed[first : first + len(own.lower)]):
         loose = np.append(np.flatnonzero(~fixed), first + i)
         variance = float(np.linalg.inv(f.hessian[np.ix_(loose, loose)])[-1, -1])

@@ -209,17 +209,16 @@ def _attributions(found: Inference, joints: tuple[str, ...]) -> list[Attribution
 
 def _covariance(found: Inference) -> Uncertainty | None:
     """Parameter covariance of the written model, and the other models that explain the data equally well."""
-    f, model, at = found.accepted, found.model, 0
+    f, model = found.accepted, found.model
     names: list[str] = []
     slopes = []
-    for c, z in zip(f.charts, f.numbers, strict=True):
+    for c, z, place in zip(f.charts, f.numbers, f.places, strict=True):
         effect = model.get(c.term.name)
         assert effect is not None
         names += [f"{effect.name}.{p.name}.{k}" for p in effect.parameters for k in range(effect.values[p.name].size)]
         block = np.zeros((c.values(z).size, f.count))
-        block[:, at : at + len(z)] = c.slope(z)
+        block[:, place] = c.slope(z)
         slopes.append(block)
-        at += len(z)
     others = tuple(r.full_model(links=False) for r in found.rivals[1:])
     if not slopes:
         return Uncertainty((), np.zeros((0, 0)), others) if others else None

@@ -19,6 +19,7 @@ from energy_opt.measured import MeasuredSet
 from energy_opt.power import PowerModel
 
 STUDENT = 1.96
+SHOWN = 15  # most hypotheses in diagnosis.json
 
 
 @dataclass(frozen=True)
@@ -134,8 +135,8 @@ def nuisance_of(found: Inference) -> list[str]:
     return out
 
 
-def evidence_records(found: Inference, most: int = 15) -> list[dict[str, Any]]:
-    """Records of the fitted hypotheses, likeliest first: their additions, and the logarithm of their odds."""
+def evidence_records(found: Inference) -> list[dict[str, Any]]:
+    """Records of the likeliest fitted hypotheses: their additions, and the logarithm of their odds."""
     base = found.search.score(found.root)
     records = [
         {
@@ -147,7 +148,7 @@ def evidence_records(found: Inference, most: int = 15) -> list[dict[str, Any]]:
         }
         for f in found.search.fits.values()
     ]
-    return sorted(records, key=lambda row: -float(row["score"]))[:most]  # type: ignore[arg-type]
+    return sorted(records, key=lambda row: -float(row["score"]))[:SHOWN]  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, repr=False)

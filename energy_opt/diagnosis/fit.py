@@ -199,6 +199,12 @@ class Fit:
         return np.concatenate([*self.numbers, self.weights, self.amounts, self.levels])
 
     @property
+    def places(self) -> list[slice]:
+        """Where the numbers of each effect are in theta."""
+        ends = np.cumsum([0, *map(len, self.numbers)]).tolist()
+        return list(map(slice, ends, ends[1:]))
+
+    @property
     def covariance(self) -> np.ndarray:
         """Posterior covariance (P, P) of theta."""
         return np.linalg.inv(self.hessian) if self.spread is None else self.spread
@@ -206,9 +212,8 @@ class Fit:
     @property
     def deviations(self) -> list[np.ndarray]:
         """Posterior standard deviations of every effect's values, ordered as in `Chart.values`."""
-        cuts = np.cumsum([0, *map(len, self.numbers)]).tolist()
         spread, out = self.covariance, []
-        for c, z, part in zip(self.charts, self.numbers, map(slice, cuts, cuts[1:]), strict=False):
+        for c, z, part in zip(self.charts, self.numbers, self.places, strict=True):
             slope = c.slope(z)
             out.append(np.sqrt(np.maximum(np.einsum("pi,ij,pj->p", slope, spread[part, part], slope), 0.0)))
         return out

@@ -62,14 +62,11 @@ def friction_of(f: Fit, joint: int, speed: float) -> tuple[float, float] | None:
     n = f.world.samples.n
     value = float(friction_torque(f.model, n)(np.array([speed]), joint)[0])
     slope = np.zeros(len(f.theta))
-    at = 0
     found = False
-    for c, z in zip(f.charts, f.numbers, strict=True):
+    for c, z, place in zip(f.charts, f.numbers, f.places, strict=True):
         if issubclass(c.term.kind, TorqueEffect) and c.term.kind.dissipates:
             found = True
-            for k in range(len(z)):
-                slope[at + k] = _slope(f, c, z, k, joint, speed, value)
-        at += len(z)
+            slope[place] = [_slope(f, c, z, k, joint, speed, value) for k in range(len(z))]
     if not found:
         return None
     return value, float(np.sqrt(max(slope @ f.covariance @ slope, 0.0)))

@@ -85,19 +85,16 @@ class Search:
 
     def own(self, f: Fit) -> list[Block]:
         """Blocks of a fit's own effects and free functions."""
-        blocks, at = [], 0
-        for k, (c, z) in enumerate(zip(f.charts, f.numbers, strict=True)):
-            white = f.jacobian[:, at : at + len(z)]
+        blocks, jacobian = [], f.jacobian
+        for k, (c, z, place) in enumerate(zip(f.charts, f.numbers, f.places, strict=True)):
             odds = odds_of(c.term, self.variants.get(c.term.name, 1))
             o = c.origin
             known = c.mean - o, np.minimum(c.lower - o, 0.0), np.maximum(c.upper - o, 0.0)
-            blocks.append(Block(c.term.name, white, c.precision, *known, odds, k, z - o))
-            at += len(z)
-        for k, g in enumerate(f.free):
-            count = g.columns.shape[1]
-            own = f.weights[sum(x.columns.shape[1] for x in f.free[:k]) :][:count]
-            blocks.append(free_block(g, f.jacobian[:, at : at + count], -own, len(f.charts) + k))
-            at += count
+            blocks.append(Block(c.term.name, jacobian[:, place], c.precision, *known, odds, k, z - o))
+        cuts = np.cumsum([g.columns.shape[1] for g in f.free])[:-1]
+        whites = np.split(jacobian[:, f.count : f.count + len(f.weights)], cuts, axis=1)
+        for k, (g, white, own) in enumerate(zip(f.free, whites, np.split(f.weights, cuts), strict=False)):
+            blocks.append(free_block(g, white, -own, len(f.charts) + k))
         return blocks
 
     def _bank(self, f: Fit) -> Bank:

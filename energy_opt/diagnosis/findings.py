@@ -63,8 +63,8 @@ def findings_of(found: Inference) -> list[Finding]:
     explained = max(size(declared) - here, 1e-9)
     records = []
     for c, deviation in zip(f.charts, f.deviations, strict=True):
-        claim = next((x for x in found.claims if c.term.name not in x.without.names), None)
-        if c.term.name in f.world.given or claim is None:
+        claim = next((x for x in found.claims if x.name == c.term.name), None)
+        if claim is None:
             continue
         effect = f.model.get(c.term.name)
         assert effect is not None

@@ -181,7 +181,7 @@ def _judged(found: Search, best: Fit, noise: Noise, nothing: Fit, judge: Judge, 
     misspecified = odd or imitated or misfit
     if accepted.free:
         accepted = plain_fit(found, accepted)
-        claims = tuple(Claim(c.odds, plain_fit(found, c.without)) for c in claims)
+        claims = tuple(replace(c, without=plain_fit(found, c.without)) for c in claims)
     if claims:
         reach = RIVAL + RIVAL_DETAIL * max(c.odds for c in claims)
         rivals = alternatives(found, accepted, RIVAL + reach)  # held-out motions may change the likeliest set
@@ -323,7 +323,7 @@ def _borne_out(
     while claims and not blind:
         other = next((c for c in claims if any(no(accepted, c) for no in NO_CLAIM)), None)
         if other is None and shaped and (k := shaped_otherwise(found, accepted)) is not None:
-            other = next((c for c in claims if accepted.names[k] not in c.without.names), None)
+            other = next((c for c in claims if c.name == accepted.names[k]), None)
         if other is not None:
             accepted, claims = claimed(found, other.without)
             continue

@@ -121,7 +121,7 @@ def retime(
     if shortest is None:
         shortest = fastest(robot, model, path, limits=held, start_speed=path.start_speed, end_speed=path.end_speed)
     if not path.moves:
-        return _hold_pose(robot, model, path, duration, shortest)
+        return _hold_pose(robot, model, duration, shortest)
     work = Retiming(robot, model, shortest, held)
     wanted = duration if duration is not None else max_duration
     start = shortest
@@ -293,12 +293,10 @@ def _solution(work: Retiming, plan: _Plan, shortest: Timing) -> RetimeSolution:
     )
 
 
-def _hold_pose(
-    robot: Robot, model: PowerModel, path: JointPath, duration: float | None, shortest: Timing
-) -> RetimeSolution:
+def _hold_pose(robot: Robot, model: PowerModel, duration: float | None, shortest: Timing) -> RetimeSolution:
     """A move of no length: the arm holds its pose for the duration asked for."""
     timing = shortest if duration is None else shortest.slowed(duration)
-    energy = standing_power(robot, model, path) * timing.duration
+    energy = standing_power(robot, model, timing.path) * timing.duration
     s = np.array([0.0, 1.0])
     trajectory = timing.trajectory(robot.joints)
     message = "start and goal coincide"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
@@ -10,17 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.diagnosis.claims import written
 from energy_opt.diagnosis.clusters import excited, split
 from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.errors import errors
-from energy_opt.diagnosis.evidence import drift_of
-from energy_opt.diagnosis.findings import Result, evidence_records, findings_of, nuisance_of
+from energy_opt.diagnosis.findings import Finding, Result, evidence_records, findings_of, nuisance_of
 from energy_opt.diagnosis.joint_report import friction_findings, prior_of, side_records, side_remarks, wrong_units
 from energy_opt.diagnosis.joint_side import free_runs, joint_side, push_words, pushes
 from energy_opt.diagnosis.recordings import on_time, prepared, take_samples
 from energy_opt.diagnosis.residual import Attribution, goes_with, mode_words, modes_of
-from energy_opt.diagnosis.usable import foreseen
+from energy_opt.diagnosis.usable import foreseen_by
 from energy_opt.diagnosis.verdict import Inference, infer, plain_fit
 from energy_opt.diagnosis.words import UNRECORDED, headline, joints_headline, next_step, remarks, speeds_seen, summary
 from energy_opt.effects import LinkInertia, Payload, effect_class
@@ -127,15 +125,7 @@ def diagnose(
     if rejected:
         found, model, after = replace(found, model=declared, after=found.before), declared, before
     effects, left = findings_of(found), _attributions(found, joints)
-    # if the residual is more than noise, it may affect errors of energy, levels and the estimated noise
-    noise = None if found.verdict in ("partly", "unexplained") else found.noise
-    best, drift = found.best, drift_of(found.best, samples, centred=True)
-    offset = float(np.hypot(best.nuisance.offset, best.nuisance.drift))
-    ahead = foreseen(model, samples, noise, drift, offset, found.accepted, best, [written(f) for f in found.rivals[1:]])
-    if found.misspecified and found.verdict != "nothing_missing":
-        ahead = replace(ahead, reason=ahead.reason or "a law is present that is not among the effects")
-    if found.idle:
-        ahead = replace(ahead, reason=ahead.reason or f"{joints[found.idle[0]]} hardly moves in the set")
+    ahead = foreseen_by(found, model, samples, joints)
     floor = found.after.noise
     records = side_records(side, found.accepted if enough else None)
     modes = modes_of(model, samples)
@@ -143,7 +133,7 @@ def diagnose(
         "verdict": found.verdict or None,
         "interrupted": stopped(),
         "headline": "",
-        "effects": [x.document() for x in effects],
+        **_entries(measured, model, effects, records),
         # without effects that were free from the start; a fit without others explains the data by its links
         "alternatives": [[x for x in f.names if x not in given] or [LinkInertia.name] for f in found.rivals]
         if len(found.rivals) > 1
@@ -160,16 +150,10 @@ def diagnose(
         "noise": vars(found.noise),
         "split": {"train": [samples.files[r] for r in train], "holdout": [samples.files[r] for r in holdout]},
         "declared_effects": [e.name for e in declared.effects],
-        "model_effects": [e.name for e in model.effects],
         "fitted": list(given),
-        "joint_side": records,
-        "next_motion": None,
-        "worth": None,
         "modes": [vars(mode) for mode in modes],
         "remarks": [*remarks(found, measured, declared), *mode_words(modes)],
         "evidence": evidence_records(found),
-        "robot": measured.robot.name,
-        "joints": list(joints),
     }
     if samples.group > 1:
         document["remarks"].append(
@@ -187,6 +171,21 @@ def diagnose(
         measured, declared, model, tuple(effects), document, side, samples, tuple(train), tuple(holdout),
         found,
     )  # fmt: skip
+
+
+def _entries(
+    measured: MeasuredSet, model: PowerModel, effects: Sequence[Finding], records: list[dict[str, Any]]
+) -> dict[str, Any]:
+    """Entries of diagnosis.json that sets with and without a meter have in common."""
+    return {
+        "effects": [x.document() for x in effects],
+        "model_effects": [e.name for e in model.effects],
+        "joint_side": records,
+        "next_motion": None,
+        "worth": None,
+        "robot": measured.robot.name,
+        "joints": list(measured.robot.joints),
+    }
 
 
 def explained_share(before: dict[str, Any], after: dict[str, Any], floor: float) -> float:
@@ -253,7 +252,7 @@ def _of_joints(measured: MeasuredSet, declared: PowerModel) -> Diagnosis:
     document: dict[str, Any] = {
         "verdict": "insufficient",
         "headline": joints_headline([x.name for x in effects], side.unit),
-        "effects": [x.document() for x in effects],
+        **_entries(measured, model, effects, records),
         "alternatives": [],
         "nuisance": ["link_inertia"],
         "explained_share": None,
@@ -263,16 +262,10 @@ def _of_joints(measured: MeasuredSet, declared: PowerModel) -> Diagnosis:
         "error": {"before": nothing, "after": nothing, "noise_floor": None},
         "noise_floor": None,
         "split": {"train": [r.file for r in kept.runs], "holdout": []},
-        "model_effects": [e.name for e in model.effects],
-        "joint_side": records,
-        "next_motion": None,
-        "worth": None,
         "remarks": [
             *measured.remarks, *push_words(found, enough), *side_remarks(side, records), *said,
             "No meter: the model's other effects are as declared or borrowed, not measured.",
         ],
-        "robot": measured.robot.name,
-        "joints": list(measured.robot.joints),
         "next_step": "Next: record the power (a meter's file, or supply voltage and current) beside such motions.",
     }  # fmt: skip
     return Diagnosis(measured, declared, model, tuple(effects), document, side)

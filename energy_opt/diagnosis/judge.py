@@ -50,7 +50,8 @@ class Judge:
         """True if no standstill shows the noise: several are equally plausible."""
         return len(self.plausible) > 1 and self.plausible[0][0] == self.plausible[-1][0]
 
-    def under_most_noise(self) -> Judge:
+    @cached_property
+    def loud(self) -> Judge:
         """The same judge under the largest plausible noise."""
         return Judge(self.held, ((0.0, self.most),), self.most, self.drifts)
 

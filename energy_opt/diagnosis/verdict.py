@@ -175,7 +175,7 @@ def _judged(found: Search, best: Fit, noise: Noise, nothing: Fit, judge: Judge, 
     odd = bool(claims and structures(found, accepted)) or any(g.signal != "time" for g in accepted.free)
     unknown = odd or bool(accepted.free) or judge.of(accepted).ratio >= NOISE
     imitated = found.score(sure) - found.score(accepted) > CLAIM  # not confirmed by held-out motions
-    loud = judge.under_most_noise()
+    loud = judge.loud
     most = loud.of(accepted)  # if the noise is larger than estimated, it is larger at rest, too
     misfit = most.motion / most.noise_motion >= NOISE * max(1.0, most.rest / most.noise_rest)
     misspecified = odd or imitated or misfit
@@ -319,7 +319,6 @@ def _borne_out(
     """
     moving = sum(accepted.world.samples.kinds[g[0]] == "motion" for g in clusters(accepted.world.samples))
     blind = judge.held is None and moving < FEWEST  # too few motions to leave one out
-    loud = judge.under_most_noise()
     while claims and not blind:
         other = next((c for c in claims if any(no(accepted, c) for no in NO_CLAIM)), None)
         if other is None and shaped and (k := shaped_otherwise(found, accepted)) is not None:
@@ -328,8 +327,8 @@ def _borne_out(
             accepted, claims = claimed(found, other.without)
             continue
         plain, start = plain_fit(found, accepted), root(found.world, accepted.nuisance)
-        noisy = (loud if judge.unseen else judge).of(plain).ratio >= NOISE
-        if noisy and not mostly_explained(loud.of(start), loud.of(plain), bool(accepted.free)):
+        noisy = (judge.loud if judge.unseen else judge).of(plain).ratio >= NOISE
+        if noisy and not mostly_explained(judge.loud.of(start), judge.loud.of(plain), bool(accepted.free)):
             return only(found, accepted), ()
         whole = BESIDE * float(np.sum(judge.gains(plain, only(found, plain)))) if noisy else 0.0
         fewer = [plain_fit(found, c.without) for c in claims]

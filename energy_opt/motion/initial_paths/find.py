@@ -22,7 +22,6 @@ FIRST = 20_000  # most poses that each attempt may check: a second or two
 # [rad] edge lengths of the planner's trees, in turn: short ones leave a cage sooner, long ones are faster otherwise
 EDGES = (1.0, 2.5)
 FURTHER = 10_000  # the same for each attempt at a further path
-TRIES = 150  # shortcuts to try on a path
 SAME = 0.15  # [rad] paths that differ by less at all inner places are the same
 ROUNDS = 40  # most times that corners are tightened before a path is given up
 
@@ -194,7 +193,7 @@ def _rounded_path(
 ) -> InitialPath | None:
     """The bent line shortened, its corners rounded as far as the proof allows; None if it cannot be proven."""
     points = without_needless(points, search.proven_line)
-    points = shortened(points, search.proven_line, ends.velocity, seed, TRIES)
+    points = shortened(points, search.proven_line, ends.velocity, seed)
     points = without_needless(merged(points, search.proven_line), search.proven_line)
     rounding = Rounding(points)
     for _ in range(ROUNDS):

@@ -11,10 +11,10 @@ import numpy as np
 from energy_opt.errors import BadInput
 from energy_opt.measured.columns import ARM_POWER, ByHand, given_names, named_unit, understood
 from energy_opt.measured.joint_units import joint_units, units_in_words, without_foreign
-from energy_opt.measured.joints import stamp_factor
 from energy_opt.measured.meter_names import alternating, energy_column, power_column, product_columns, robots_own
 from energy_opt.measured.names import UNITS, cut, joint_columns, time_columns
 from energy_opt.measured.plausible import are_degrees
+from energy_opt.measured.stamps import stamp_factor
 from energy_opt.measured.table import Table
 from energy_opt.power.known import by_name
 from energy_opt.robot import Robot, known_robots

@@ -142,7 +142,7 @@ def take_samples(measured: MeasuredSet) -> tuple[Samples, Smoothing]:
     first = min(float(run.start + run.time[0]) for run in measured.runs)
     noise = meter_noise([reading for _, reading, _, _ in taken])
     single = [(run.start + run.power_time - first, run.power) for run in measured.runs]
-    group = group_size(sum(len(power) for _, (_, power), _, _ in taken))
+    group = -(-sum(len(power) for _, (_, power), _, _ in taken) // MOST_READINGS)  # so that at most so many remain
     if group > 1:
         windows = [run.window.any() for run in measured.runs]
         taken = [_grouped(run, group) for run in taken]
@@ -209,11 +209,16 @@ def _windows(run: Run, smoothing: Smoothing) -> Taken:
 
 def _grouped(taken: Taken, group: int) -> Taken:
     """Neighbouring readings averaged; the nodes stay. A run of fewer than `group` readings is not changed."""
+    from scipy.sparse import csr_matrix
+
     motion, (at, power), op, count = taken
     if len(power) < group:
         return taken
-    mean, through = averaged(len(power), group, _bin_matrix(len(power), count) if op is None else op)
-    return motion, (mean @ at, mean @ power), through, 1
+    whole = len(power) // group
+    index = np.arange(whole * group)
+    mean = csr_matrix((np.full(len(index), 1 / group), (index // group, index)), shape=(whole, len(power)))
+    through = mean @ (_bin_matrix(len(power), count) if op is None else op)  # from the nodes to the means
+    return motion, (mean @ at, mean @ power), through.tocsr(), 1
 
 
 def _motion(run: Run, time: np.ndarray, smoothing: Smoothing) -> tuple[np.ndarray, ...]:
@@ -257,22 +262,3 @@ def _bin_matrix(readings: int, count: int) -> csr_matrix:
 def per_bin(run: Run) -> int:
     """Number of a run's meter readings per sample."""
     return max(1, int(BIN / float(np.median(np.diff(run.power_time))) + 0.5)) if len(run.power) > 1 else 1
-
-
-def group_size(readings: int) -> int:
-    """Number of neighbouring readings to average, so that at most `MOST_READINGS` remain."""
-    return -(-readings // MOST_READINGS)
-
-
-def averaged(count: int, group: int, inner: csr_matrix) -> tuple[csr_matrix, csr_matrix]:
-    """Matrices from `count` readings to means of `group` neighbours, and from the nodes to these means.
-
-    Args:
-        inner: (count, K), from the nodes to the readings.
-    """
-    from scipy.sparse import csr_matrix
-
-    whole = count // group
-    index = np.arange(whole * group)
-    mean = csr_matrix((np.full(len(index), 1 / group), (index // group, index)), shape=(whole, count))
-    return mean, (mean @ inner).tocsr()

@@ -16,7 +16,6 @@ from energy_opt.effects import Effect, LinkInertia, MeterEffect, RunOffset, Stor
 
 # effects that every hypothesis includes; they are never reported as a cause
 ALLOWED_FOR = (LinkInertia.name, RunOffset.name)
-MOST_SHAPES = 6  # most starting values of an effect's shape parameters that are tried
 
 
 @dataclass(frozen=True)
@@ -73,7 +72,7 @@ def _variants(kind: type[Effect], s: Samples) -> list[Term]:
     for words in kind.offered(recorded(s)):
         neutral = kind.neutral(n, **words).full(n)
         options = tuple(f"{key}={word}" for key, word in sorted(words.items()))
-        for trial in list(product(*tried))[:MOST_SHAPES]:
+        for trial in product(*tried):
             value = dict(zip((p.name for p in kind.parameters), trial, strict=True))
             tries = [value[p.name] for p, _, _ in entries(kind, n, len(neutral))]
             given = [x if at is None else at for x, at in zip(neutral, tries, strict=True)]

@@ -35,8 +35,9 @@ WIDE_ENOUGH = 1.1  # priors stay if the numbers ask for less than this multiple 
 
 @dataclass(frozen=True)
 class Claim:
-    """A claimed effect: logarithm of its odds, and the fit without it."""
+    """A claimed effect: its name, the logarithm of its odds, and the fit without it."""
 
+    name: str
     odds: float
     without: Fit
 
@@ -68,7 +69,7 @@ def claimed(found: Search, best: Fit) -> tuple[Fit, tuple[Claim, ...]]:
             if c.term.name in found.world.given:
                 continue
             less = without(found, best, k)
-            claim = Claim(_profiled(found, best) - _profiled(found, less), less)
+            claim = Claim(c.term.name, _profiled(found, best) - _profiled(found, less), less)
             no_drift = warms(c.term.kind) and drifts_most(less) and not is_a_line(best, claim)
             claims.append(claim)
             spare.append(claim.odds - (RIVAL if no_drift else CLAIM))
@@ -90,8 +91,8 @@ def is_a_step(f: Fit, claim: Claim) -> bool:
     The same holds for a filter with an opposite delay: together they smooth without a lag, as the positions are
     smoothed.
     """
-    name, lags = next(n for n in f.names if n not in claim.without.names), _lags(f.model, f.world.samples.n)
-    return name in lags and min(abs(lags[name]), abs(sum(lags.values()))) <= LAGS * f.world.samples.lag
+    lags = _lags(f.model, f.world.samples.n)
+    return claim.name in lags and min(abs(lags[claim.name]), abs(sum(lags.values()))) <= LAGS * f.world.samples.lag
 
 
 def clock_error(f: Fit) -> float:
@@ -111,14 +112,13 @@ def _lags(model: PowerModel, n: int) -> dict[str, float]:
 
 def is_a_line(f: Fit, claim: Claim) -> bool:
     """True if the claim is a change of level whose time constant may exceed the set's duration: meter drift."""
-    k = next(k for k, name in enumerate(f.names) if name not in claim.without.names)
-    effect, samples = f.model.get(f.names[k]), f.world.samples
+    effect, samples = f.model.get(claim.name), f.world.samples
     if effect is None or not warms(type(effect)):
         return False
     f = widened(f)  # a prior that is too narrow for the level limits its time constant, too
     effect = f.model.get(effect.name) or effect
     units = [p.unit for p in effect.parameters for _ in range(p.count(samples.n, effect.extents))]
-    longest = effect.full(samples.n) + SURE * f.deviations[k]
+    longest = effect.full(samples.n) + SURE * f.deviations[f.names.index(claim.name)]
     return any(x > float(np.ptp(samples.t)) for x, unit in zip(longest, units, strict=True) if unit == "s")
 
 
@@ -128,14 +128,14 @@ def is_beyond_bounds(f: Fit, claim: Claim) -> bool:
     Another law is then the cause. The test: beyond the bound, the log likelihood would be larger by more than `RIVAL`,
     and `DETAIL` of the claim's log odds, which a law that is right loses by the errors of the others.
     """
-    k = next(k for k, name in enumerate(f.names) if name not in claim.without.names)
+    k = f.names.index(claim.name)
     if not _at_bounds(f.charts[k], f.numbers[k]).any():
         return False
     f = widened(f)
     pull = f.jacobian.T @ f.world.whiten(f.residual) - f.precision @ (f.theta - f.mean)
     fixed = np.zeros(len(f.theta), dtype=bool)
     fixed[: f.count] = np.concatenate([_at_bounds(c, z) for c, z in zip(f.charts, f.numbers, strict=True)])
-    own, first = f.charts[k], sum(map(len, f.numbers[:k]))
+    own, first = f.charts[k], f.places[k].start
     for i in np.flatnonzero(fixed[first : first + len(own.lower)]):
         loose = np.append(np.flatnonzero(~fixed), first + i)
         variance = float(np.linalg.inv(f.hessian[np.ix_(loose, loose)])[-1, -1])
@@ -160,15 +160,14 @@ def only(found: Search, f: Fit, names: Collection[str] = ()) -> Fit:
 
 def _profiled(found: Search, f: Fit) -> float:
     """Score of a hypothesis under the noise that suits it best: its residual may be correlated noise, or misfit."""
-    key = id(f)
-    if key not in found.profiled:
+    if f.token not in found.profiled:
         own = noise_of(f)
         value = found.score(f)
         if not alike(own, f.world.whiten.noise):
             other = Search(f.world.under(own), variants=found.variants)
             value = max(value, other.score(moved(f, other.world)))
-        found.profiled[key] = value
-    return found.profiled[key]
+        found.profiled[f.token] = value
+    return found.profiled[f.token]
 
 
 def structures(found: Search, f: Fit) -> list[int]:

@@ -1,21 +1,14 @@
-"""Distinct motions: repeats of one motion are one cluster, and stay together in every split.
-
-Also here: which joints move, shortening of sets that are too long to fit, cutting of recordings if too few to hold one
-out, and leaving out runs whose power is damaged.
-"""
+"""Distinct motions: repeats of one motion are one cluster, and stay together in every split; which joints move."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from energy_opt.diagnosis.data import Samples
-from energy_opt.diagnosis.noise import Shared, meter_noise
-from energy_opt.diagnosis.recordings import per_bin
-from energy_opt.measured import MeasuredSet, Run
-from energy_opt.measured.run import cut_at_standstill, nodes, pieces
+from energy_opt.diagnosis.noise import Shared
+from energy_opt.diagnosis.recordings import FEWEST
 from energy_opt.robot import Limits
 
 MOVES = 0.03  # [rad/s] a joint that never exceeds this speed does not move
@@ -25,14 +18,7 @@ SAME = 0.05  # [`Samples.unit`] runs whose paths differ by less at all points ar
 PACE = 0.1  # relative difference of durations up to which runs are repeats
 SHARE = 0.25  # share of the motions of each kind that is held out
 DRAWS = 100  # number of random selections of held-out motions
-FEWEST = 3  # least motions of a kind for holding one out
-BY_TIME = 4  # pieces into which a recording without standstills is cut
 KNOTS, MOST_KNOTS = 0.3, 40  # [s] distance of the knots of a motion's discrepancy function; most knots
-MOST_NODES = 40_000  # most nodes at which models are evaluated: twenty minutes of a fast meter
-FEW_RUNS = 8  # least runs to keep if runs are left out; otherwise each run is cut short
-COMPARED = 4  # least runs of a kind to compare their scatter
-# scatter from reading to reading of a damaged run, over the median of such runs; and over the level of the power
-SCATTER, WILD = 20.0, 0.1
 
 
 def clusters(samples: Samples) -> list[list[int]]:
@@ -124,76 +110,3 @@ def shared_functions(samples: Samples) -> Shared:
             columns[part, :count] = np.maximum(0.0, 1 - np.abs(phase[:, None] * (count - 1) - np.arange(count)))
         motions.append((samples_of(samples, group), count))
     return Shared(columns[:, : max((count for _, count in motions), default=0)], tuple(motions))
-
-
-def parted(measured: MeasuredSet) -> MeasuredSet:
-    """Cut recordings at standstills, else by time, if the set has too few motions to hold one out."""
-    moving = [r for r in measured.runs if r.kind == "motion"]
-    if not 0 < len(moving) < FEWEST or any(r.meter == "total" for r in moving):
-        return measured
-    for cut, how in ((cut_at_standstill, "where the arm stands still"), (_by_time, "by time")):
-        runs = tuple(piece for run in measured.runs for piece in (cut(run) if run.kind == "motion" else [run]))
-        if sum(run.kind == "motion" for run in runs) >= FEWEST:
-            remark = f"{len(moving)} recording(s) cut {how}, so that some motions can be held out."
-            return replace(measured, runs=runs, remarks=(*measured.remarks, remark))
-    return measured
-
-
-def without_scattering(measured: MeasuredSet) -> MeasuredSet:
-    """Leave out runs whose power scatters far more than in the other runs: the meter's column is damaged there.
-
-    Errors of damaged readings exceed all else, so that one such run hides every cause. Runs are compared with those of
-    the same kind, as the power in motion is less smooth than at rest.
-    """
-    level = float(np.median(np.abs(np.concatenate([run.power for run in measured.runs]))))
-    bad = set()
-    for kind in ("motion", "static"):
-        alike = [run for run in measured.runs if run.kind == kind]
-        if len(alike) < COMPARED:
-            continue
-        scatter = [meter_noise([(run.power_time, run.power)]) for run in alike]
-        most = max(SCATTER * float(np.median(scatter)), WILD * level)
-        bad |= {run.file for run, own in zip(alike, scatter, strict=True) if own > most}
-    if not bad:
-        return measured
-    remark = (
-        f"Left out, as the power scatters more than {SCATTER:.0f} times as much as in the other runs: "
-        f"{', '.join(sorted(bad))}. Are these readings damaged?"
-    )
-    runs = tuple(run for run in measured.runs if run.file not in bad)
-    return replace(measured, runs=runs, remarks=(*measured.remarks, remark))
-
-
-def _by_time(run: Run) -> list[Run]:
-    """Cut a recording into `BY_TIME` pieces of the same length."""
-    edges = np.linspace(0, len(run.time) - 1, BY_TIME + 1).astype(int)
-    return pieces(run, list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)))
-
-
-def shortened(measured: MeasuredSet) -> MeasuredSet:
-    """Reduce a set to `MOST_NODES`: leave out runs evenly, or cut the ends of a few long ones; add a remark."""
-    counts = [len(nodes(r)) if r.window.any() else len(r.power) // per_bin(r) for r in measured.runs]
-    share = MOST_NODES / max(sum(counts), 1)
-    if share >= 1:
-        return measured
-    runs = measured.runs
-    if share * len(runs) >= FEW_RUNS:
-        kept = tuple(r for k, r in enumerate(runs) if int((k + 1) * share) > int(k * share))
-        how = f"{len(kept)} of {len(runs)} runs, spread evenly, are used"
-    else:
-        kept = tuple(_first(run, share) for run in runs)
-        how = f"the first {100 * share:.0f} % of each run are used"
-    remark = f"The set is longer than {MOST_NODES} samples, the most that are fitted: {how}."
-    return replace(measured, runs=kept, remarks=(*measured.remarks, remark))
-
-
-def _first(run: Run, share: float) -> Run:
-    """The first `share` of a run's duration."""
-    end = run.time[0] + share * (run.time[-1] - run.time[0])
-    samples, read = run.time <= end, run.power_time <= end
-    signals = {name: values[samples] for name, values in run.joint_signals()}
-    index = run.lines[samples] if len(run.lines) == len(run.time) else run.lines
-    return replace(
-        run, time=run.time[samples], lines=index, power_time=run.power_time[read], power=run.power[read],
-        window=run.window[read], logged=run.logged_at(samples), **signals,
-    )  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
@@ -10,18 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.diagnosis.claims import written
-from energy_opt.diagnosis.clusters import excited, parted, shortened, split, without_scattering
+from energy_opt.diagnosis.clusters import excited, split
 from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.errors import errors
-from energy_opt.diagnosis.evidence import drift_of
-from energy_opt.diagnosis.findings import Result, evidence_records, findings_of, nuisance_of
+from energy_opt.diagnosis.findings import Finding, Result, evidence_records, findings_of, nuisance_of
 from energy_opt.diagnosis.joint_report import friction_findings, prior_of, side_records, side_remarks, wrong_units
 from energy_opt.diagnosis.joint_side import free_runs, joint_side, push_words, pushes
-from energy_opt.diagnosis.modes import mode_words, modes_of
-from energy_opt.diagnosis.recordings import take_samples
-from energy_opt.diagnosis.residual import Attribution, goes_with
-from energy_opt.diagnosis.usable import foreseen
+from energy_opt.diagnosis.recordings import on_time, prepared, take_samples
+from energy_opt.diagnosis.residual import Attribution, goes_with, mode_words, modes_of
+from energy_opt.diagnosis.usable import foreseen_by
 from energy_opt.diagnosis.verdict import Inference, infer, plain_fit
 from energy_opt.diagnosis.words import UNRECORDED, headline, joints_headline, next_step, remarks, speeds_seen, summary
 from energy_opt.effects import LinkInertia, Payload, effect_class
@@ -92,15 +89,15 @@ def diagnose(
     readings = np.concatenate([run.power for run in measured.runs])
     if len(readings) >= FEWEST and np.ptp(readings) == 0:
         raise BadInput(f"{measured.path}: the power is {readings[0]:g} W throughout; is the meter connected?")
-    measured = parted(shortened(without_scattering(_metered(measured))))
+    measured = prepared(measured)
     side = joint_side(measured, declared)
-    if wrong := wrong_units(side, measured.robot.joints, measured.robot.limits):
+    if side is not None and (wrong := wrong_units(side)):
         side, measured = None, replace(measured, remarks=(*measured.remarks, wrong))
     found_pushes = pushes(side, measured) if side is not None else []
     measured, enough = free_runs(measured, found_pushes)
     if found_pushes and enough:
         side = joint_side(measured, declared)
-    prior = prior_of(side, measured.robot.limits) if enough else {}
+    prior = prior_of(side) if enough else {}
     limits, joints = measured.robot.limits, measured.robot.joints
 
     def inferred(measured: MeasuredSet, clock: bool) -> tuple[Samples, list[int], list[int], Inference]:
@@ -117,7 +114,7 @@ def diagnose(
 
     samples, train, holdout, found = inferred(measured, True)
     if found.late:
-        measured = _on_time(measured, found.late)
+        measured = on_time(measured, found.late)
         samples, train, holdout, found = inferred(measured, False)
     model = replace(found.model, uncertainty=_covariance(found))
     before = {"train": errors(declared, samples, train), "holdout": errors(declared, samples, holdout)}
@@ -128,23 +125,15 @@ def diagnose(
     if rejected:
         found, model, after = replace(found, model=declared, after=found.before), declared, before
     effects, left = findings_of(found), _attributions(found, joints)
-    # if the residual is more than noise, it may affect errors of energy, levels and the estimated noise
-    noise = None if found.verdict in ("partly", "unexplained") else found.noise
-    best, drift = found.best, drift_of(found.best, samples, centred=True)
-    offset = float(np.hypot(best.nuisance.offset, best.nuisance.drift))
-    ahead = foreseen(model, samples, noise, drift, offset, found.accepted, best, [written(f) for f in found.rivals[1:]])
-    if found.misspecified and found.verdict != "nothing_missing":
-        ahead = replace(ahead, reason=ahead.reason or "a law is present that is not among the effects")
-    if found.idle:
-        ahead = replace(ahead, reason=ahead.reason or f"{joints[found.idle[0]]} hardly moves in the set")
+    ahead = foreseen_by(found, model, samples, joints)
     floor = found.after.noise
-    records = side_records(side, joints, limits, found.accepted if enough else None)
+    records = side_records(side, found.accepted if enough else None)
     modes = modes_of(model, samples)
     document: dict[str, Any] = {
         "verdict": found.verdict or None,
         "interrupted": stopped(),
         "headline": "",
-        "effects": [x.document() for x in effects],
+        **_entries(measured, model, effects, records),
         # without effects that were free from the start; a fit without others explains the data by its links
         "alternatives": [[x for x in f.names if x not in given] or [LinkInertia.name] for f in found.rivals]
         if len(found.rivals) > 1
@@ -161,16 +150,10 @@ def diagnose(
         "noise": vars(found.noise),
         "split": {"train": [samples.files[r] for r in train], "holdout": [samples.files[r] for r in holdout]},
         "declared_effects": [e.name for e in declared.effects],
-        "model_effects": [e.name for e in model.effects],
         "fitted": list(given),
-        "joint_side": records,
-        "next_motion": None,
-        "worth": None,
         "modes": [vars(mode) for mode in modes],
         "remarks": [*remarks(found, measured, declared), *mode_words(modes)],
         "evidence": evidence_records(found),
-        "robot": measured.robot.name,
-        "joints": list(joints),
     }
     if samples.group > 1:
         document["remarks"].append(
@@ -180,7 +163,7 @@ def diagnose(
         document["remarks"].append(
             "The fitted model predicts held-out motions worse than the declared one: model.toml holds the declared one."
         )
-    document["remarks"] += push_words(found_pushes, enough) + side_remarks(side, joints, limits, records)
+    document["remarks"] += push_words(found_pushes, enough) + side_remarks(side, records)
     document["remarks"] += speeds_seen(found, joints)
     document["headline"] = headline(document)
     document["next_step"] = next_step(document, found.follows)
@@ -190,29 +173,19 @@ def diagnose(
     )  # fmt: skip
 
 
-def _metered(measured: MeasuredSet) -> MeasuredSet:
-    """Leave out the runs without any meter reading."""
-    runs = tuple(run for run in measured.runs if len(run.power))
-    less = len(measured.runs) - len(runs)
-    if not less:
-        return measured
-    remark = f"{less} run(s) without a reading of the meter left out"
-    return replace(measured, runs=runs, remarks=(*measured.remarks, remark))
-
-
-def _on_time(measured: MeasuredSet, late: float) -> MeasuredSet:
-    """Move the meter's readings, which are `late` [s] against the positions; instants beyond these are left out."""
-    runs = []
-    for run in measured.runs:
-        time = run.power_time - late
-        kept = (run.window > 0) | ((time >= run.time[0]) & (time <= run.time[-1]))
-        moved = replace(run, power_time=time[kept], power=run.power[kept], window=run.window[kept])
-        runs.append(moved if kept.any() else run)
-    remark = (
-        f"The meter's readings are {1e3 * abs(late):.2g} ms {'late' if late > 0 else 'early'} against the positions, "
-        "no more than their sampling and smoothing leave open: moved by this time, and no property of the meter."
-    )
-    return replace(measured, runs=tuple(runs), remarks=(*measured.remarks, remark))
+def _entries(
+    measured: MeasuredSet, model: PowerModel, effects: Sequence[Finding], records: list[dict[str, Any]]
+) -> dict[str, Any]:
+    """Entries of diagnosis.json that sets with and without a meter have in common."""
+    return {
+        "effects": [x.document() for x in effects],
+        "model_effects": [e.name for e in model.effects],
+        "joint_side": records,
+        "next_motion": None,
+        "worth": None,
+        "robot": measured.robot.name,
+        "joints": list(measured.robot.joints),
+    }
 
 
 def explained_share(before: dict[str, Any], after: dict[str, Any], floor: float) -> float:
@@ -235,17 +208,16 @@ def _attributions(found: Inference, joints: tuple[str, ...]) -> list[Attribution
 
 def _covariance(found: Inference) -> Uncertainty | None:
     """Parameter covariance of the written model, and the other models that explain the data equally well."""
-    f, model, at = found.accepted, found.model, 0
+    f, model = found.accepted, found.model
     names: list[str] = []
     slopes = []
-    for c, z in zip(f.charts, f.numbers, strict=True):
+    for c, z, place in zip(f.charts, f.numbers, f.places, strict=True):
         effect = model.get(c.term.name)
         assert effect is not None
         names += [f"{effect.name}.{p.name}.{k}" for p in effect.parameters for k in range(effect.values[p.name].size)]
         block = np.zeros((c.values(z).size, f.count))
-        block[:, at : at + len(z)] = c.slope(z)
+        block[:, place] = c.slope(z)
         slopes.append(block)
-        at += len(z)
     others = tuple(r.full_model(links=False) for r in found.rivals[1:])
     if not slopes:
         return Uncertainty((), np.zeros((0, 0)), others) if others else None
@@ -265,23 +237,22 @@ def _of_joints(measured: MeasuredSet, declared: PowerModel) -> Diagnosis:
         raise BadInput(
             f"{measured.path}: no readings of power, energy, currents or torques; a diagnosis is not possible"
         )
-    limits, joints = measured.robot.limits, measured.robot.joints
-    if wrong := wrong_units(side, joints, limits):
+    if wrong := wrong_units(side):
         raise BadInput(f"{measured.path}: {wrong}")
     found = pushes(side, measured)
     kept, enough = free_runs(measured, found)
     if found and enough:
         side = joint_side(kept, declared) or side
-    effects, said = friction_findings(side, limits, joints) if enough else ([], [])
+    effects, said = friction_findings(side) if enough else ([], [])
     model = declared
     for x in effects:
         model = model.replaced(effect_class(x.name)(**x.parameters))
-    records = side_records(side, joints, limits, None)
+    records = side_records(side, None)
     nothing = {"train": None, "holdout": None}
     document: dict[str, Any] = {
         "verdict": "insufficient",
         "headline": joints_headline([x.name for x in effects], side.unit),
-        "effects": [x.document() for x in effects],
+        **_entries(measured, model, effects, records),
         "alternatives": [],
         "nuisance": ["link_inertia"],
         "explained_share": None,
@@ -291,16 +262,10 @@ def _of_joints(measured: MeasuredSet, declared: PowerModel) -> Diagnosis:
         "error": {"before": nothing, "after": nothing, "noise_floor": None},
         "noise_floor": None,
         "split": {"train": [r.file for r in kept.runs], "holdout": []},
-        "model_effects": [e.name for e in model.effects],
-        "joint_side": records,
-        "next_motion": None,
-        "worth": None,
         "remarks": [
-            *measured.remarks, *push_words(found, enough), *side_remarks(side, joints, limits, records), *said,
+            *measured.remarks, *push_words(found, enough), *side_remarks(side, records), *said,
             "No meter: the model's other effects are as declared or borrowed, not measured.",
         ],
-        "robot": measured.robot.name,
-        "joints": list(joints),
         "next_step": "Next: record the power (a meter's file, or supply voltage and current) beside such motions.",
     }  # fmt: skip
     return Diagnosis(measured, declared, model, tuple(effects), document, side)

@@ -19,6 +19,7 @@ from energy_opt.measured import MeasuredSet
 from energy_opt.power import PowerModel
 
 STUDENT = 1.96
+SHOWN = 15  # most hypotheses in diagnosis.json
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,6 @@ class Finding:
     Attributes:
         parameters, ci95, units: values, 95 % intervals and units by parameter.
         share_of_residual: share of the squares explained by all effects that is lost without this one.
-        p_value: None: effects are chosen among many, for which no p-value is calibrated.
         log_odds: for the effect, None if unknown. refit: True if the declared model has the effect.
     """
 
@@ -37,13 +37,12 @@ class Finding:
     ci95: dict[str, Any]
     units: dict[str, str]
     share_of_residual: float
-    p_value: None
-    log_odds: float | None
-    refit: bool
+    log_odds: float | None = None
+    refit: bool = False
 
     def document(self) -> dict[str, Any]:
-        """As in diagnosis.json."""
-        return asdict(self)
+        """As in diagnosis.json. It states no p-value: effects are chosen among many, for which none is calibrated."""
+        return {**asdict(self), "p_value": None}
 
 
 def findings_of(found: Inference) -> list[Finding]:
@@ -64,8 +63,8 @@ def findings_of(found: Inference) -> list[Finding]:
     explained = max(size(declared) - here, 1e-9)
     records = []
     for c, deviation in zip(f.charts, f.deviations, strict=True):
-        claim = next((x for x in found.claims if c.term.name not in x.without.names), None)
-        if c.term.name in f.world.given or claim is None:
+        claim = next((x for x in found.claims if x.name == c.term.name), None)
+        if claim is None:
             continue
         effect = f.model.get(c.term.name)
         assert effect is not None
@@ -76,7 +75,7 @@ def findings_of(found: Inference) -> list[Finding]:
         values = _values(effect, deviation, n)
         values[0].update(effect.choices)
         share = float(np.clip((size(less) - here) / explained, 1e-6, 1.0))
-        records.append(Finding(c.term.name, *values, share, None, claim.odds, c.term.declared))
+        records.append(Finding(c.term.name, *values, share, claim.odds, c.term.declared))
     return sorted(records, key=lambda row: -row.share_of_residual)
 
 
@@ -106,7 +105,7 @@ def _of_links(found: Inference) -> Finding:
     deviation = np.sqrt(np.maximum(np.einsum("pi,ij,pj->p", slope, spread, slope), 0.0))
     effect = found.model.get(LinkInertia.name)
     assert effect is not None
-    return Finding(LinkInertia.name, *_values(effect, deviation, samples.n), 1.0, None, None, False)
+    return Finding(LinkInertia.name, *_values(effect, deviation, samples.n), 1.0)
 
 
 def _values(effect: Effect, deviation: np.ndarray, n: int) -> tuple[dict[str, Any], dict[str, Any], dict[str, str]]:
@@ -136,8 +135,8 @@ def nuisance_of(found: Inference) -> list[str]:
     return out
 
 
-def evidence_records(found: Inference, most: int = 15) -> list[dict[str, Any]]:
-    """Records of the fitted hypotheses, likeliest first: their additions, and the logarithm of their odds."""
+def evidence_records(found: Inference) -> list[dict[str, Any]]:
+    """Records of the likeliest fitted hypotheses: their additions, and the logarithm of their odds."""
     base = found.search.score(found.root)
     records = [
         {
@@ -149,7 +148,7 @@ def evidence_records(found: Inference, most: int = 15) -> list[dict[str, Any]]:
         }
         for f in found.search.fits.values()
     ]
-    return sorted(records, key=lambda row: -float(row["score"]))[:most]  # type: ignore[arg-type]
+    return sorted(records, key=lambda row: -float(row["score"]))[:SHOWN]  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, repr=False)

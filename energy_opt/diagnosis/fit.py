@@ -114,22 +114,13 @@ class World:
             raise Stopped
 
     @classmethod
-    def of(
-        cls,
-        samples: Samples,
-        declared: PowerModel,
-        scale: Scale,
-        links: Links,
-        noise: Noise,
-        given: tuple[str, ...] = (),
-        stopped: Callable[[], bool] = lambda: False,
-    ) -> World:
+    def of(cls, samples: Samples, declared: PowerModel, scale: Scale, links: Links, noise: Noise) -> World:
         """The samples with what all fits share: levels of runs, model errors of repeated motions, and the noise."""
         offsets = np.zeros((len(samples.power), len(samples.parts)))
         for r, part in enumerate(samples.parts):
             offsets[part, r] = 1.0
         shared = shared_functions(samples)
-        return cls(samples, declared, scale, links, whitener(samples, noise, shared), offsets, shared, given, stopped)
+        return cls(samples, declared, scale, links, whitener(samples, noise, shared), offsets, shared)
 
     def before(self, nuisance: Nuisance) -> np.ndarray:
         """Prior precision (c, c) of link amounts and run levels; computed once for each nuisance."""
@@ -159,7 +150,8 @@ class Fit:
         charts, numbers: of its effects. free, weights: of its free functions. amounts, levels: of links and runs.
         model: the declared model with the effects' values. residual: (M,) what remains, W, levels and free functions
             taken out. mean, precision: of theta's prior. hessian: of phi.
-        spread: (P, P) covariance of theta if not the inverse of `hessian`.
+        token: number of the fit, by which results on it are cached. spread: (P, P) covariance of theta if not the
+            inverse of `hessian`.
     """
 
     world: World
@@ -207,6 +199,12 @@ class Fit:
         return np.concatenate([*self.numbers, self.weights, self.amounts, self.levels])
 
     @property
+    def places(self) -> list[slice]:
+        """Where the numbers of each effect are in theta."""
+        ends = np.cumsum([0, *map(len, self.numbers)]).tolist()
+        return list(map(slice, ends, ends[1:]))
+
+    @property
     def covariance(self) -> np.ndarray:
         """Posterior covariance (P, P) of theta."""
         return np.linalg.inv(self.hessian) if self.spread is None else self.spread
@@ -214,9 +212,8 @@ class Fit:
     @property
     def deviations(self) -> list[np.ndarray]:
         """Posterior standard deviations of every effect's values, ordered as in `Chart.values`."""
-        cuts = np.cumsum([0, *map(len, self.numbers)]).tolist()
         spread, out = self.covariance, []
-        for c, z, part in zip(self.charts, self.numbers, map(slice, cuts, cuts[1:]), strict=False):
+        for c, z, part in zip(self.charts, self.numbers, self.places, strict=True):
             slope = c.slope(z)
             out.append(np.sqrt(np.maximum(np.einsum("pi,ij,pj->p", slope, spread[part, part], slope), 0.0)))
         return out
@@ -255,12 +252,11 @@ def fit(
 ) -> Fit:
     """Fit a hypothesis from `starts` (one vector per chart)."""
     mean, precision, low, high = _before(world, nuisance, charts, free)
-    cuts = np.cumsum([len(c.mean) for c in charts]).astype(int)
-    zs, ws = int(cuts[-1]) if charts else 0, sum(f.columns.shape[1] for f in free)
-    ds, os = world.links.basis.shape[1], len(world.samples.parts)
-    theta = np.concatenate([*starts, np.zeros(ws), np.zeros(ds) if amounts is None else amounts, np.zeros(os)])
-    theta = np.clip(theta, low, high)
     drawn = columns_of(world, free)
+    if amounts is None:
+        amounts = np.zeros(world.links.basis.shape[1])
+    theta = np.concatenate([*starts, np.zeros(drawn.shape[1]), amounts, np.zeros(len(world.samples.parts))])
+    theta = np.clip(theta, low, high)
 
     def state(theta: np.ndarray) -> tuple[PowerModel, Prediction, np.ndarray, np.ndarray, float]:
         model, p, residual, white = linearised(world, charts, drawn, theta)
@@ -286,10 +282,10 @@ def fit(
             break
     jacobian = white[:, 1:]
     hessian = jacobian.T @ jacobian + precision
+    numbers, weights, amounts, levels = _parts(world, charts, drawn, theta)
     found = Fit(
-        world, nuisance, tuple(charts), tuple(np.split(theta[:zs], cuts[:-1])) if charts else (), tuple(free),
-        theta[zs : zs + ws], theta[zs + ws : zs + ws + ds], theta[zs + ws + ds :], model, residual, mean, precision,
-        hessian,
+        world, nuisance, tuple(charts), numbers, tuple(free), weights, amounts, levels, model, residual, mean,
+        precision, hessian,
     )  # fmt: skip
     world.recent.put(found.token, (p, jacobian))
     return found
@@ -309,15 +305,22 @@ def linearised(
         drawn: columns (M, w) of the free functions.
     """
     s, links, model = world.samples, world.links, world.declared
-    cuts = np.cumsum([len(c.mean) for c in charts]).astype(int)
-    zs, ws, ds = int(cuts[-1]) if charts else 0, drawn.shape[1], links.basis.shape[1]
-    parts = np.split(theta[:zs], cuts[:-1]) if charts else []
-    for c, z in zip(charts, parts, strict=True):
+    numbers, weights, amounts, levels = _parts(world, charts, drawn, theta)
+    for c, z in zip(charts, numbers, strict=True):
         model = model.replaced(c.effect(z))
-    d = theta[zs + ws : zs + ws + ds]
-    p = predict(model, s, links.torques @ d, links.torques)
-    residual = s.power - p.reading - drawn @ theta[zs : zs + ws] - world.offsets @ theta[zs + ws + ds :]
-    return model, p, residual, world.whiten(np.column_stack([residual, slopes(world, model, charts, parts, drawn, p)]))
+    p = predict(model, s, links.torques @ amounts, links.torques)
+    residual = s.power - p.reading - drawn @ weights - world.offsets @ levels
+    by_theta = slopes(world, model, charts, numbers, drawn, p)
+    return model, p, residual, world.whiten(np.column_stack([residual, by_theta]))
+
+
+def _parts(
+    world: World, charts: Sequence[Chart], drawn: np.ndarray, theta: np.ndarray
+) -> tuple[tuple[np.ndarray, ...], np.ndarray, np.ndarray, np.ndarray]:
+    """The parts of theta: numbers of each effect, weights of free functions, amounts of links, levels of runs."""
+    sizes = [*(len(c.mean) for c in charts), drawn.shape[1], world.links.basis.shape[1]]
+    *numbers, weights, amounts, levels = np.split(theta, np.cumsum(sizes))
+    return tuple(numbers), weights, amounts, levels
 
 
 def slopes(

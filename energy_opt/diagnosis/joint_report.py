@@ -14,7 +14,6 @@ from energy_opt.diagnosis.hypothesis import ROTOR, USUAL, Chart, Measured, Scale
 from energy_opt.diagnosis.joint_side import STRANGE, TIMES, JointSide
 from energy_opt.diagnosis.predict import friction_torque
 from energy_opt.effects import TorqueEffect, effect_class
-from energy_opt.robot import Limits
 
 LAWS = ("coulomb_friction", "viscous_friction", "armature")  # in the order of `JointSide.values`
 WIDER = 1.5  # factor on standard deviations of the readings, as real friction is more complex than the laws
@@ -25,19 +24,19 @@ MOST_CURRENT = 300.0  # [A] no drive of a joint takes more at its effort limit
 DISAGREE = 3.0  # standard deviations between both estimates from which a remark reports it
 
 
-def shows_friction(side: JointSide, limits: Limits) -> bool:
+def shows_friction(side: JointSide) -> bool:
     """False if the readings contain no friction, as torques measured behind the gears."""
-    known = np.flatnonzero(side.known)
+    known, effort = np.flatnonzero(side.known), side.robot.limits.effort
     seen = [side.friction(int(j), float(side.usual[j])) for j in known]
-    above = [f - 4 * d > SHOWN * USUAL * limits.effort[j] for j, (f, d) in zip(known, seen, strict=True)]
+    above = [f - 4 * d > SHOWN * USUAL * effort[j] for j, (f, d) in zip(known, seen, strict=True)]
     return bool(len(above) and np.mean(above) >= 0.5)
 
 
-def prior_of(side: JointSide | None, limits: Limits) -> dict[str, Measured]:
+def prior_of(side: JointSide | None) -> dict[str, Measured]:
     """Priors from the joints' readings for the fit of the power; empty if the readings contain no friction."""
-    if side is None or not shows_friction(side, limits):
+    if side is None or not shows_friction(side):
         return {}
-    known = np.flatnonzero(side.known)
+    known, limits = np.flatnonzero(side.known), side.robot.limits
     cruise = Scale.of(limits, np.zeros(1)).usual_speed
     usual = (USUAL * limits.effort, USUAL * limits.effort / cruise, ROTOR * limits.effort)
     out = {}
@@ -63,14 +62,11 @@ def friction_of(f: Fit, joint: int, speed: float) -> tuple[float, float] | None:
     n = f.world.samples.n
     value = float(friction_torque(f.model, n)(np.array([speed]), joint)[0])
     slope = np.zeros(len(f.theta))
-    at = 0
     found = False
-    for c, z in zip(f.charts, f.numbers, strict=True):
+    for c, z, place in zip(f.charts, f.numbers, f.places, strict=True):
         if issubclass(c.term.kind, TorqueEffect) and c.term.kind.dissipates:
             found = True
-            for k in range(len(z)):
-                slope[at + k] = _slope(f, c, z, k, joint, speed, value)
-        at += len(z)
+            slope[place] = [_slope(f, c, z, k, joint, speed, value) for k in range(len(z))]
     if not found:
         return None
     return value, float(np.sqrt(max(slope @ f.covariance @ slope, 0.0)))
@@ -85,15 +81,13 @@ def _slope(f: Fit, c: Chart, z: np.ndarray, k: int, joint: int, speed: float, va
     return (float(friction_torque(model, f.world.samples.n)(np.array([speed]), joint)[0]) - value) / step
 
 
-def side_records(
-    side: JointSide | None, joints: Sequence[str], limits: Limits, chosen: Fit | None
-) -> list[dict[str, Any]]:
+def side_records(side: JointSide | None, chosen: Fit | None) -> list[dict[str, Any]]:
     """Per joint: drive constant, friction and inertia by its own readings, and its friction by the power."""
     if side is None:
         return []
     alone = by_power_alone(chosen) if chosen is not None else None
     records = []
-    for j, joint in enumerate(joints):
+    for j, joint in enumerate(side.robot.joints):
         row: dict[str, Any] = {"joint": joint, "unit": "N m/A" if side.unit == "A" else "1"}
         row["scale"], row["scale_ci95"] = _number(side.scale[j], side.scale_deviation[j])
         for k, name in enumerate(("coulomb", "viscous", "inertia")):
@@ -107,7 +101,8 @@ def side_records(
             power = friction_of(alone, j, speed) if alone is not None else None
             if power is not None and chosen is not None:
                 row["power"], row["together"] = _word(power), _word(friction_of(chosen, j, speed) or power)
-                apart = np.linalg.norm([WIDER * own[1], power[1], APART * own[0], LEAST * USUAL * limits.effort[j]])
+                least = LEAST * USUAL * side.robot.limits.effort[j]
+                apart = np.linalg.norm([WIDER * own[1], power[1], APART * own[0], least])
                 row["disagreement"] = float(abs(own[0] - power[0]) / apart)
         records.append(row)
     return records
@@ -125,15 +120,13 @@ def _word(seen: tuple[float, float]) -> dict[str, Any]:
     return {"friction": value, "ci95": ci}
 
 
-def side_remarks(
-    side: JointSide | None, joints: Sequence[str], limits: Limits, records: Sequence[dict[str, Any]]
-) -> list[str]:
+def side_remarks(side: JointSide | None, records: Sequence[dict[str, Any]]) -> list[str]:
     """Remarks on the joints' readings and on how they agree with the power."""
     if side is None:
         return []
     out = []
     seen = any(row["power"] is not None and row["power"]["ci95"][0] > row["own"]["ci95"][1] for row in records)
-    if side.known.any() and not shows_friction(side, limits) and seen:
+    if side.known.any() and not shows_friction(side) and seen:
         what = "torques" if side.unit == "N m" else "currents"
         out.append(
             f"The logged {what} contain no friction (measured behind the gears, or computed): not used for friction."
@@ -142,7 +135,7 @@ def side_remarks(
     if off:
         out.append(f"The logged torques of {', '.join(off)} are not torques in N m; by their size, they are currents.")
     if side.unit == "A" and (side.multiple < 0).any():
-        names = ", ".join(joint for joint, k in zip(joints, side.multiple, strict=True) if k < 0)
+        names = ", ".join(joint for joint, k in zip(side.robot.joints, side.multiple, strict=True) if k < 0)
         out.append(f"The logged currents of {names} have the opposite sign of the torque: used with the other sign.")
     for row in records:
         if row["disagreement"] is not None and row["disagreement"] > DISAGREE:
@@ -156,10 +149,9 @@ def side_remarks(
 NEAR = 0.3  # relative deviation up to which a multiple of the torque identifies a unit
 
 
-def wrong_units(side: JointSide | None, joints: Sequence[str], limits: Limits) -> str:
+def wrong_units(side: JointSide) -> str:
     """Remark on logged torques or currents that clearly have another sign or unit; "" if there are none."""
-    if side is None:
-        return ""
+    joints, limits = side.robot.joints, side.robot.limits
     if side.unit == "A":
         most = np.abs(side.scale) + SURE * side.scale_deviation  # N m/A
         known = np.flatnonzero(np.isfinite(most))
@@ -183,14 +175,15 @@ GUESS = 3.0  # upper bound for a joint without information, over the median shar
 SURE = 4.0  # standard deviations above 0 from which one joint's number is enough to claim the law
 
 
-def friction_findings(side: JointSide, limits: Limits, joints: Sequence[str]) -> tuple[list[Finding], list[str]]:
+def friction_findings(side: JointSide) -> tuple[list[Finding], list[str]]:
     """Dry and viscous friction if some joint certainly has it, and remarks on the other joints.
 
     A joint without information gets the others' median share of the effort limit, with a wide interval, but at most the
     largest torque that was read there.
     """
-    if not shows_friction(side, limits):
+    if not shows_friction(side):
         return [], []
+    joints, limits = side.robot.joints, side.robot.limits
     known = np.flatnonzero(side.known)
     unknown = np.flatnonzero(~side.known)
     left = float(np.nansum(side.left[:, known] ** 2))
@@ -217,7 +210,7 @@ def friction_findings(side: JointSide, limits: Limits, joints: Sequence[str]) ->
         out.append(
             Finding(
                 name, {parameter.name: full.tolist()}, {parameter.name: np.column_stack([low, high]).tolist()},
-                {parameter.name: parameter.unit}, own / (own + left), None, None, False,
+                {parameter.name: parameter.unit}, own / (own + left),
             )
         )  # fmt: skip
     if out and unknown.size:

@@ -19,7 +19,7 @@ from energy_opt.diagnosis.links import USUAL_SPREAD, deviations_of
 from energy_opt.measured import MeasuredSet, Run, choose_smoothing, coarse, kinematics
 from energy_opt.power import PowerModel
 from energy_opt.power.law import body_of, rigid_torque
-from energy_opt.robot import Limits
+from energy_opt.robot import Robot
 
 STEP = 0.03  # [s] between samples; the readings in between are averaged
 MOST = 6000  # most samples in the fit
@@ -66,6 +66,7 @@ class JointSide:
         multiple: reading by torque where the data alone show it, without a prior; else nan.
     """
 
+    robot: Robot
     unit: str
     scale: np.ndarray
     scale_deviation: np.ndarray
@@ -97,7 +98,7 @@ def joint_side(measured: MeasuredSet, declared: PowerModel) -> JointSide | None:
         return None
     unit = "A" if runs[0].current is not None else "N m"
     samples = _joint_samples(measured, runs, declared)
-    return _fit(samples, measured, unit)
+    return _fit(samples, measured.robot, unit)
 
 
 def _joint_samples(measured: MeasuredSet, runs: list[Run], declared: PowerModel) -> JointSamples:
@@ -128,8 +129,8 @@ def _joint_samples(measured: MeasuredSet, runs: list[Run], declared: PowerModel)
     return JointSamples(np.concatenate(of), v, a, tau, reading, torques)
 
 
-def _fit(samples: JointSamples, measured: MeasuredSet, unit: str) -> JointSide:
-    limits, n = measured.robot.limits, measured.robot.n
+def _fit(samples: JointSamples, robot: Robot, unit: str) -> JointSide:
+    limits, n = robot.limits, robot.n
     s = np.tanh(samples.v / SLOWEST)
     used = [np.flatnonzero(np.isfinite(samples.reading[:, j])) for j in range(n)]
     still = np.abs(samples.v) < STILL
@@ -174,7 +175,7 @@ def _fit(samples: JointSamples, measured: MeasuredSet, unit: str) -> JointSide:
             noise[j] = max(1.4826 * float(np.median(np.abs(r[live]))), 1e-9)
             trust[:, j] = np.where(still[:, j], HELD, 1.0) * np.minimum(1.0, HUBER * noise[j] / np.abs(r).clip(1e-12))
             memory[j] = _memory(samples.run[u], r[u])
-    return _side(samples, unit, x, np.linalg.inv(h), residual, noise, used, multiple)
+    return _side(samples, robot, unit, x, np.linalg.inv(h), residual, noise, used, multiple)
 
 
 def _slopes(samples: JointSamples) -> np.ndarray:
@@ -217,8 +218,8 @@ def _memory(run: np.ndarray, r: np.ndarray) -> float:
 
 
 def _side(
-    samples: JointSamples, unit: str, x: np.ndarray, spread: np.ndarray, residual: np.ndarray, noise: np.ndarray,
-    used: list[np.ndarray], multiple: np.ndarray,
+    samples: JointSamples, robot: Robot, unit: str, x: np.ndarray, spread: np.ndarray, residual: np.ndarray,
+    noise: np.ndarray, used: list[np.ndarray], multiple: np.ndarray,
 ) -> JointSide:  # fmt: skip
     """Values in N m with their covariance: c = beta / k, to first order."""
     n = len(used)
@@ -242,8 +243,8 @@ def _side(
     pair = np.where(known, np.einsum("jx,xy,jy->j", slopes[0], spread, slopes[1]), np.nan)
     with np.errstate(divide="ignore", invalid="ignore"):
         return JointSide(
-            unit, np.where(sure, 1 / k, np.nan), np.where(sure, deviation / k**2, np.nan), values, covariance, pair,
-            usual, np.where(sure, noise / np.abs(k), np.nan), np.where(sure, residual / k, np.nan), multiple,
+            robot, unit, np.where(sure, 1 / k, np.nan), np.where(sure, deviation / k**2, np.nan), values, covariance,
+            pair, usual, np.where(sure, noise / np.abs(k), np.nan), np.where(sure, residual / k, np.nan), multiple,
             samples,
         )  # fmt: skip
 
@@ -272,7 +273,7 @@ def pushes(side: JointSide, measured: MeasuredSet) -> list[Push]:
     if any(coarse(run) for run in measured.runs):
         return []
     limits, joints = measured.robot.limits, measured.robot.joints
-    led = _led(side, limits)
+    led = _led(side)
     if led is not None:
         j, torque = led
         moving = [k for k in np.unique(side.samples.run) if measured.runs[k].kind == "motion"]
@@ -296,11 +297,11 @@ def pushes(side: JointSide, measured: MeasuredSet) -> list[Push]:
     return out
 
 
-def _led(side: JointSide, limits: Limits) -> tuple[int, float] | None:
+def _led(side: JointSide) -> tuple[int, float] | None:
     """A joint whose fitted friction is negative, and by how much [N m]: a hand that guides the arm causes this."""
     for j in np.flatnonzero(side.known):
         friction, deviation = side.friction(int(j), float(side.usual[j]))
-        if friction + SURELY * deviation < -LED * limits.effort[j]:
+        if friction + SURELY * deviation < -LED * side.robot.limits.effort[j]:
             return int(j), -friction
     return None
 

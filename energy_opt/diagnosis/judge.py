@@ -30,14 +30,15 @@ class Judge:
         held: runs never fitted. most: the largest plausible noise of the meter at standstill. plausible: those of
             which one rules, with the logarithms of their odds, the likeliest first.
         drifts: the likeliest fit, whose levels show how far the meter drifts.
+        seen, foreseen: results on fits, by their tokens.
     """
 
     held: Samples | None
     plausible: tuple[tuple[float, Noise], ...]
     most: Noise
     drifts: Fit | None = None
-    seen: dict[int, tuple[Fit, Quality]] = field(default_factory=dict)
-    foreseen: dict[int, tuple[Fit, list[tuple[np.ndarray, np.ndarray]], np.ndarray]] = field(default_factory=dict)
+    seen: dict[int, Quality] = field(default_factory=dict)
+    foreseen: dict[int, tuple[list[tuple[np.ndarray, np.ndarray]], np.ndarray]] = field(default_factory=dict)
 
     @property
     def noise(self) -> Noise:
@@ -49,15 +50,16 @@ class Judge:
         """True if no standstill shows the noise: several are equally plausible."""
         return len(self.plausible) > 1 and self.plausible[0][0] == self.plausible[-1][0]
 
-    def under_most_noise(self) -> Judge:
+    @cached_property
+    def loud(self) -> Judge:
         """The same judge under the largest plausible noise."""
         return Judge(self.held, ((0.0, self.most),), self.most, self.drifts)
 
     def of(self, f: Fit) -> Quality:
         """Error of the model that is written for a fit."""
-        if id(f) not in self.seen:
-            self.seen[id(f)] = f, self.of_model(written(f), f, True)
-        return self.seen[id(f)][1]
+        if f.token not in self.seen:
+            self.seen[f.token] = self.of_model(written(f), f, True)
+        return self.seen[f.token]
 
     def of_model(self, model: PowerModel, f: Fit, level: bool = False) -> Quality:
         """Error of a model; the runs of `f` are used if none is held out. `level`: its standby has the common level."""
@@ -69,7 +71,7 @@ class Judge:
         """Log odds (C,) by which each motion is likelier under `more`; repeats count once."""
         if self.held is None:
             return left_out(more) - left_out(less)
-        return self._foreseen(more)[2] - self._foreseen(less)[2]
+        return self._foreseen(more)[1] - self._foreseen(less)[1]
 
     def expected(self, more: Fit, claim: Claim, less: Fit) -> float:
         """Expected sum of `gains` if the law of a claim holds: the mean over the plausible noises.
@@ -80,7 +82,7 @@ class Judge:
         if self.held is None:
             return claim.odds
         out = np.zeros(len(self.plausible))
-        both = zip(self._foreseen(more)[1], self._foreseen(less)[1], self.whiteners, strict=True)
+        both = zip(self._foreseen(more)[0], self._foreseen(less)[0], self.whiteners, strict=True)
         for (errors, _), (others, before), noises in both:
             table = np.column_stack([others[:, 0] - errors[:, 0], others[:, 1:]])
             for k, (_, whiten) in enumerate(noises):
@@ -102,16 +104,16 @@ class Judge:
             out.append([(odds - 0.5 * w.log_determinant / len(group), w) for odds, w in whole])
         return out
 
-    def _foreseen(self, f: Fit) -> tuple[Fit, list[tuple[np.ndarray, np.ndarray]], np.ndarray]:
-        """The fit, its `foresight`, and the log density (C,) of each held-out cluster, with an open noise."""
+    def _foreseen(self, f: Fit) -> tuple[list[tuple[np.ndarray, np.ndarray]], np.ndarray]:
+        """The `foresight` of a fit, and the log density (C,) of each held-out cluster, with an open noise."""
         assert self.held is not None
-        if id(f) not in self.foreseen:
+        if f.token not in self.foreseen:
             tables, values = foresight(f, self.held), []
             for (table, before), noises in zip(tables, self.whiteners, strict=True):
                 white = [(odds, whiten(table)) for odds, whiten in noises]
                 values.append(np.logaddexp.reduce([odds + density(x[:, 0], x[:, 1:], before) for odds, x in white]))
-            self.foreseen[id(f)] = f, tables, np.array(values)
-        return self.foreseen[id(f)]
+            self.foreseen[f.token] = tables, np.array(values)
+        return self.foreseen[f.token]
 
     def trained(self, more: Fit, less: Fit) -> np.ndarray:
         """Log odds of each training motion, from fits without it; empty if `gains` already has these."""

@@ -245,9 +245,13 @@ def weighted(samples: Samples, now: Prediction, repeats: Sequence[int]) -> Sampl
         for k in [*edges, *_switches(samples, span, part, noise)]:
             own[max(0, k - EDGE) : k + EDGE] *= DOUBTED
         own = repeated(own, count)
-        weight[part] = group_weight(own, samples.group) if grouped else own / samples.group**0.5
-        whole = len(variance) // samples.group * samples.group
-        allowed[part] = variance[:whole].reshape(-1, samples.group).mean(axis=1) if grouped else variance
+        if grouped:
+            whole = len(own) // samples.group * samples.group
+            own, variance = (x[:whole].reshape(-1, samples.group) for x in (own, variance))
+            weight[part] = np.mean(own**-2.0, axis=1) ** -0.5  # variances, which grow by 1 / weight^2, add up
+            allowed[part] = variance.mean(axis=1)
+        else:
+            weight[part], allowed[part] = own / samples.group**0.5, variance
     return samples.reread(weight=weight, allowed=allowed)
 
 
@@ -286,12 +290,6 @@ def _open_power(samples: Samples, now: Prediction) -> np.ndarray:
                for j, unit in enumerate(np.eye(n))]  # fmt: skip
     by_state = np.column_stack([now.tau_m, now.by_tau * np.column_stack(inertia)])
     return np.asarray(np.sqrt(np.sum((by_state * blur) ** 2, axis=1)))
-
-
-def group_weight(weight: np.ndarray, group: int) -> np.ndarray:
-    """Weight of means of `group` neighbours with variances that grow by 1 / weight^2: variances add up."""
-    whole = len(weight) // group
-    return np.asarray(np.mean(weight[: whole * group].reshape(whole, group) ** -2.0, axis=1) ** -0.5)
 
 
 def meter_noise(readings: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:

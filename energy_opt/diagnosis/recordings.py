@@ -1,8 +1,12 @@
-"""Measured runs as samples: readings averaged in bins, smoothed motion, and its uncertainty by position errors."""
+"""Measured runs as samples: readings averaged in bins, smoothed motion, and its uncertainty by position errors.
+
+Before that a set is prepared: damaged runs are left out, long sets are shortened, and long recordings are cut.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,7 +14,7 @@ import numpy as np
 from energy_opt.diagnosis.data import Samples, laid
 from energy_opt.diagnosis.noise import meter_noise
 from energy_opt.measured import MeasuredSet, Run, Smoothing, choose_smoothing, kinematics
-from energy_opt.measured.run import nodes, operator
+from energy_opt.measured.run import cut_at_standstill, nodes, operator, pieces
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -18,7 +22,117 @@ if TYPE_CHECKING:
 BIN = 0.03  # [s] readings closer than this are averaged
 MOST_READINGS = 10_000  # most readings in a fit: five minutes of a fast meter; of more, neighbours are averaged
 REST, BY_NOISE = 1e-3, 4.0  # [rad/s] slower joints count as standing still; standard deviations of a speed that do, too
+MOST_NODES = 40_000  # most nodes at which models are evaluated: twenty minutes of a fast meter
+FEW_RUNS = 8  # least runs to keep if runs are left out; otherwise each run is cut short
+FEWEST = 3  # least motions of a kind for holding one out
+BY_TIME = 4  # pieces into which a recording without standstills is cut
+COMPARED = 4  # least runs of a kind to compare their scatter
+# scatter from reading to reading of a damaged run, over the median of such runs; and over the level of the power
+SCATTER, WILD = 20.0, 0.1
 Taken = tuple[tuple[np.ndarray, ...], tuple[np.ndarray, np.ndarray], "csr_matrix | None", int]
+
+
+def prepared(measured: MeasuredSet) -> MeasuredSet:
+    """A set as it is fitted: runs of the meter without damaged ones, not too long, and enough to hold some out."""
+    return parted(shortened(_without_scattering(_metered(measured))))
+
+
+def _metered(measured: MeasuredSet) -> MeasuredSet:
+    """Leave out the runs without any meter reading."""
+    runs = tuple(run for run in measured.runs if len(run.power))
+    less = len(measured.runs) - len(runs)
+    if not less:
+        return measured
+    remark = f"{less} run(s) without a reading of the meter left out"
+    return replace(measured, runs=runs, remarks=(*measured.remarks, remark))
+
+
+def _without_scattering(measured: MeasuredSet) -> MeasuredSet:
+    """Leave out runs whose power scatters far more than in the other runs: the meter's column is damaged there.
+
+    Errors of damaged readings exceed all else, so that one such run hides every cause. Runs are compared with those of
+    the same kind, as the power in motion is less smooth than at rest.
+    """
+    level = float(np.median(np.abs(np.concatenate([run.power for run in measured.runs]))))
+    bad = set()
+    for kind in ("motion", "static"):
+        alike = [run for run in measured.runs if run.kind == kind]
+        if len(alike) < COMPARED:
+            continue
+        scatter = [meter_noise([(run.power_time, run.power)]) for run in alike]
+        most = max(SCATTER * float(np.median(scatter)), WILD * level)
+        bad |= {run.file for run, own in zip(alike, scatter, strict=True) if own > most}
+    if not bad:
+        return measured
+    remark = (
+        f"Left out, as the power scatters more than {SCATTER:.0f} times as much as in the other runs: "
+        f"{', '.join(sorted(bad))}. Are these readings damaged?"
+    )
+    runs = tuple(run for run in measured.runs if run.file not in bad)
+    return replace(measured, runs=runs, remarks=(*measured.remarks, remark))
+
+
+def shortened(measured: MeasuredSet) -> MeasuredSet:
+    """Reduce a set to `MOST_NODES`: leave out runs evenly, or cut the ends of a few long ones; add a remark."""
+    counts = [len(nodes(r)) if r.window.any() else len(r.power) // per_bin(r) for r in measured.runs]
+    share = MOST_NODES / max(sum(counts), 1)
+    if share >= 1:
+        return measured
+    runs = measured.runs
+    if share * len(runs) >= FEW_RUNS:
+        kept = tuple(r for k, r in enumerate(runs) if int((k + 1) * share) > int(k * share))
+        how = f"{len(kept)} of {len(runs)} runs, spread evenly, are used"
+    else:
+        kept = tuple(_first(run, share) for run in runs)
+        how = f"the first {100 * share:.0f} % of each run are used"
+    remark = f"The set is longer than {MOST_NODES} samples, the most that are fitted: {how}."
+    return replace(measured, runs=kept, remarks=(*measured.remarks, remark))
+
+
+def _first(run: Run, share: float) -> Run:
+    """The first `share` of a run's duration."""
+    end = run.time[0] + share * (run.time[-1] - run.time[0])
+    samples, read = run.time <= end, run.power_time <= end
+    signals = {name: values[samples] for name, values in run.joint_signals()}
+    index = run.lines[samples] if len(run.lines) == len(run.time) else run.lines
+    return replace(
+        run, time=run.time[samples], lines=index, power_time=run.power_time[read], power=run.power[read],
+        window=run.window[read], logged=run.logged_at(samples), **signals,
+    )  # fmt: skip
+
+
+def parted(measured: MeasuredSet) -> MeasuredSet:
+    """Cut recordings at standstills, else by time, if the set has too few motions to hold one out."""
+    moving = [r for r in measured.runs if r.kind == "motion"]
+    if not 0 < len(moving) < FEWEST or any(r.meter == "total" for r in moving):
+        return measured
+    for cut, how in ((cut_at_standstill, "where the arm stands still"), (_by_time, "by time")):
+        runs = tuple(piece for run in measured.runs for piece in (cut(run) if run.kind == "motion" else [run]))
+        if sum(run.kind == "motion" for run in runs) >= FEWEST:
+            remark = f"{len(moving)} recording(s) cut {how}, so that some motions can be held out."
+            return replace(measured, runs=runs, remarks=(*measured.remarks, remark))
+    return measured
+
+
+def _by_time(run: Run) -> list[Run]:
+    """Cut a recording into `BY_TIME` pieces of the same length."""
+    edges = np.linspace(0, len(run.time) - 1, BY_TIME + 1).astype(int)
+    return pieces(run, list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)))
+
+
+def on_time(measured: MeasuredSet, late: float) -> MeasuredSet:
+    """Move the meter's readings, which are `late` [s] against the positions; instants beyond these are left out."""
+    runs = []
+    for run in measured.runs:
+        time = run.power_time - late
+        kept = (run.window > 0) | ((time >= run.time[0]) & (time <= run.time[-1]))
+        moved = replace(run, power_time=time[kept], power=run.power[kept], window=run.window[kept])
+        runs.append(moved if kept.any() else run)
+    remark = (
+        f"The meter's readings are {1e3 * abs(late):.2g} ms {'late' if late > 0 else 'early'} against the positions, "
+        "no more than their sampling and smoothing leave open: moved by this time, and no property of the meter."
+    )
+    return replace(measured, runs=tuple(runs), remarks=(*measured.remarks, remark))
 
 
 def take_samples(measured: MeasuredSet) -> tuple[Samples, Smoothing]:
@@ -28,7 +142,7 @@ def take_samples(measured: MeasuredSet) -> tuple[Samples, Smoothing]:
     first = min(float(run.start + run.time[0]) for run in measured.runs)
     noise = meter_noise([reading for _, reading, _, _ in taken])
     single = [(run.start + run.power_time - first, run.power) for run in measured.runs]
-    group = group_size(sum(len(power) for _, (_, power), _, _ in taken))
+    group = -(-sum(len(power) for _, (_, power), _, _ in taken) // MOST_READINGS)  # so that at most so many remain
     if group > 1:
         windows = [run.window.any() for run in measured.runs]
         taken = [_grouped(run, group) for run in taken]
@@ -95,11 +209,16 @@ def _windows(run: Run, smoothing: Smoothing) -> Taken:
 
 def _grouped(taken: Taken, group: int) -> Taken:
     """Neighbouring readings averaged; the nodes stay. A run of fewer than `group` readings is not changed."""
+    from scipy.sparse import csr_matrix
+
     motion, (at, power), op, count = taken
     if len(power) < group:
         return taken
-    mean, through = averaged(len(power), group, _bin_matrix(len(power), count) if op is None else op)
-    return motion, (mean @ at, mean @ power), through, 1
+    whole = len(power) // group
+    index = np.arange(whole * group)
+    mean = csr_matrix((np.full(len(index), 1 / group), (index // group, index)), shape=(whole, len(power)))
+    through = mean @ (_bin_matrix(len(power), count) if op is None else op)  # from the nodes to the means
+    return motion, (mean @ at, mean @ power), through.tocsr(), 1
 
 
 def _motion(run: Run, time: np.ndarray, smoothing: Smoothing) -> tuple[np.ndarray, ...]:
@@ -143,22 +262,3 @@ def _bin_matrix(readings: int, count: int) -> csr_matrix:
 def per_bin(run: Run) -> int:
     """Number of a run's meter readings per sample."""
     return max(1, int(BIN / float(np.median(np.diff(run.power_time))) + 0.5)) if len(run.power) > 1 else 1
-
-
-def group_size(readings: int) -> int:
-    """Number of neighbouring readings to average, so that at most `MOST_READINGS` remain."""
-    return -(-readings // MOST_READINGS)
-
-
-def averaged(count: int, group: int, inner: csr_matrix) -> tuple[csr_matrix, csr_matrix]:
-    """Matrices from `count` readings to means of `group` neighbours, and from the nodes to these means.
-
-    Args:
-        inner: (count, K), from the nodes to the readings.
-    """
-    from scipy.sparse import csr_matrix
-
-    whole = count // group
-    index = np.arange(whole * group)
-    mean = csr_matrix((np.full(len(index), 1 / group), (index // group, index)), shape=(whole, count))
-    return mean, (mean @ inner).tocsr()

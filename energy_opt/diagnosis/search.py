@@ -33,13 +33,25 @@ GAIN = 0.3  # least gain of log evidence for a move
 
 @dataclass
 class Search:
-    """A search: hypotheses fitted so far, by terms and free functions. `closed`: True without free functions."""
+    """A search for the likeliest hypothesis.
+
+    Attributes:
+        closed: True without free functions.
+        fits: the best fit of each hypothesis so far, by its terms and free functions.
+        banks, scores, found, profiled: of fits by their tokens: bank, evidence, candidates, and score under the noise
+            that suits the fit best.
+        variants: how many variants of each effect are tried. settled: tokens of fits that `kinks.settled` returned.
+    """
 
     world: World
     closed: bool = True
     fits: dict[tuple[frozenset[Term], frozenset[str]], Fit] = field(default_factory=dict)
     banks: dict[int, Bank] = field(default_factory=dict)
-    scores: dict[int, tuple[Fit, Weighed]] = field(default_factory=dict)
+    scores: dict[int, Weighed] = field(default_factory=dict)
+    variants: dict[str, int] = field(default_factory=dict)
+    found: dict[int, list[Candidate]] = field(default_factory=dict)
+    profiled: dict[int, float] = field(default_factory=dict)
+    settled: set[int] = field(default_factory=set)
 
     def odds(self, f: Fit) -> float:
         """Prior log odds of a hypothesis."""
@@ -55,42 +67,34 @@ class Search:
 
     def weighed(self, f: Fit) -> Weighed:
         """A fit's own evidence over all nuisances."""
-        if id(f) not in self.scores:
+        if f.token not in self.scores:
             bank = Bank(f, self.own(f))
-            self.scores[id(f)] = f, bank.weigh(self.whole(bank))
-        return self.scores[id(f)][1]
+            self.scores[f.token] = bank.weigh(self.whole(bank))
+        return self.scores[f.token]
 
     @staticmethod
     def whole(bank: Bank) -> Subset:
         """The blocks of a bank that its fit has."""
         return frozenset(k for k, b in enumerate(bank.blocks) if isinstance(b.source, int))
 
-    variants: dict[str, int] = field(default_factory=dict)
-    found: dict[int, list[Candidate]] = field(default_factory=dict)
-    profiled: dict[int, float] = field(default_factory=dict)
-    settled: set[int] = field(default_factory=set)  # tokens of fits that `kinks.settled` returned
-
     def bank(self, f: Fit) -> Bank:
         """The bank around a fit, built once."""
-        if id(f) not in self.banks:
-            self.banks[id(f)] = self._bank(f)
-        return self.banks[id(f)]
+        if f.token not in self.banks:
+            self.banks[f.token] = self._bank(f)
+        return self.banks[f.token]
 
     def own(self, f: Fit) -> list[Block]:
         """Blocks of a fit's own effects and free functions."""
-        blocks, at = [], 0
-        for k, (c, z) in enumerate(zip(f.charts, f.numbers, strict=True)):
-            white = f.jacobian[:, at : at + len(z)]
+        blocks, jacobian = [], f.jacobian
+        for k, (c, z, place) in enumerate(zip(f.charts, f.numbers, f.places, strict=True)):
             odds = odds_of(c.term, self.variants.get(c.term.name, 1))
             o = c.origin
             known = c.mean - o, np.minimum(c.lower - o, 0.0), np.maximum(c.upper - o, 0.0)
-            blocks.append(Block(c.term.name, white, c.precision, *known, odds, k, z - o))
-            at += len(z)
-        for k, g in enumerate(f.free):
-            count = g.columns.shape[1]
-            own = f.weights[sum(x.columns.shape[1] for x in f.free[:k]) :][:count]
-            blocks.append(free_block(g, f.jacobian[:, at : at + count], -own, len(f.charts) + k))
-            at += count
+            blocks.append(Block(c.term.name, jacobian[:, place], c.precision, *known, odds, k, z - o))
+        cuts = np.cumsum([g.columns.shape[1] for g in f.free])[:-1]
+        whites = np.split(jacobian[:, f.count : f.count + len(f.weights)], cuts, axis=1)
+        for k, (g, white, own) in enumerate(zip(f.free, whites, np.split(f.weights, cuts), strict=False)):
+            blocks.append(free_block(g, white, -own, len(f.charts) + k))
         return blocks
 
     def _bank(self, f: Fit) -> Bank:
@@ -145,7 +149,7 @@ class Search:
 
     def so_far(self, start: Fit) -> Fit:
         """The likeliest hypothesis that was fitted and scored; `start` if there is none."""
-        known = [f for f in self.fits.values() if id(f) in self.scores]
+        known = [f for f in self.fits.values() if f.token in self.scores]
         return max(known, key=self.score, default=start)
 
     def keep(self, f: Fit) -> Fit:

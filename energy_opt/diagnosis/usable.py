@@ -25,10 +25,12 @@ from energy_opt.diagnosis.claims import written
 from energy_opt.diagnosis.clusters import clusters
 from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.errors import energy, reading_of
+from energy_opt.diagnosis.evidence import drift_of
 from energy_opt.diagnosis.fit import Fit, fit
 from energy_opt.diagnosis.hypothesis import Term, chart
 from energy_opt.diagnosis.noise import Noise
 from energy_opt.diagnosis.predict import predict
+from energy_opt.diagnosis.verdict import Inference
 from energy_opt.power import PowerModel
 
 SLOWER = 1.6  # factor on the duration of the slower motion that a motion is compared with
@@ -65,16 +67,25 @@ class Foreseen:
         return bool(self.percent <= DIFFERENCE and after["energy_percent"] <= tolerance)
 
 
+def foreseen_by(found: Inference, model: PowerModel, samples: Samples, joints: Sequence[str]) -> Foreseen:
+    """`foreseen` of the model that a diagnosis writes, over all of its runs."""
+    # if the residual is more than noise, it may affect errors of energy, levels and the estimated noise
+    noise = None if found.verdict in ("partly", "unexplained") else found.noise
+    best, rivals = found.best, [written(f) for f in found.rivals[1:]]
+    drift = drift_of(best, samples, centred=True)
+    offset = float(np.hypot(best.nuisance.offset, best.nuisance.drift))
+    out = foreseen(model, samples, noise, drift, offset, found.accepted, best, rivals)
+    if out.reason:
+        return out
+    if found.misspecified and found.verdict != "nothing_missing":
+        return replace(out, reason="a law is present that is not among the effects")
+    return replace(out, reason=f"{joints[found.idle[0]]} hardly moves in the set") if found.idle else out
+
+
 def foreseen(
-    model: PowerModel,
-    samples: Samples,
-    noise: Noise | None,
-    levels: np.ndarray,
-    offset: float,
-    f: Fit,
-    best: Fit,
+    model: PowerModel, samples: Samples, noise: Noise | None, levels: np.ndarray, offset: float, f: Fit, best: Fit,
     rivals: Sequence[PowerModel] = (),
-) -> Foreseen:
+) -> Foreseen:  # fmt: skip
     """Error of energies over a set's distinct motions, relative to the change by going faster and waiting.
 
     The level error that all motions share is removed: two plans of the same duration share it.
@@ -144,7 +155,7 @@ def hidden(f: Fit) -> float:
 
 
 def _unmetered(model: PowerModel) -> PowerModel:
-    return replace(model, effects=tuple(e for e in model.effects if e.stage != "meter"))
+    return model.kept(lambda e: e.stage != "meter")
 
 
 def _paces(samples: Samples) -> tuple[Samples, Samples]:

@@ -34,7 +34,7 @@ from energy_opt.diagnosis.claims import (
     widened,
     written,
 )
-from energy_opt.diagnosis.clusters import FEWEST, clusters, repeats
+from energy_opt.diagnosis.clusters import clusters, repeats
 from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.errors import Quality, mostly_explained
 from energy_opt.diagnosis.evidence import links_odds, noise_of
@@ -45,6 +45,7 @@ from energy_opt.diagnosis.kinks import other_drives, settled
 from energy_opt.diagnosis.links import links_of
 from energy_opt.diagnosis.noise import Noise, by_chance, standing_noise, weighted
 from energy_opt.diagnosis.predict import predict
+from energy_opt.diagnosis.recordings import FEWEST
 from energy_opt.diagnosis.residual import follows
 from energy_opt.diagnosis.search import Search, moved, root, without
 from energy_opt.power import PowerModel
@@ -132,7 +133,7 @@ def infer(
     still = plausible[0][1]
     judge = Judge(held, plausible, by_chance(most, max(lasts, samples.step)))
     scale = replace(Scale.of(limits, samples.power), measured=measured or {})
-    world = World.of(samples, declared, scale, links_of(samples, declared), still, given)
+    world = replace(World.of(samples, declared, scale, links_of(samples, declared), still), given=given)
     nothing = root(world, Nuisance(0.03, 0.3 * still.white))
     as_declared = judge.of_model(declared, nothing)
 
@@ -174,13 +175,13 @@ def _judged(found: Search, best: Fit, noise: Noise, nothing: Fit, judge: Judge, 
     odd = bool(claims and structures(found, accepted)) or any(g.signal != "time" for g in accepted.free)
     unknown = odd or bool(accepted.free) or judge.of(accepted).ratio >= NOISE
     imitated = found.score(sure) - found.score(accepted) > CLAIM  # not confirmed by held-out motions
-    loud = judge.under_most_noise()
+    loud = judge.loud
     most = loud.of(accepted)  # if the noise is larger than estimated, it is larger at rest, too
     misfit = most.motion / most.noise_motion >= NOISE * max(1.0, most.rest / most.noise_rest)
     misspecified = odd or imitated or misfit
     if accepted.free:
         accepted = plain_fit(found, accepted)
-        claims = tuple(Claim(c.odds, plain_fit(found, c.without)) for c in claims)
+        claims = tuple(replace(c, without=plain_fit(found, c.without)) for c in claims)
     if claims:
         reach = RIVAL + RIVAL_DETAIL * max(c.odds for c in claims)
         rivals = alternatives(found, accepted, RIVAL + reach)  # held-out motions may change the likeliest set
@@ -318,17 +319,16 @@ def _borne_out(
     """
     moving = sum(accepted.world.samples.kinds[g[0]] == "motion" for g in clusters(accepted.world.samples))
     blind = judge.held is None and moving < FEWEST  # too few motions to leave one out
-    loud = judge.under_most_noise()
     while claims and not blind:
         other = next((c for c in claims if any(no(accepted, c) for no in NO_CLAIM)), None)
         if other is None and shaped and (k := shaped_otherwise(found, accepted)) is not None:
-            other = next((c for c in claims if accepted.names[k] not in c.without.names), None)
+            other = next((c for c in claims if c.name == accepted.names[k]), None)
         if other is not None:
             accepted, claims = claimed(found, other.without)
             continue
         plain, start = plain_fit(found, accepted), root(found.world, accepted.nuisance)
-        noisy = (loud if judge.unseen else judge).of(plain).ratio >= NOISE
-        if noisy and not mostly_explained(loud.of(start), loud.of(plain), bool(accepted.free)):
+        noisy = (judge.loud if judge.unseen else judge).of(plain).ratio >= NOISE
+        if noisy and not mostly_explained(judge.loud.of(start), judge.loud.of(plain), bool(accepted.free)):
             return only(found, accepted), ()
         whole = BESIDE * float(np.sum(judge.gains(plain, only(found, plain)))) if noisy else 0.0
         fewer = [plain_fit(found, c.without) for c in claims]

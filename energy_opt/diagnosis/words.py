@@ -173,12 +173,9 @@ def _unit(found: Inference, declared: PowerModel) -> list[str]:
 
 def _borrowed(f: Fit, joints: Sequence[str]) -> list[str]:
     """Remarks on joints whose numbers the data hardly determined: they are taken from the others."""
-    out, at = [], 0
-    after = np.sqrt(np.diag(f.covariance))
-    for c, z in zip(f.charts, f.numbers, strict=True):
-        before = np.sqrt(np.diag(np.linalg.inv(c.precision)))
-        share = after[at : at + len(z)] / before
-        at += len(z)
+    out, after = [], np.sqrt(np.diag(f.covariance))
+    for c, z, place in zip(f.charts, f.numbers, f.places, strict=True):
+        share = after[place] / np.sqrt(np.diag(np.linalg.inv(c.precision)))
         if (
             c.term.declared
             or c.term.name in f.world.scale.measured

@@ -45,6 +45,11 @@ def kind_of(quantity: str) -> str:
     return quantity.rpartition(".")[2]
 
 
+def named_unit(kind: str, column: str, table: Table) -> str | None:
+    """The unit named by the row of units or by the header itself."""
+    return known_unit(kind, table.units.get(column, "")) or unit_in(kind, column)
+
+
 def factor_of(quantity: str, rule: Rule, table: Table) -> float:
     """Factor to SI units: from the log, else from the file's row of units or the headers, else 1.
 
@@ -56,7 +61,7 @@ def factor_of(quantity: str, rule: Rule, table: Table) -> float:
     kinds = (kind_of(quantity),) if len(rule.columns) == 1 else ("voltage", "current")
     out = 1.0
     for column in rule.columns:
-        found = ((kind, known_unit(kind, table.units.get(column, "")) or unit_in(kind, column)) for kind in kinds)
+        found = ((kind, named_unit(kind, column, table)) for kind in kinds)
         out *= next((UNITS[kind][unit] for kind, unit in found if unit is not None), 1.0)
     return out
 

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.measured.columns import ARM_POWER, ByHand, given_names, understood
-from energy_opt.measured.joint_units import joint_units, named_unit, units_in_words, without_foreign
-from energy_opt.measured.joints import stamp_factor
+from energy_opt.measured.columns import ARM_POWER, ByHand, given_names, named_unit, understood
+from energy_opt.measured.joint_units import joint_units, units_in_words, without_foreign
 from energy_opt.measured.meter_names import alternating, energy_column, power_column, product_columns, robots_own
-from energy_opt.measured.names import UNITS, cut, joint_columns, known_unit, time_columns, unit_in
+from energy_opt.measured.names import UNITS, cut, joint_columns, time_columns
 from energy_opt.measured.plausible import are_degrees
+from energy_opt.measured.stamps import stamp_factor
 from energy_opt.measured.table import Table
 from energy_opt.power.known import by_name
 from energy_opt.robot import Robot, known_robots
@@ -219,7 +219,7 @@ def _guess_meter(table: Table, out: Guess, hand: ByHand) -> None:
         out.words.append(f"power: {power} [{unit or 'W'}]")
     elif pair is not None:
         out.columns["power"] = {"product": list(pair)}
-        if known_unit("current", table.units.get(pair[1], "")) == "mA" or unit_in("current", pair[1]) == "mA":
+        if named_unit("current", pair[1], table) == "mA":
             out.columns["power"]["unit"] = "mW"
         out.words.append(f"power: {pair[0]} * {pair[1]} [W]")
     elif energy is not None:

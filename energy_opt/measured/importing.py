@@ -17,11 +17,11 @@ from energy_opt.files import write_toml
 from energy_opt.folders import no_other_verb, written_whole
 from energy_opt.measured.columns import ByHand, given_names, quoted, understood
 from energy_opt.measured.guess import Guess, guess_joints, guess_meter, guess_robot, is_motion, same_columns
-from energy_opt.measured.joints import EPOCH
 from energy_opt.measured.log import FORMAT, NAME, read_log
 from energy_opt.measured.names import joint_columns
 from energy_opt.measured.run import Run, cut_at_standstill, is_at_rest
 from energy_opt.measured.sets import collect
+from energy_opt.measured.stamps import EPOCH
 from energy_opt.measured.table import Table
 from energy_opt.robot import Robot
 

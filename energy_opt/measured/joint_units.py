@@ -11,7 +11,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.measured.names import BY_SIGNAL, UNITS, cut, known_unit, unit_in
+from energy_opt.measured.columns import named_unit
+from energy_opt.measured.names import BY_SIGNAL, UNITS, cut, known_unit
 from energy_opt.measured.plausible import are_degrees, degrees_fault, leaps
 from energy_opt.measured.table import Table
 from energy_opt.robot import Robot
@@ -22,11 +23,6 @@ RELATIVE = ("%", "percent", "°f", "degf", "k", "v", "mv")  # units of joints' s
 MOVED = 0.02  # [rad, m] least motion that shows the unit of a velocity
 
 Units = dict[str, str | None]  # by joint; None: SI
-
-
-def named_unit(kind: str, column: str, table: Table) -> str | None:
-    """The unit named by the row of units or by the header itself."""
-    return known_unit(kind, table.units.get(column, "")) or unit_in(kind, column)
 
 
 def without_foreign(columns: dict[str, dict[str, str]], table: Table, words: list[str]) -> None:
@@ -95,9 +91,9 @@ def units_in_words(signal: str, units: Units, robot: Robot) -> str:
 def _named(table: Table, robot: Robot, signal: str, by: Mapping[str, str]) -> Units:
     """The unit that the file names for each joint; a joint without one has that of the others of its kind."""
     out = {joint: named_unit(signal, by[joint], table) for joint in robot.joints}
-    length = {"position": ("m", "mm"), "velocity": ("m/s", "mm/s"), "acceleration": ("m/s^2", "mm/s^2")}.get(signal)
-    if length is None:
+    if signal not in BY_SIGNAL:
         return _shared(out, robot.joints)
+    length = [f"{unit}{BY_SIGNAL[signal]}" for unit in ("m", "mm")]
     for joint, slides in zip(robot.joints, robot.slides, strict=True):
         unit, si = out[joint], next(iter(UNITS[signal]))
         if slides and unit == si:  # recorders write one unit for all joints: both are SI

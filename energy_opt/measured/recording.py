@@ -16,12 +16,13 @@ import numpy as np
 
 from energy_opt.measured.clock import activity, align
 from energy_opt.measured.columns import AUTO, LOGGED, PRESETS, Rule, plain_rules
-from energy_opt.measured.joints import EPOCH, FEWEST, Joints, quantity, read_joints, runs_backward
+from energy_opt.measured.joints import FEWEST, Joints, quantity, read_joints, runs_backward
 from energy_opt.measured.log import LogFile, RunEntry
 from energy_opt.measured.meter_names import energy_column, power_column
 from energy_opt.measured.names import time_columns
 from energy_opt.measured.plausible import glitches, update_indices
 from energy_opt.measured.run import JOINT_SIGNALS, Run, cut_at_standstill, pieces
+from energy_opt.measured.stamps import EPOCH
 from energy_opt.measured.table import Table
 from energy_opt.robot import Robot
 

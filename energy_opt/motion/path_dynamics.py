@@ -117,6 +117,10 @@ class PathDynamics:
         holding, inertial, centrifugal = np.split(torque, 3)
         return inertial - holding, centrifugal - holding, holding
 
+    def at(self, s: np.ndarray) -> PathDynamics:
+        """The same at other path positions (K,)."""
+        return PathDynamics(self.robot, self.model, self.path, s)
+
     def under(self, model: PowerModel) -> PathDynamics:
         """The same for a model with the same payloads and tilts."""
         other = copy.copy(self)

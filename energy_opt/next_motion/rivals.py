@@ -95,12 +95,10 @@ def slack_under(f: Fit, model: PowerModel, n: int, nuisance: Nuisance, numbers: 
     basis, noise = f.world.links.basis, f.world.whiten.noise
     every = deviations_of(f.world.samples.body)
     unseen = every @ null_space(np.linalg.lstsq(every, basis, rcond=None)[0].T) * nuisance.spread
-    values, at = np.zeros((len(model.values(n)), len(records) + unseen.shape[1])), 0
-    where = model.places(n)
-    for c, z in zip(f.charts, f.numbers, strict=True):
-        if numbers:
-            values[where[c.term.name], : len(records)] = c.slope(z) @ root[at : at + len(z)]
-        at += len(z)
+    values, where = np.zeros((len(model.values(n)), len(records) + unseen.shape[1])), model.places(n)
+    if numbers:
+        for c, z, place in zip(f.charts, f.numbers, f.places, strict=True):
+            values[where[c.term.name], : len(records)] = c.slope(z) @ root[place]
     links = np.column_stack([basis @ root[len(records) - amounts :], unseen])
     density = noise.white**2 * f.world.samples.step + 2 * noise.wave**2 * noise.memory
     level = float(np.hypot(nuisance.offset, nuisance.drift))

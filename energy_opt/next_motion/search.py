@@ -18,6 +18,7 @@ import numpy as np
 from energy_opt.cell.cell import Cell
 from energy_opt.errors import Infeasible
 from energy_opt.motion.judge.certificate import Certificate, certify
+from energy_opt.motion.judge.clearance import clearance_of
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.reshape.curve import Curve
@@ -121,8 +122,7 @@ class _Judge:
 
     def clear(self, legs: Sequence[Curve]) -> bool:
         """True if a motion is proven to touch nothing."""
-        t = joined(legs, self.robot.joints)
-        return self.cell is None or self.cell.prove(t.time, t.position, t.velocity, t.acceleration).proven
+        return self.cell is None or clearance_of(self.cell, joined(legs, self.robot.joints)).proven
 
     def torque(self, legs: Sequence[Curve]) -> np.ndarray:
         """Largest motor torque under each rival, as a share of its limit, (rivals, n)."""

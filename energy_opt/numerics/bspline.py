@@ -47,16 +47,10 @@ class Basis:
     def polygon(self, order: int) -> np.ndarray:
         """Control points of the derivative of `order` from those of the curve, (controls - order, controls).
 
-        One derivative of a spline of degree d has the control points d (c_{i+1} - c_i) / (t_{i+d+1} - t_{i+1})
-        (de Boor). It lies in the hull of its control points, so bounds on these hold at every u.
+        A derivative lies in the hull of its control points, so bounds on these hold at every u.
         """
-        out = np.eye(self.controls)
-        for k in range(order):
-            degree, count = DEGREE - k, self.controls - k
-            knots = self.knots[k : len(self.knots) - k]
-            gap = knots[1 + degree : count + degree] - knots[1:count]
-            out = degree * np.diff(out, axis=0) / gap[:, None]
-        return out
+        derivative = BSpline(self.knots, np.eye(self.controls), DEGREE).derivative(order)
+        return np.asarray(derivative.c[: self.controls - order])
 
     def gauss(self, per_span: int) -> tuple[np.ndarray, np.ndarray]:
         """Nodes and weights of Gauss quadrature over every knot span, (spans * per_span,) each."""

@@ -52,13 +52,6 @@ def _own_folder() -> Path:
     return Path(out)
 
 
-def _built(cache: Path, key: str, source: Source, cc: str, flags: tuple[str, ...] = ()) -> Path:
-    """The library, built now."""
-    code = source()
-    log.info("compiling functions, once and for all later runs", extra={"expected": len(code) / RATE})
-    return library.build(cache, key, code, cc, flags)
-
-
 def library_of(source: str, flags: tuple[str, ...]) -> Path | None:
     """The library of a C source, built now if it is not in the cache; None without a compiler.
 
@@ -75,13 +68,20 @@ def _always(source: Source, cc: str, key: str, flags: tuple[str, ...] = ()) -> P
     Raises:
         BadInput: the compiler fails, or nothing can be written anywhere.
     """
+
+    def inside(cache: Path) -> Path:
+        found = library.find(cache, key)
+        if found is not None:
+            return found
+        code = source()
+        log.info("compiling functions, once and for all later runs", extra={"expected": len(code) / RATE})
+        return library.build(cache, key, code, cc, flags)
+
     try:
         try:
-            cache = library.folder()
-            return library.find(cache, key) or _built(cache, key, source, cc, flags)
+            return inside(library.folder())
         except library.Unusable:
-            cache = _own_folder()
-            return library.find(cache, key) or _built(cache, key, source, cc, flags)
+            return inside(_own_folder())
     except (library.Unusable, OSError) as error:
         raise BadInput(f"--compile always: {error}") from None
 

@@ -70,8 +70,8 @@ def hidden(**given):
     )
     fits = [
         SimpleNamespace(
-            model=m, names=(), charts=(), numbers=(), count=0, weights=none, amounts=none, covariance=np.zeros((0, 0)),
-            hessian=np.zeros((0, 0)), nuisance=Nuisance(0.03, 0.3), world=world,
+            model=m, names=(), charts=(), numbers=(), places=(), count=0, weights=none, amounts=none,
+            covariance=np.zeros((0, 0)), hessian=np.zeros((0, 0)), nuisance=Nuisance(0.03, 0.3), world=world,
         )
         for m in given.get("rivals", [BASE])
     ]  # fmt: skip

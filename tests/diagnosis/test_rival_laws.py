@@ -12,7 +12,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from energy_opt.diagnosis import diagnose
-from energy_opt.diagnosis.claims import RIVAL, is_a_line
+from energy_opt.diagnosis.claims import RIVAL, Claim, is_a_line
 from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.errors import reading_of
 from energy_opt.diagnosis.evidence import density
@@ -251,7 +251,7 @@ def test_a_warm_up_that_may_be_longer_than_the_set_is_drift_of_the_meter(soak, s
     narrow = SimpleNamespace(names=("standby_drift",), model=model, world=world, deviations=[np.array([0.1, 1.0])])
     wide = SimpleNamespace(**{**vars(narrow), "deviations": [np.array([0.5, sure])]})
     monkeypatch.setattr("energy_opt.diagnosis.claims.widened", lambda f: wide)
-    assert is_a_line(narrow, SimpleNamespace(without=SimpleNamespace(names=()))) is line
+    assert is_a_line(narrow, Claim("standby_drift", 10.0, narrow)) is line
 
 
 def test_the_density_of_errors_counts_what_numbers_leave_open():

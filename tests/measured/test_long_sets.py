@@ -10,7 +10,7 @@ from bounds import measured as recorded
 from bounds import taken
 from virtual_sets import make_set
 
-from energy_opt.diagnosis import clusters, diagnose, recordings
+from energy_opt.diagnosis import diagnose, recordings
 from energy_opt.diagnosis.noise import weighted
 from energy_opt.diagnosis.predict import predict
 from energy_opt.diagnosis.recordings import take_samples
@@ -78,14 +78,14 @@ def test_pieces_of_the_nodes_give_what_all_at_once_do(made, whole, monkeypatch):
 
 def test_of_too_many_runs_some_are_left_out_evenly_and_long_ones_are_cut(whole, monkeypatch):
     nodes = sum(len(run.power) // recordings.per_bin(run) for run in whole.runs)
-    assert clusters.shortened(whole) is whole
+    assert recordings.shortened(whole) is whole
     many = replace(whole, runs=whole.runs * 6)
-    monkeypatch.setattr(clusters, "MOST_NODES", 2 * nodes)
-    less = clusters.shortened(many)
+    monkeypatch.setattr(recordings, "MOST_NODES", 2 * nodes)
+    less = recordings.shortened(many)
     assert len(less.runs) == len(many.runs) // 3 and "runs, spread evenly, are used" in less.remarks[-1]
     few = whole.runs[:6]
-    monkeypatch.setattr(clusters, "MOST_NODES", sum(len(run.power) // recordings.per_bin(run) for run in few) // 2)
-    cut = clusters.shortened(replace(whole, runs=few))
+    monkeypatch.setattr(recordings, "MOST_NODES", sum(len(run.power) // recordings.per_bin(run) for run in few) // 2)
+    cut = recordings.shortened(replace(whole, runs=few))
     for run, of in zip(cut.runs, whole.runs, strict=False):
         assert 0 < len(run.power) < len(of.power) and len(run.time) == len(run.position) < len(of.time)
         assert (run.power == of.power[: len(run.power)]).all()

@@ -12,11 +12,11 @@ from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
 from energy_opt.measured import nodes, operator, read_set
 from energy_opt.measured.importing import import_files
-from energy_opt.measured.joints import clean
 from energy_opt.measured.layout import Csv, layout_of
 from energy_opt.measured.meter_names import energy_column, power_column, product_columns
 from energy_opt.measured.names import cut, joint_columns, time_columns
 from energy_opt.measured.plausible import held_samples, update_indices
+from energy_opt.measured.stamps import clean
 from energy_opt.measured.table import Table
 
 

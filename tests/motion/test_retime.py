@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from poses import GOAL, MIDDLE, START
+from poses import GOAL, MIDDLE, START, without_jerk
 
 from energy_opt.effects import (
     BaseTilt,
@@ -104,7 +104,7 @@ def test_without_standby_a_free_duration_ends_somewhere(wheel: Robot) -> None:
     "path", [straight(START, GOAL), straight(GOAL, START), through(np.array([START, MIDDLE, GOAL]))]
 )
 def test_exact_durations_beat_even_slowing(panda: Robot, model: PowerModel, path: JointPath, share: float) -> None:
-    shortest = fastest(panda, model, path, jerk=False)
+    shortest = fastest(without_jerk(panda), model, path)
     found = retime(panda, model, path, shortest=shortest, duration=share * shortest.duration)
     assert found.converged
     assert found.trajectory.duration == pytest.approx(share * shortest.duration, abs=1e-9)
@@ -123,7 +123,7 @@ def test_mirrored_in_time_the_loss_is_the_same(wheel: Robot) -> None:
 
 def test_gravity_makes_the_way_up_as_costly_as_the_way_down_plus_its_work(panda: Robot, model: PowerModel) -> None:
     """Reversing a motion keeps all torques of the source model, so that only the stored energy changes its sign."""
-    duration = 1.5 * fastest(panda, model, straight(START, GOAL), jerk=False).duration
+    duration = 1.5 * fastest(without_jerk(panda), model, straight(START, GOAL)).duration
     up = retime(panda, model, straight(START, GOAL), duration=duration)
     down = retime(panda, model, straight(GOAL, START), duration=duration)
     stored = Scorer(panda, model).stored(up.trajectory)
@@ -170,14 +170,14 @@ def test_jerk_limits_hold_and_end_the_claim(panda: Robot, model: PowerModel) -> 
     shortest = fastest(tight, model, path)
     found = retime(tight, model, path, max_duration=shortest.duration)
     assert found.converged and found.kind == "local" and found.lower_bound is None
-    assert found.timing.duration > fastest(tight, model, path, jerk=False).duration * 1.002
+    assert found.timing.duration > fastest(without_jerk(tight), model, path).duration * 1.002
     assert worst_use(tight, model, found) < 1e-5
     assert found.energy <= slowed(tight, model, found) * (1 + 1e-6)
 
 
 def test_end_speeds_are_kept(panda: Robot, model: PowerModel) -> None:
     path = straight(START, GOAL)
-    shortest = fastest(panda, model, path, start_speed=0.4, end_speed=0.2, jerk=False)
+    shortest = fastest(without_jerk(panda), model, path, start_speed=0.4, end_speed=0.2)
     for duration in (None, 1.4 * shortest.duration):
         found = retime(panda, model, path, shortest=shortest, duration=duration)
         assert found.converged
@@ -189,7 +189,7 @@ def test_end_speeds_are_kept(panda: Robot, model: PowerModel) -> None:
 
 def test_too_short_a_duration_says_what_would_work(panda: Robot, model: PowerModel) -> None:
     path = straight(START, GOAL)
-    shortest = fastest(panda, model, path, jerk=False).duration
+    shortest = fastest(without_jerk(panda), model, path).duration
     for wish in ({"duration": 0.6 * shortest}, {"max_duration": 0.6 * shortest}):
         with pytest.raises(Infeasible, match="shortest duration") as caught:
             retime(panda, model, path, **wish)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from poses import GOAL, MIDDLE, START
+from poses import GOAL, MIDDLE, START, without_jerk
 
 from energy_opt.effects import (
     CopperLoss,
@@ -34,6 +34,7 @@ from energy_opt.motion.retime.points import PathLaw, Symbolic
 from energy_opt.motion.retime.program import Retiming, largest_price
 from energy_opt.motion.retime.quadrature import lift, quadrature
 from energy_opt.motion.retime.solve import retime
+from energy_opt.motion.timing import toppra
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.timing.toppra import fastest
 from energy_opt.numerics.bspline import greville
@@ -44,14 +45,15 @@ from energy_opt.robot import Robot, load_robot
 
 @pytest.mark.parametrize("path", [straight(START, GOAL), through(np.array([START, MIDDLE, GOAL]))])
 @pytest.mark.parametrize("mode", ["free", "exact"])
-def test_against_a_cone_program(ur5: Robot, path: JointPath, mode: str) -> None:
+def test_against_a_cone_program(ur5: Robot, path: JointPath, mode: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The same spline space and limits at the same points, posed for cvxpy and solved by Clarabel."""
     cp = pytest.importorskip("cvxpy")
     model = PowerModel("ur5", (Standby(power=88.04), CopperLoss(r_over_kt2=0.0036), CoulombFriction(tau_c=2.0)))
     path = JointPath(path.knots, path.coefficients[:, :, :6])  # the first six coordinates, on a six-axis arm
     ends = np.full(6, np.inf)  # the cone program knows neither acceleration nor jerk limits
     ur5 = replace(ur5, limits=ur5.limits.replace(acceleration=ends, jerk=ends))
-    shortest = fastest(ur5, model, path, grid=60, jerk=False)
+    monkeypatch.setattr(toppra, "INTERVALS", 60)  # with more, the cone program's answer is less accurate
+    shortest = fastest(ur5, model, path)
     duration = 1.1 * shortest.duration
     found = retime(ur5, model, path, shortest=shortest, duration=duration if mode == "exact" else None)
     assert found.kind == "global"
@@ -94,7 +96,7 @@ def test_against_a_cone_program(ur5: Robot, path: JointPath, mode: str) -> None:
 
 def test_the_bound_is_below_everything_that_is_feasible(ur5: Robot, model: PowerModel) -> None:
     path = straight([0.3, -1.2, 1.0, 0.2, 0.4, 0.0], [-0.5, -0.6, 0.4, 1.0, -0.2, 0.5])
-    duration = 1.3 * fastest(ur5, model, path, jerk=False).duration
+    duration = 1.3 * fastest(without_jerk(ur5), model, path).duration
     found = retime(ur5, model, path, duration=duration)
     assert found.lower_bound is not None and found.gap_percent is not None
     assert found.kind == "global" and found.gap_percent < 0.01
@@ -209,7 +211,7 @@ def test_derivatives_of_the_program(panda: Robot, model: PowerModel, general: bo
 
 def test_energy_over_duration_is_convex(ur5: Robot, model: PowerModel) -> None:
     path = straight([0.3, -1.2, 1.0, 0.2, 0.4, 0.0], [-0.5, -0.6, 0.4, 1.0, -0.2, 0.5])
-    shortest = fastest(ur5, model, path, jerk=False)
+    shortest = fastest(without_jerk(ur5), model, path)
     durations = shortest.duration * np.linspace(1.05, 1.6, 6)
     energy = [retime(ur5, model, path, shortest=shortest, max_duration=t).energy for t in durations]
     exact = [retime(ur5, model, path, shortest=shortest, duration=t) for t in durations]

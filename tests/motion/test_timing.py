@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from poses import GOAL, MIDDLE, START
+from poses import GOAL, MIDDLE, START, without_jerk
 from scipy.integrate import quad
 
 from energy_opt.effects import Armature, CoulombFriction, LoadFriction, StribeckFriction, ViscousFriction
@@ -83,7 +83,7 @@ def test_limits_hold_between_the_grid_points(
     panda: Robot, model: PowerModel, path: JointPath, frictional: bool
 ) -> None:
     law = with_friction(model) if frictional else model
-    timing = fastest(panda, law, path, jerk=False)
+    timing = fastest(without_jerk(panda), law, path)
     assert inside(panda, law, timing) < 1e-6
     assert inside(panda, law, timing) > -1e-2  # something binds, or it would not be the fastest
     gentle = fastest(panda, law, path)
@@ -93,21 +93,21 @@ def test_limits_hold_between_the_grid_points(
 
 def test_one_joint_bangs_at_its_acceleration(panda: Robot, model: PowerModel) -> None:
     goal = START + [0, 0, 0, 0, 0, 0, 0.2]  # too short to reach the velocity limit: T = 2 sqrt(d / a)
-    timing = fastest(panda, model, straight(START, goal), jerk=False)
+    timing = fastest(without_jerk(panda), model, straight(START, goal))
     assert timing.duration == pytest.approx(2 * np.sqrt(0.2 / 20.0), rel=2e-3)
 
 
 def test_end_speeds_are_met(panda: Robot, model: PowerModel) -> None:
-    timing = fastest(panda, model, straight(START, GOAL), start_speed=0.5, end_speed=0.3, jerk=False)
+    timing = fastest(without_jerk(panda), model, straight(START, GOAL), start_speed=0.5, end_speed=0.3)
     assert np.sqrt(timing.control[[0, -1]]) == pytest.approx([0.5, 0.3])
     assert inside(panda, model, timing) < 1e-6
-    assert timing.duration < fastest(panda, model, straight(START, GOAL), jerk=False).duration
+    assert timing.duration < fastest(without_jerk(panda), model, straight(START, GOAL)).duration
 
 
 @pytest.mark.parametrize("length", [1e-4, 1e-2])
 def test_tiny_moves_work(panda: Robot, model: PowerModel, length: float) -> None:
     direction = (GOAL - START) / np.linalg.norm(GOAL - START)
-    timing = fastest(panda, model, straight(START, START + length * direction), jerk=False)
+    timing = fastest(without_jerk(panda), model, straight(START, START + length * direction))
     step = float(np.diff(timing.trajectory(panda.joints).time).min())
     assert inside(panda, model, timing) < 1e-6 + 0.5e-9 / step  # rows are half a nanosecond beside the knots
 

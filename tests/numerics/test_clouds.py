@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from energy_opt.numerics import native
-from energy_opt.numerics.clouds import Clouds
+from energy_opt.numerics.hulls import Clouds
 
 RNG = np.random.default_rng(4)
 SETS = [RNG.normal(size=(size, 3)) for size in (1, 2, 17, 60)]

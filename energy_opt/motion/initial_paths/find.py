@@ -22,7 +22,6 @@ FIRST = 20_000  # most poses that each attempt may check: a second or two
 # [rad] edge lengths of the planner's trees, in turn: short ones leave a cage sooner, long ones are faster otherwise
 EDGES = (1.0, 2.5)
 FURTHER = 10_000  # the same for each attempt at a further path
-TRIES = 150  # shortcuts to try on a path
 SAME = 0.15  # [rad] paths that differ by less at all inner places are the same
 ROUNDS = 40  # most times that corners are tightened before a path is given up
 
@@ -79,13 +78,13 @@ class Looks:
     """Checks of poses and of lines between them, with a count of poses."""
 
     def __init__(self, free: Free, step: np.ndarray) -> None:
-        self._free, self._step = free, step
+        self.free, self._step = free, step
         self.poses = 0
 
     def clear(self, q: np.ndarray) -> bool:
         """True if the pose q (n,) is free with the margin of paths; counts the checked poses."""
         self.poses += 1
-        return self._free.clear(q)
+        return self.free.clear(q)
 
     def line(self, a: np.ndarray, b: np.ndarray) -> bool:
         """True if the straight line between two free poses (n,) is free at the poses checked along it."""
@@ -95,7 +94,7 @@ class Looks:
         """True if all of the line is proven free. Poses alone may miss contacts, since shortcuts run along
         obstacles' edges.
         """
-        return self.line(a, b) and self._free.unproven(straight(a, b)) is None
+        return self.line(a, b) and self.free.unproven(straight(a, b)) is None
 
     def budget(self, poses: int) -> Callable[[], bool]:
         """A function that is True once so many more poses have been checked."""
@@ -117,17 +116,14 @@ def find_paths(
     began = time.perf_counter()
     line = straight(ends.start, ends.goal)
     if free.unproven(line) is None:
-        return [
-            InitialPath(
-                line, "straight", time.perf_counter() - began, length(np.stack([ends.start, ends.goal]), ends.velocity)
-            )
-        ]
+        lasts = length(np.stack([ends.start, ends.goal]), ends.velocity)
+        return [InitialPath(line, "straight", time.perf_counter() - began, lasts)]
     search = Looks(free, step)
     if not (search.clear(ends.start) and search.clear(ends.goal)):
         return []
     found: list[InitialPath] = []
     for source, points in _free_bent_lines(search, ends, planner, seed, count):
-        path = _rounded_path(search, free, ends, points, source, seed + len(found), began)
+        path = _rounded_path(search, ends, points, source, seed + len(found), began)
         if path is not None and not any(_is_similar(path, other) for other in found):
             found.append(path)
         if len(found) == count:
@@ -193,18 +189,18 @@ def _own_bent_lines(search: Looks, ends: Ends, seed: int) -> Iterator[np.ndarray
 
 
 def _rounded_path(
-    search: Looks, free: Free, ends: Ends, points: np.ndarray, source: Source, seed: int, began: float
+    search: Looks, ends: Ends, points: np.ndarray, source: Source, seed: int, began: float
 ) -> InitialPath | None:
     """The bent line shortened, its corners rounded as far as the proof allows; None if it cannot be proven."""
     points = without_needless(points, search.proven_line)
-    points = shortened(points, search.proven_line, ends.velocity, seed, TRIES)
+    points = shortened(points, search.proven_line, ends.velocity, seed)
     points = without_needless(merged(points, search.proven_line), search.proven_line)
     rounding = Rounding(points)
     for _ in range(ROUNDS):
         path = rounding.path()
         if not Rounding.regular(path):
             return None
-        where = free.unproven(path)
+        where = search.free.unproven(path)
         if where is None:
             return InitialPath(path, source, time.perf_counter() - began, length(points, ends.velocity))
         if not rounding.tighter(where):

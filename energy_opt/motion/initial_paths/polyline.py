@@ -8,6 +8,7 @@ import numpy as np
 
 from energy_opt.motion.path import JointPath, straight
 
+TRIES = 150  # attempts at a shortcut
 NEAR = 0.45  # share of a corner's shorter edge: largest reach of its rounding
 CLOSE = 0.2  # [rad] corners nearer than this slow a motion down, because they leave no room for rounding
 SLOWEST = 0.05  # share of the path's mean |dq/ds|: below it a corner turns back on itself and cannot be rounded
@@ -34,17 +35,17 @@ def between(a: np.ndarray, b: np.ndarray, step: np.ndarray) -> Iterator[np.ndarr
 
 
 def shortened(
-    points: np.ndarray, line: Callable[[np.ndarray, np.ndarray], bool], velocity: np.ndarray, seed: int, tries: int
+    points: np.ndarray, line: Callable[[np.ndarray, np.ndarray], bool], velocity: np.ndarray, seed: int
 ) -> np.ndarray:
     """The bent line (K, n) with detours cut off: by the straight line between two of its places, or in only one joint.
 
     Args:
         line: whether the straight line between two poses is free.
         velocity: (n,) speed limits; a shortcut is kept if it reduces the line's duration.
-        tries: seeded attempts at a shortcut.
+        seed: of the attempts at a shortcut.
     """
     random = np.random.default_rng(seed)
-    for k in range(tries):
+    for k in range(TRIES):
         if len(points) <= 2:
             break
         joint = None if k % 2 == 0 else int(random.integers(points.shape[1]))

@@ -59,8 +59,8 @@ class Keep(Limit):
 
     @staticmethod
     def width(bound: float) -> float:
-        """The size that corresponds to a bound."""
-        raise NotImplementedError
+        """The size that corresponds to a bound: of an angle [deg] the chord 2 sin(angle / 2)."""
+        return float(2 * np.sin(np.radians(bound) / 2))
 
     @staticmethod
     def squared_size(place: ToolState, p: ca.SX) -> ca.SX:
@@ -134,11 +134,6 @@ class KeepUpright(Keep):
         return np.concatenate([axis, up])
 
     @staticmethod
-    def width(bound: float) -> float:
-        """The chord 2 sin(angle / 2) of the bound."""
-        return float(2 * np.sin(np.radians(bound) / 2))
-
-    @staticmethod
     def squared_size(place: ToolState, p: ca.SX) -> ca.SX:
         """The squared chord between the axis and up."""
         # |axis - up|^2 without its cancellation at zero
@@ -169,11 +164,6 @@ class KeepOrientation(Keep):
     def kept(cls, ends: np.ndarray, up: np.ndarray) -> np.ndarray:
         """The rotation at the start, column by column."""
         return ends[0, :3, :3].T.ravel()
-
-    @staticmethod
-    def width(bound: float) -> float:
-        """The chord 2 sin(angle / 2) of the bound."""
-        return float(2 * np.sin(np.radians(bound) / 2))
 
     @staticmethod
     def squared_size(place: ToolState, p: ca.SX) -> ca.SX:

@@ -121,10 +121,10 @@ class OwnLimit(Limit):
         """True if a retiming can hold it, which needs a value independent of time."""
         return not self._of_time
 
-    def _shares(self, *columns: np.ndarray) -> np.ndarray:
-        """The value over the bound (M, m), at states (M, …) in the order of `State`."""
+    def _shares(self, *columns: np.ndarray, signed: bool) -> np.ndarray:
+        """The value over the bound (M, m), at states (M, …) in the order of `State`; its magnitude unless `signed`."""
         found = Batch(self._law, len(columns[0]))(*columns)[0] / self.scale
-        return np.asarray(found if self.one_sided else np.abs(found))
+        return np.asarray(found if signed else np.abs(found))
 
     def _numbers(self, shares: np.ndarray) -> np.ndarray:
         """The shares themselves; BadInput if one is no number, which would count as kept."""
@@ -134,12 +134,13 @@ class OwnLimit(Limit):
 
     def worst(self, x: Dense) -> Violation:
         """The largest value over its bound."""
-        used = self._numbers(self._shares(x.q, x.v, x.a, x.effort, x.power[:, None], x.time[:, None]))
+        used = self._numbers(self.peaked(x))
         return worst_of(self, x, used * self.scale, self.scale, used - 1)
 
     def peaked(self, x: Dense) -> np.ndarray:
         """Values over bounds, (N, m)."""
-        return self._shares(x.q, x.v, x.a, x.effort, x.power[:, None], x.time[:, None])
+        state = x.q, x.v, x.a, x.effort, x.power[:, None], x.time[:, None]
+        return self._shares(*state, signed=self.one_sided)
 
     def scaled(self, share: float) -> Self:
         """The limit with bounds times `share`."""
@@ -155,8 +156,7 @@ class OwnLimit(Limit):
         """The value over the bound (M, m) along a path; its magnitude unless `signed`."""
         speed, power = np.sqrt(b)[:, None], d.power(a, b)[:, None]
         motion = (d.q, d.q1 * speed, d.q1 * a[:, None] + d.q2 * b[:, None], d.motor_torque(a, b), power)
-        found = Batch(self._law, len(d.s))(*motion, np.zeros_like(power))[0] / self.scale
-        return np.asarray(found if signed else np.abs(found))
+        return self._shares(*motion, np.zeros_like(power), signed=signed)
 
     def fixed(self, d: PathDynamics) -> Fixed | None:
         """The value at rest along the path, which no timing changes."""

@@ -189,7 +189,7 @@ class PathLimits:
         intervals = np.flatnonzero(close[:-1] | close[1:])
         share_of = np.where(intervals[:, None] == len(d.s), 1 - inner, inner)
         places = (edges[intervals, None] + np.diff(edges)[intervals, None] * share_of).ravel()
-        between = PathDynamics(d.robot, d.model, d.path, places)
+        between = d.at(places)
         broken = False
         for held, use in zip(self.at_points, self._used(between, lift(self.knots, places), control), strict=True):
             if held.bounds_speed:

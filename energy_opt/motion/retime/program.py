@@ -171,8 +171,7 @@ class Retiming:
         step = np.diff(edges)
         time = (edges[:-1, None] + step[:, None] * GAUSS[0]).ravel()
         s, rate, a = timing.at(time)
-        d = PathDynamics(self.robot, self.model, timing.path, s)
-        return float((step[:, None] * GAUSS[1]).ravel() @ d.power(a, rate**2, time))
+        return float((step[:, None] * GAUSS[1]).ravel() @ self.dynamics.at(s).power(a, rate**2, time))
 
     def law(self, timing: Timing) -> PathLaw:
         """The law at the grid's points; if it depends on time, at the times of `timing` there."""

@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from energy_opt.numerics.bspline import QuadraticBasis, quadratic_basis
+from energy_opt.numerics.bspline import quadratic_basis
 
 _X, _W = np.polynomial.legendre.leggauss(3)
 GAUSS = ((_X + 1) / 2, _W / 2)
@@ -25,7 +25,6 @@ GAUSS = ((_X + 1) / 2, _W / 2)
 class Grid:
     """Points s (M,) and weights (M,); s rises and contains every knot except those at rest."""
 
-    knots: np.ndarray
     s: np.ndarray
     weight: np.ndarray
 
@@ -58,7 +57,7 @@ def quadrature(knots: np.ndarray, rest: tuple[bool, bool]) -> Grid:
     new = np.concatenate([[True], np.diff(every) > 1e-12])
     merged = np.zeros(int(new.sum()))
     np.add.at(merged, np.cumsum(new) - 1, shares)
-    return Grid(knots, every[new], merged)
+    return Grid(every[new], merged)
 
 
 @dataclass(frozen=True)
@@ -102,11 +101,6 @@ class Lift:
     first: np.ndarray
     maps: np.ndarray
     count: int
-
-    @classmethod
-    def of(cls, at: QuadraticBasis, kinds: str, count: int) -> Lift:
-        """From the B-spline's basis; `kinds` is "ab" or "abw"."""
-        return cls(at.first, np.stack([getattr(at, kind) for kind in kinds]), count)
 
     def part(self, places: np.ndarray) -> Lift:
         """The maps to some of the points."""
@@ -175,8 +169,9 @@ def gathered(first: np.ndarray, entries: np.ndarray, count: int) -> np.ndarray:
 
 
 def lift(knots: np.ndarray, s: np.ndarray, kinds: str = "ab", piece: np.ndarray | None = None) -> Lift:
-    """The maps from control values to the points `s`; `piece`: the interval to use if s is a knot."""
-    return Lift.of(quadratic_basis(knots, s, piece), kinds, len(knots) + 1)
+    """The maps from control values to "ab" or "abw" (`kinds`) at points `s`; `piece`: the interval if s is a knot."""
+    at = quadratic_basis(knots, s, piece)
+    return Lift(at.first, np.stack([getattr(at, kind) for kind in kinds]), len(knots) + 1)
 
 
 @lru_cache(maxsize=8)

@@ -29,7 +29,7 @@ from energy_opt.motion.path import JointPath
 from energy_opt.motion.retime.fastest import FLOOR, quickest
 from energy_opt.motion.retime.program import Retiming, Solved, standing_power
 from energy_opt.motion.timing.law import Timing
-from energy_opt.motion.timing.toppra import INTERVALS, fastest
+from energy_opt.motion.timing.toppra import fastest
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
@@ -104,9 +104,7 @@ def retime(
     duration: float | None = None,
     max_duration: float | None = None,
     shortest: Timing | None = None,
-    grid: int | np.ndarray = INTERVALS,
     limits: Sequence[Limit] | None = None,
-    jerk: bool = True,
 ) -> RetimeSolution:
     """The timing of `path` that takes the least energy under `model`.
 
@@ -114,21 +112,16 @@ def retime(
         duration: exactly so long, s.
         max_duration: at most so long, s. Without either, the duration is free (at most 50 times the shortest).
         shortest: the minimum-time timing if it is known; it gives grid and end speeds.
-        grid: if it is not known: number of grid intervals, or the grid itself.
         limits: in place of the robot's own.
-        jerk: False ignores jerk limits.
 
     Raises:
         Infeasible: the path breaks limits at any timing, or the duration is too short for it.
     """
     held = joint_limits(robot.limits) if limits is None else tuple(limits)
-    if not jerk:
-        held = tuple(limit for limit in held if limit.order != 3)
     if shortest is None:
-        speeds = path.start_speed, path.end_speed
-        shortest = fastest(robot, model, path, grid=grid, limits=held, start_speed=speeds[0], end_speed=speeds[1])
+        shortest = fastest(robot, model, path, limits=held, start_speed=path.start_speed, end_speed=path.end_speed)
     if not path.moves:
-        return _hold_pose(robot, model, path, duration, shortest)
+        return _hold_pose(robot, model, duration, shortest)
     work = Retiming(robot, model, shortest, held)
     wanted = duration if duration is not None else max_duration
     start = shortest
@@ -300,12 +293,10 @@ def _solution(work: Retiming, plan: _Plan, shortest: Timing) -> RetimeSolution:
     )
 
 
-def _hold_pose(
-    robot: Robot, model: PowerModel, path: JointPath, duration: float | None, shortest: Timing
-) -> RetimeSolution:
+def _hold_pose(robot: Robot, model: PowerModel, duration: float | None, shortest: Timing) -> RetimeSolution:
     """A move of no length: the arm holds its pose for the duration asked for."""
     timing = shortest if duration is None else shortest.slowed(duration)
-    energy = standing_power(robot, model, path) * timing.duration
+    energy = standing_power(robot, model, timing.path) * timing.duration
     s = np.array([0.0, 1.0])
     trajectory = timing.trajectory(robot.joints)
     message = "start and goal coincide"

@@ -9,7 +9,6 @@ from energy_opt.motion.limits.along import Use, used
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.path_dynamics import PathDynamics
 from energy_opt.motion.timing.law import Timing
-from energy_opt.robot import Robot
 
 TOLERANCE = 1e-7  # share of a bound: a smaller excess is no violation
 SLOWEST = 50.0  # largest factor of the duration: slowing further repairs nothing
@@ -48,11 +47,11 @@ def slowing(limits: Sequence[Limit], dense: PathDynamics, timing: Timing) -> flo
     return factor
 
 
-def not_held(robot: Robot, limits: Sequence[Limit], dense: PathDynamics, timing: Timing, text: str) -> Infeasible:
+def not_held(limits: Sequence[Limit], dense: PathDynamics, timing: Timing, text: str) -> Infeasible:
     """The error that the limit which is broken most cannot be held, with its place."""
     use = max(uses(limits, dense, timing), key=lambda use: use.worst[0])
     share, k, j = use.worst
-    where, s = use.limit.where(robot.joints, j), float(dense.s[k])
+    where, s = use.limit.where(dense.robot.joints, j), float(dense.s[k])
     return Infeasible(
         f"{where}: the {use.limit.name} limit {text} at path position {s:.3f}",
         joint=where,

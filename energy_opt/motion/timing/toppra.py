@@ -30,7 +30,7 @@ from energy_opt.numerics.bspline import greville
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 
-INTERVALS = 200
+INTERVALS = 200  # of the grid
 ROUNDS = 8
 CHECKS_PER_INTERVAL = 5
 GAIN = 1e-3  # relative: smaller gains of a minimum time end the iteration
@@ -41,20 +41,17 @@ def fastest(
     model: PowerModel,
     path: JointPath,
     *,
-    grid: int | np.ndarray = INTERVALS,
     start_speed: float = 0.0,
     end_speed: float = 0.0,
     limits: Sequence[Limit] | None = None,
-    jerk: bool = True,
 ) -> Timing:
     """The fastest timing within limits (torque with every torque effect of `model`).
 
     TOPP-RA supports limits that are linear in path acceleration and squared speed, or that a tangent replaces. If the
-    result breaks others, such as jerk (ignored if `jerk` is False), coarser grids, which switch more gently, and even
-    slowing are tried, and the fastest valid timing is returned.
+    result breaks others, such as jerk, coarser grids, which switch more gently, and even slowing are tried, and the
+    fastest valid timing is returned.
 
     Args:
-        grid: number of grid intervals, or the knots of the timing (grid points lie between them and at both ends).
         start_speed, end_speed: path speed at both ends, 1/s.
         limits: in place of the robot's own.
 
@@ -63,32 +60,23 @@ def fastest(
             gave up.
     """
     held = joint_limits(robot.limits) if limits is None else tuple(limits)
-    if not jerk:
-        held = tuple(limit for limit in held if limit.order != 3)
-    knots = np.linspace(0, 1, grid) if isinstance(grid, int) else np.asarray(grid, dtype=float)
+    knots = np.linspace(0, 1, INTERVALS)  # of the timing; grid points lie between them and at both ends
     count = CHECKS_PER_INTERVAL * (len(knots) - 1) + 1
     dense = PathDynamics(robot, model, path, points_of(path, count))
     check_path(held, dense)
     if not path.moves:
         return Timing(path, np.array([0.0, 0.5, 1.0]), np.zeros(4))
     ends = (start_speed, end_speed)
-    timing = _checked_toppra(robot, model, path, knots, ends, held, dense)
-    middle, one = PathDynamics(robot, model, path, np.array([0.5])), np.ones(1)
+    timing = _checked_toppra(knots, ends, held, dense)
+    middle, one = dense.at(np.array([0.5])), np.ones(1)
     rest = [limit for limit in held if limit.local or limit.tangent(middle, one, one) is None]
-    return _slowed_or_coarser(robot, model, path, knots, ends, held, rest, dense, timing)
+    return _slowed_or_coarser(knots, ends, held, rest, dense, timing)
 
 
 def _slowed_or_coarser(
-    robot: Robot,
-    model: PowerModel,
-    path: JointPath,
-    knots: np.ndarray,
-    ends: tuple[float, float],
-    limits: Sequence[Limit],
-    rest: Sequence[Limit],
-    dense: PathDynamics,
+    knots: np.ndarray, ends: tuple[float, float], limits: Sequence[Limit], rest: Sequence[Limit], dense: PathDynamics,
     timing: Timing,
-) -> Timing:
+) -> Timing:  # fmt: skip
     """The fastest of: the timing slowed until the `rest` of the limits hold too, and the same on coarser grids."""
     best: Timing | None = None
     for coarser in (1, 2, 4, 8):
@@ -97,7 +85,7 @@ def _slowed_or_coarser(
                 break
             try:
                 picked = np.append(knots[:-1:coarser], 1.0)
-                timing = _checked_toppra(robot, model, path, picked, ends, limits, dense)
+                timing = _checked_toppra(picked, ends, limits, dense)
             except Infeasible:
                 break
         factor = slowing(rest, dense, timing)
@@ -106,31 +94,26 @@ def _slowed_or_coarser(
         slowed = timing.slowed(timing.duration * factor * (1 + TOLERANCE)) if factor > 1 else timing
         best = slowed if best is None or slowed.duration < best.duration else best
         if factor >= SLOWEST and any(broken(limit, dense, slowed) for limit in rest if not limit.order):
-            raise not_held(robot, rest, dense, slowed, f"does not hold even {SLOWEST:g} times slower")
+            raise not_held(rest, dense, slowed, f"does not hold even {SLOWEST:g} times slower")
         if factor == 1:
             break
         if all(limit.local for limit in rest if broken(limit, dense, timing)):
-            return _repeated_with_tangents(robot, model, ends, limits, dense, best)
+            return _repeated_with_tangents(ends, limits, dense, best)
     if best is None:
-        raise not_held(robot, rest, dense, timing, "does not hold with the given end speeds")
+        raise not_held(rest, dense, timing, "does not hold with the given end speeds")
     return best
 
 
 def _repeated_with_tangents(
-    robot: Robot,
-    model: PowerModel,
-    ends: tuple[float, float],
-    limits: Sequence[Limit],
-    dense: PathDynamics,
-    best: Timing,
+    ends: tuple[float, float], limits: Sequence[Limit], dense: PathDynamics, best: Timing
 ) -> Timing:
     """TOPP-RA, repeated with tangents at the fastest timing so far that is inside all limits."""
-    at, timing = PathDynamics(robot, model, best.path, greville(best.knots)), best
+    at, timing = dense.at(greville(best.knots)), best
     for _ in range(ROUNDS):
         b, a, _ = timing.speed(at.s)
         lines = [(limit, limit.tangent(at, a, np.maximum(b, CRAWL))) for limit in limits]
         try:
-            found = _solve(robot, at, best.knots, ends, lines, Tightening())
+            found = _solve(at, best.knots, ends, lines, Tightening())
         except Infeasible:
             break
         factor = slowing(limits, dense, found)
@@ -142,32 +125,26 @@ def _repeated_with_tangents(
 
 
 def _checked_toppra(
-    robot: Robot,
-    model: PowerModel,
-    path: JointPath,
-    knots: np.ndarray,
-    ends: tuple[float, float],
-    limits: Sequence[Limit],
-    dense: PathDynamics,
+    knots: np.ndarray, ends: tuple[float, float], limits: Sequence[Limit], dense: PathDynamics
 ) -> Timing:
     """TOPP-RA, checked and solved again with tighter bounds until the check passes."""
     points = greville(knots)
-    at = PathDynamics(robot, model, path, points)
+    at = dense.at(points)
     a, b = np.zeros(len(points)), _fastest_speed(limits, at)
     lines = [(limit, None if limit.local else limit.tangent(at, a, b)) for limit in limits]
     known = [limit for limit, line in lines if line is not None]
-    tight, timing = Tightening(), Timing(path, knots, np.zeros(len(points)))
+    tight, timing = Tightening(), Timing(at.path, knots, np.zeros(len(points)))
     for _ in range(ROUNDS):
-        timing = _solve(robot, at, knots, ends, lines, tight)
+        timing = _solve(at, knots, ends, lines, tight)
         found = uses(known, dense, timing)
         if max(use.worst[0] for use in found) <= 1 + TOLERANCE:
             return timing
         tight = tight.after(found, dense.s, points)
-        if has_torque_effects(model):
+        if has_torque_effects(at.model):
             b, a, _ = timing.speed(points)
             b = np.maximum(b, CRAWL)
             lines = [(limit, limit.tangent(at, a, b)) for limit in known]
-    return _slowed_until_inside(robot, timing, dense, known, ends)
+    return _slowed_until_inside(timing, dense, known, ends)
 
 
 def _fastest_speed(limits: Sequence[Limit], at: PathDynamics) -> np.ndarray:
@@ -181,13 +158,13 @@ def _fastest_speed(limits: Sequence[Limit], at: PathDynamics) -> np.ndarray:
 
 
 def _slowed_until_inside(
-    robot: Robot, timing: Timing, dense: PathDynamics, limits: Sequence[Limit], ends: tuple[float, float]
+    timing: Timing, dense: PathDynamics, limits: Sequence[Limit], ends: tuple[float, float]
 ) -> Timing:
     """The timing slowed evenly: torque falls towards the holding torque, all other limited values towards zero."""
     factor = 1.0 if any(ends) else slowing(limits, dense, timing)
     if 1 < factor < SLOWEST:
         return timing.slowed(timing.duration * factor * (1 + TOLERANCE))
-    raise not_held(robot, limits, dense, timing, "cannot be held")
+    raise not_held(limits, dense, timing, "cannot be held")
 
 
 class _LazyModule(ModuleType):
@@ -212,23 +189,18 @@ def _without_pyplot() -> None:
 
 
 def _solve(
-    robot: Robot,
-    at: PathDynamics,
-    knots: np.ndarray,
-    ends: tuple[float, float],
-    tangents: Sequence[tuple[Limit, Linear | None]],
+    at: PathDynamics, knots: np.ndarray, ends: tuple[float, float], tangents: Sequence[tuple[Limit, Linear | None]],
     tight: Tightening,
-) -> Timing:
+) -> Timing:  # fmt: skip
     """One run of TOPP-RA on the grid at.s, the Greville points of `knots`."""
     _without_pyplot()
     from toppra.algorithm import TOPPRA
 
-    held = _Constraints.of(
-        robot.joints, [(limit, line, tight.of(limit)) for limit, line in tangents if line is not None]
-    )
+    lines = [(limit, line, tight.of(limit)) for limit, line in tangents if line is not None]
+    held = _Constraints.of(at.robot.joints, lines)
     # the unit of time scales squared speeds to order one, as the library's tolerances are absolute
     unit = float(min(held.speed.max(), max(ends) ** 2 if any(ends) else np.inf, held.typical()))
-    algorithm = TOPPRA([_constraint(held, unit)], _Interval(robot.n), gridpoints=at.s, solver_wrapper="seidel")
+    algorithm = TOPPRA([_constraint(held, unit)], _Interval(at.robot.n), gridpoints=at.s, solver_wrapper="seidel")
     speeds = [end / np.sqrt(unit) for end in ends]
     algorithm.compute_parameterization(*speeds)
     data = algorithm.problem_data

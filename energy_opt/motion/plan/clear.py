@@ -38,6 +38,7 @@ FREED = 2.0
 # Iterations of a search, and the relative change of cost at which it ends. With 30 and 4e-4, 17 moves in scenes take
 # 0.4 % more loss in the mean and 2.5 % at worst (`benchmarks/unseen.py --scenes 17 --seed 8 --short`).
 ITERATIONS, DONE = 100, 1e-4
+ONWARD = 3  # most searches that continue one which has not converged
 FINISHED = 2  # most trials to continue
 BETTER = 0.99  # once one was continued: largest merit relative to the best result, to be continued
 APART = 0.3  # [rad, m] curves whose control points differ by less lead to the same optimum
@@ -234,6 +235,13 @@ class Clearing:
         """Search from a curve and keep the result if it is the best; True if it led to a proven one."""
         known = np.inf if self.best is None else self._scaled(self.best)
         found = self.search.finish(curve, ITERATIONS, trust, DONE, known)
+        for _ in range(ONWARD):  # where its steps failed before it converged, another first step may go on
+            if found is None or found.converged or self.context.stopped():
+                break
+            more = self.search.finish(found.curve, ITERATIONS, TRUST / 3, DONE, self._scaled(found))
+            if more is None:
+                break
+            found = more
         if found is not None and (self.best is None or found.cost < self.best.cost):
             self.best = found
         return found is not None

@@ -37,6 +37,7 @@ ROUNDS, AGAIN = 10, 15  # most descents from a curve; iterations of each but the
 GIVE = 0.1  # share of a bound: smaller excesses are accepted in the first descent
 NEARBY = 0.06  # [rad, m] first step of each descent but the first
 CAUGHT = 0.7  # from the third on, a search is given up if more than this share of the last sum of violations is left
+TINY = 0.002  # [rad, m] smaller steps may save little although more can be saved
 FINE = 2e-4  # relative: such a descent ends if it can save less
 MET = 1e-7  # [rad] allowed error of via points: a tenth of that of poses
 TRIAL, ROUGH = 5, 3e-3  # iterations of a trial, and the relative change of cost at which it ends
@@ -162,6 +163,8 @@ class ClearSearch:
     ) -> Outcome | None:  # fmt: skip
         """The proven curve that a search from `curve` leads to; None if it fails.
 
+        It counts as converged if the first descent did, and not by tiny steps; the others only repair what is too near.
+
         Args:
             known: scaled cost of a proven curve: a search that finds no less is given up.
             give: share of a bound by which limits may be exceeded during the first descent.
@@ -169,7 +172,7 @@ class ClearSearch:
         places = Places.evenly(len(self.wanted))
         dense = (np.arange(DENSE) + 0.5) / DENSE
         now: Descent | None = None
-        again, broken = FINE, np.inf
+        again, broken, settled = FINE, np.inf, False
         for turn in range(ROUNDS):
             model, first = self._with(places), now is None
             point = model.at_curve(curve, trust if first else NEARBY)
@@ -178,6 +181,7 @@ class ClearSearch:
                 descend(
                     model, now, iterations, trust, tolerance=tolerance, give=give, slack=SLACK, stopped=self.stopped
                 )
+                settled = now.converged and now.trust > TINY
             else:
                 nearby = float(np.clip(4 * now.trust, NEARBY / 16, NEARBY))
                 descend(model, now, AGAIN, nearby, tolerance=again, slack=SLACK, stopped=self.stopped)
@@ -196,7 +200,7 @@ class ClearSearch:
                 proof = self.proof(curve)
                 if proof.proven:
                     self.iterations += now.iterations
-                    return model.outcome(now.point, now.iterations, True)
+                    return model.outcome(now.point, now.iterations, settled)
                 places.learn(proof, curve.duration)
             if self.stopped():
                 break

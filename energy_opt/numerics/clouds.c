@@ -1,4 +1,4 @@
-/* Sets of points in space, many at a time; see `clouds.py`, which states the same in NumPy. Coordinates are kept apart,
+/* Sets of points in space, many at a time; see `hulls.py`, which states the same in NumPy. Coordinates are kept apart,
    so that loops over the points of a set run over neighbours. */
 
 typedef struct { /* sets of points: `first` (sets + 1,) where each begins */

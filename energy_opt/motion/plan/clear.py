@@ -235,7 +235,7 @@ class Clearing:
         """Search from a curve and keep the result if it is the best; True if it led to a proven one."""
         known = np.inf if self.best is None else self._scaled(self.best)
         found = self.search.finish(curve, ITERATIONS, trust, DONE, known)
-        for _ in range(ONWARD):  # where its steps failed before it converged, another first step may go on
+        for _ in range(ONWARD):  # steps failed before it converged; from another first step, others may not
             if found is None or found.converged or self.context.stopped():
                 break
             more = self.search.finish(found.curve, ITERATIONS, TRUST / 3, DONE, self._scaled(found))

@@ -45,6 +45,7 @@ from energy_opt.power import Mixture, PowerModel
 from energy_opt.robot import Robot
 
 Kind = Literal["mean", "worst"]
+Find = Callable[[Planner, list[Trajectory]], Result]  # solves with a planner, from known motions
 ROUNDS = {"mean": 4, "worst": 6}  # most solves; "mean" nearly always ends after the first
 GROWTH = 9.0  # factor of the weight of the model whose excess over the evenly slowed move is largest
 # Most solves with weights between those of the last two, where no mean of these motions is valid, as beside bodies.
@@ -199,9 +200,7 @@ class RobustPlanner:
         said = [f"under the model {name!r} this move takes more than the same move slowed evenly" for name in costly]
         return replace(result, warnings=(*result.warnings, *said))
 
-    def _best_answer(
-        self, find: Callable[[Planner, list[Trajectory]], Result], stopped: Callable[[], bool], move: Move | None = None
-    ) -> UnderJudges:
+    def _best_answer(self, find: Find, stopped: Callable[[], bool], move: Move | None = None) -> UnderJudges:
         weights, members = np.ones(len(self.rivals)) / len(self.rivals), list(self._mixture.members)
         best: UnderJudges | None = None
         answers: list[UnderJudges] = []
@@ -218,9 +217,8 @@ class RobustPlanner:
             if bound is not None and (number == 0 or self.kind == "worst"):  # the largest energy is at least any mean
                 bounds.append(bound)
             costlier = answer.costlier()
-            held = (
-                move is not None and number > 0 and (answers[-2].costlier() & ~costlier).any()
-            )  # the costs of this move and the last can balance in a mean
+            # the costs of this move and the last can balance in a mean
+            held = move is not None and number > 0 and (answers[-2].costlier() & ~costlier).any()
             if stopped() or (self.kind == "mean" and (held or not costlier.any())):
                 break
             weights, members = self._next_weights(weights, answer, costlier)
@@ -229,18 +227,30 @@ class RobustPlanner:
             blend = self._best_mean(move, answers)
             if blend is not None and self._rank(blend) < self._rank(best):
                 best = blend
-            more = answers[0].costlier()
-            for number in range(BISECTIONS if blend is None and len(answers) > 1 else 0):
-                if (number and not best.costlier().any()) or stopped():
-                    break
-                weights = np.sqrt(weighted[-2] * weighted[-1])
-                planner = self._planner.under(Mixture.of(members, weights / weights.sum()))
-                answer = self._answer(find(planner, [best.result.trajectory]))
-                best = min(best, answer, key=self._rank)
-                weighted[-2 if (answer.costlier() & more).any() else -1] = weights
+            elif blend is None and len(answers) > 1:
+                best = self._between(find, stopped, best, members, weighted[-2:], answers[-2].costlier())
             if not best.result.interrupted and any(a.result.status == "solved" for a in answers):
                 best = replace(best, result=replace(best.result, status="solved"))
         return replace(best, bound=max(bounds, default=None))
+
+    def _between(
+        self, find: Find, stopped: Callable[[], bool], best: UnderJudges, members: Sequence[PowerModel],
+        weights: Sequence[np.ndarray], costlier: np.ndarray,
+    ) -> UnderJudges:  # fmt: skip
+        """The best of an answer and of solves with weights between two, found by bisection.
+
+        Args:
+            weights: with the first, the move costs too much under the models in `costlier` (K,); with the second not.
+        """
+        low, high = weights
+        for number in range(BISECTIONS):
+            if (number and not best.costlier().any()) or stopped():
+                break
+            middle = np.sqrt(low * high)
+            answer = self._answer(find(self._planner.under(Mixture.of(members, middle)), [best.result.trajectory]))
+            best = min(best, answer, key=self._rank)
+            low, high = (middle, high) if (answer.costlier() & costlier).any() else (low, middle)
+        return best
 
     def _best_mean(self, move: Move, answers: Sequence[UnderJudges]) -> UnderJudges | None:
         """The cheapest weighted mean of the answers and the evenly slowed move that costs no more than the latter."""

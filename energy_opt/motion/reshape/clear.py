@@ -36,9 +36,11 @@ TRUST = 0.1  # [rad, m] first step from a curve that is free
 ROUNDS, AGAIN = 10, 15  # most descents from a curve; iterations of each but the first
 GIVE = 0.1  # share of a bound: smaller excesses are accepted in the first descent
 NEARBY = 0.06  # [rad, m] first step of each descent but the first
-CAUGHT = 0.7  # from the third on, a search is given up if more than this share of the last sum of violations is left
-TINY = 0.002  # [rad, m] smaller steps may save little although more can be saved
 FINE = 2e-4  # relative: such a descent ends if it can save less
+TINY = 0.002  # [rad, m] a first descent that ends with a smaller trust region may not have converged
+# After the third descent and later ones, the search is given up if a larger share of the sum of violations is left: the
+# arm is caught between bodies.
+CAUGHT = 0.7
 MET = 1e-7  # [rad] allowed error of via points: a tenth of that of poses
 TRIAL, ROUGH = 5, 3e-3  # iterations of a trial, and the relative change of cost at which it ends
 SOON, STUCK = 2, 5.0  # it ends after so many iterations if the sum of its violations is larger [0.1 m]
@@ -163,7 +165,8 @@ class ClearSearch:
     ) -> Outcome | None:  # fmt: skip
         """The proven curve that a search from `curve` leads to; None if it fails.
 
-        It counts as converged if the first descent did, and not by tiny steps; the others only repair what is too near.
+        It counts as converged if the first descent did, with steps that are not tiny. The other descents only repair
+        what is too near.
 
         Args:
             known: scaled cost of a proven curve: a search that finds no less is given up.

@@ -162,7 +162,7 @@ def descend(
 
 
 def saved(hessian: Banded, gradient: np.ndarray, mass: Banded, found: Minimum) -> float:
-    """By how much a quadratic program's step lowers its cost."""
+    """By how much a step lowers the cost of its quadratic program, which includes the damping."""
     out = -(gradient @ found.d + hessian.times(found.d) @ found.d / 2)
     return float(out - (found.damping * mass.times(found.d) @ found.d / 2 if found.damping else 0.0))
 

@@ -217,7 +217,6 @@ class Ends:
         """
         given = [each for each in (self.start, *self.goals, *self.via) if isinstance(each, Pose)]
         scene = scene_of(asked) if any(pose.frame for pose in given) else None
-
         return self.changed(lambda pose: in_base(pose, robot, scene, asked.base_pose))
 
     def changed(self, change: Callable[[Pose], Any]) -> Ends:

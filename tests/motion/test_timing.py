@@ -9,6 +9,7 @@ from scipy.integrate import quad
 
 from energy_opt.effects import Armature, CoulombFriction, LoadFriction, StribeckFriction, ViscousFriction
 from energy_opt.errors import Infeasible
+from energy_opt.motion import Move, Planner
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.path import JointPath, straight, through
 from energy_opt.motion.path_dynamics import PathDynamics
@@ -139,3 +140,13 @@ def test_an_end_speed_beyond_the_limits_is_named(panda: Robot, model: PowerModel
     with pytest.raises(Infeasible) as caught:
         fastest(panda, model, straight(START, GOAL), end_speed=50.0)
     assert caught.value.joint in panda.joints and caught.value.limit in ("velocity", "acceleration", "effort")
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_fastest_timing_of_a_curve_holds_the_limits_between_its_samples(panda: Robot, model, seed: int) -> None:
+    """Accelerations exceeded their bounds by some millionths: jobs with steps that do not stop had no fastest cycle."""
+    low, high = panda.limits.lower, panda.limits.upper
+    points = low + (high - low) * np.random.default_rng(seed).uniform(0.25, 0.75, (4, 7))
+    move, planner = Move(points[0], points[-1], "retime", path=through(points)), Planner(panda, model)
+    fastest_motion = planner.slowed(move, planner.minimum_time(move))
+    assert fastest_motion is not None and planner.certify(fastest_motion).violation <= 1e-6

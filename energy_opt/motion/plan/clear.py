@@ -36,7 +36,7 @@ BOLD = 0.25  # [rad, m] first step from such a mixture
 # scaled cost with violations: a trial below it came free of bodies; a second step is tried if at most one trial does
 FREED = 2.0
 # Iterations of a search, and the relative change of cost at which it ends. With 30 and 4e-4, 17 moves in scenes take
-# 0.4 % more loss in the mean and 2.5 % at worst (`benchmarks/unseen.py --scenes 17 --seed 8 --short`).
+# 1.6 % more loss in the mean and 22 % at worst (`benchmarks/unseen.py --scenes 17 --seed 8 --short`).
 ITERATIONS, DONE = 100, 1e-4
 ONWARD = 3  # most searches that continue one which has not converged
 FINISHED = 2  # most trials to continue

@@ -143,11 +143,7 @@ def descend(
             worth = not broken and predicted > LITTLE * max(abs(point.cost), 0.02)  # shorter steps along tight limits
             full = failed == 1 and again is not None and again.count and trial_broken > broken
             trust = min(step, trust) * (1.0 if full else 0.5)
-            if (
-                (failed > tries and not worth)
-                or trust < LEAST_TRUST
-                or (predicted < tolerance * max(abs(point.cost), 0.02) and not corrected)
-            ):
+            if (failed > tries and not worth) or trust < LEAST_TRUST or (predicted < least and not corrected):
                 break
         now.trust = trust
         if abs(predicted) < tolerance * (SADDLE if found.damping else 1.0) * max(abs(point.cost), 0.02):

@@ -25,7 +25,7 @@ FLAGS = (
 )  # fmt: skip
 # GCC vectorises as with -O3 but leaves out its slow passes: a build takes half the time, and the functions are as fast.
 # Clang does not know these words.
-LEVELS = ("-O2", "-ftree-vectorize", "-fvect-cost-model=dynamic", "-finline-functions"), ("-O3",)
+LEVELS = ("-O2", "-ftree-vectorize", "-fvect-cost-model=dynamic", "-finline-functions", "-fno-ivopts"), ("-O3",)
 DEFINED = (
     "BARRIER", "BEGIN_BOX", "BEGIN_ROW", "STUCK", "CLOSE", "STEPS", "PRIMAL", "DUAL", "LEAST_DAMPING", "MOST_DAMPING",
 )  # fmt: skip

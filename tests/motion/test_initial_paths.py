@@ -54,6 +54,19 @@ class Post(Wall):
         return lambda q: np.where(side * q[:, 1] > 0, 10.0, 1.0)
 
 
+class Burrow(Wall):
+    """Poses of five joints; only a bent burrow enters the half where the first is positive. The goal is at its end."""
+
+    def __init__(self, radius: float) -> None:
+        super().__init__(np.zeros(4), radius)
+        t = np.linspace(0, 1.5, 60)
+        self.axis = np.stack([t, 0.5 * np.sin(3 * t), 0.5 * np.cos(3 * t) - 0.5, 0 * t, 0 * t], axis=1)
+
+    def room(self, q: np.ndarray) -> np.ndarray:
+        off = np.linalg.norm(q[:, None] - self.axis, axis=2).min(axis=1)
+        return np.maximum(-q[:, 0], self.radius - off)
+
+
 def found_paths(
     wall: Wall, planner: str = "none", seed: int = 0, count: int = 1, half: float = 2.0
 ) -> list[InitialPath]:
@@ -92,6 +105,15 @@ def test_what_our_own_lines_do_not_reach_a_planner_does_seeded() -> None:
     first, other, again = (one.path for (one,) in found)
     assert np.array_equal(first.coefficients, again.coefficients)
     assert not np.array_equal(first.coefficients, other.coefficients)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_planner_finds_the_end_of_a_narrow_burrow(seed: int) -> None:
+    pytest.importorskip("ompl")
+    burrow = Burrow(0.15)
+    ends = Ends.of(np.full(5, -1.0), burrow.axis[-1], np.full(5, -2.5), np.full(5, 2.5), np.ones(5))
+    (found,) = find_paths(burrow, ends, np.full(5, 0.05), seed=seed)
+    assert found.source == "ompl" and burrow.unproven(found.path) is None
 
 
 def test_a_search_without_a_path_ends(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,8 +19,9 @@ PAIRS = 400  # most pairs of such points to try
 OWN = 4  # own lines that may fail their proof, or repeat others, before a planner is asked
 ATTEMPTS = 12  # most attempts of a planner at a first path
 FIRST = 20_000  # most poses that each attempt may check: a second or two
-# [rad] edge lengths of the planner's trees, in turn: short ones leave a cage sooner, long ones are faster otherwise
-EDGES = (1.0, 2.5)
+# [rad] longest edge of the planner's trees. Longer ones rarely follow a narrow passage to its end; shorter ones need too
+# many poses.
+EDGE = 0.25
 FURTHER = 10_000  # the same for each attempt at a further path
 SAME = 0.15  # [rad] paths that differ by less at all inner places are the same
 ROUNDS = 40  # most times that corners are tightened before a path is given up
@@ -155,7 +156,7 @@ def _free_bent_lines(
             search.line,
             enough,
             seed + k,
-            EDGES[k % len(EDGES)],
+            EDGE,
         )
         if bent is not None:
             found += 1

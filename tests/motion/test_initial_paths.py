@@ -118,10 +118,11 @@ def test_a_planner_finds_the_end_of_a_narrow_burrow(seed: int) -> None:
 
 def test_a_search_without_a_path_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("ompl")
-    monkeypatch.setattr("energy_opt.motion.initial_paths.find.FIRST", 1_000)
+    monkeypatch.setattr("energy_opt.motion.initial_paths.find.POSES", 1_000)
     wall = Wall(np.array([9.0, 9.0]), 0.1)
     assert found_paths(wall, "auto") == []
-    assert 12_000 < len(wall.asked) < 24_000  # twelve attempts of a thousand poses, and our own lines
+    # two attempts each of 1,000, 2,000, 4,000 and 8,000 poses, and our own lines
+    assert 30_000 < len(wall.asked) < 42_000
 
 
 def test_several_paths_are_different() -> None:

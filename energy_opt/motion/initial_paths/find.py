@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -17,12 +17,11 @@ Source = Literal["straight", "given", "own", "ompl"]
 VIAS = 150  # seeded points through which our own lines may bend
 PAIRS = 400  # most pairs of such points to try
 OWN = 4  # own lines that may fail their proof, or repeat others, before a planner is asked
-ATTEMPTS = 12  # most attempts of a planner at a first path
-FIRST = 20_000  # most poses that each attempt may check: a second or two
-# [rad] longest edge of the planner's trees. Longer ones rarely follow a narrow passage to its end; shorter ones need too
-# many poses.
-EDGE = 0.25
-FURTHER = 10_000  # the same for each attempt at a further path
+ATTEMPTS = 8  # most attempts of a planner at a first path
+# most poses that an attempt may check: 0.4 s. Until there is a path, each pair of attempts may check twice as many.
+POSES = 10_000
+# [rad] longest edges of the planner's trees, in turn: short ones follow narrow passages, long ones leave wide boxes
+EDGES = (0.25, 2.5)
 SAME = 0.15  # [rad] paths that differ by less at all inner places are the same
 ROUNDS = 40  # most times that corners are tightened before a path is given up
 
@@ -123,7 +122,7 @@ def find_paths(
     if not (search.clear(ends.start) and search.clear(ends.goal)):
         return []
     found: list[InitialPath] = []
-    for source, points in _free_bent_lines(search, ends, planner, seed, count):
+    for source, points in _free_bent_lines(search, ends, planner, seed, count, found):
         path = _rounded_path(search, ends, points, source, seed + len(found), began)
         if path is not None and not any(_is_similar(path, other) for other in found):
             found.append(path)
@@ -133,20 +132,23 @@ def find_paths(
 
 
 def _free_bent_lines(
-    search: Looks, ends: Ends, planner: str, seed: int, count: int
+    search: Looks, ends: Ends, planner: str, seed: int, count: int, found: Sequence[InitialPath]
 ) -> Iterator[tuple[Source, np.ndarray]]:
-    """Bent lines that are free at the poses checked along them: our own, then, if these are too few, a planner's."""
+    """Bent lines that are free at the poses checked along them: our own, then, if these are too few, a planner's.
+
+    Args:
+        found: the paths that lines have led to so far; the planner searches longer until there is one.
+    """
     for k, points in enumerate(_own_bent_lines(search, ends, seed)):
         if k == OWN + count:
             break
         yield "own", points
     if planner == "none" or not ompl.installed():
         return
-    found = 0
     for k in range(ATTEMPTS + 2 * count):
-        if found == 0 and k == ATTEMPTS:
+        if not found and k == ATTEMPTS:
             return
-        enough = search.budget(FURTHER if found else FIRST)
+        enough = search.budget(POSES if found else POSES * 2 ** (k // 2))
         bent = ompl.rrt_connect(
             ends.start,
             ends.goal,
@@ -156,10 +158,9 @@ def _free_bent_lines(
             search.line,
             enough,
             seed + k,
-            EDGE,
+            EDGES[k % len(EDGES)],
         )
         if bent is not None:
-            found += 1
             yield "ompl", bent
 
 

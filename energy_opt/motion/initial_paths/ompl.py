@@ -43,7 +43,8 @@ def rrt_connect(
 
     class Lines(ob.MotionValidator):
         def checkMotion(self, a: Any, b: Any, *rest: Any) -> bool:  # OMPL's own spelling
-            return line(pose(a), pose(b))
+            to = pose(b)  # of the tree from the start, nothing else checks this pose
+            return clear(to) and line(pose(a), to)
 
     n = len(start)
 

@@ -12,7 +12,7 @@ from energy_opt.errors import BadInput
 from energy_opt.measured.columns import ARM_POWER, ByHand, given_names, named_unit, understood
 from energy_opt.measured.joint_units import joint_units, units_in_words, without_foreign
 from energy_opt.measured.meter_names import alternating, energy_column, power_column, product_columns, robots_own
-from energy_opt.measured.names import UNITS, cut, joint_columns, time_columns
+from energy_opt.measured.names import UNITS, cut, joint_columns, names_joint, time_columns
 from energy_opt.measured.plausible import are_degrees
 from energy_opt.measured.stamps import stamp_factor
 from energy_opt.measured.table import Table
@@ -20,6 +20,7 @@ from energy_opt.power.known import by_name
 from energy_opt.robot import Robot, known_robots
 
 LOOKED_AT = 20_000  # lines used for guesses
+FITS = 0.5  # share of the logged torques' size by which those of the file's robot may differ
 TIME_UNITS = {1e-3: "ms", 1e-6: "us", 1e-9: "ns"}
 
 
@@ -47,39 +48,32 @@ def guess_robot(table: Table) -> tuple[Robot, str]:
     Raises:
         BadInput: several are equally likely; the message names them.
     """
-    fitting = []
+    sure, fitting = [], []
     for name in known_robots():
-        found = joint_columns(table.header, by_name(name).joints, given_names(table))
-        if "position" in found:
-            whole = all(_plain_word(joint) in _plain_word(column) for joint, column in found["position"].items())
-            fitting.append((len(_plain_word("".join(by_name(name).joints))) if whole else 0, name, found))
-    longest = max((named for named, _, _ in fitting), default=0)  # panda_joint1 also contains xarm7's joint1
-    fitting = [row for row in fitting if row[0] == longest]
-    most = max((len(by_name(name).joints) for _, name, _ in fitting), default=0)
-    fitting = [row for row in fitting if len(by_name(row[1]).joints) == most]
+        position = joint_columns(table.header, by_name(name).joints, given_names(table)).get("position", {})
+        fitting += [name] if position else []
+        sure += [name] if position and all(names_joint(header, j, name) for j, header in position.items()) else []
+    fitting = sure or fitting
+    most = max((len(by_name(name).joints) for name in fitting), default=0)
+    fitting = [name for name in fitting if len(by_name(name).joints) == most]
     words = {word.lower() for word in table.header}
     if any("tau_j" in word or word.startswith("state.q") or "o_t_ee" in word for word in words):
-        fitting = [row for row in fitting if row[1] == "panda"] or fitting
+        sure = [name for name in fitting if name == "panda"]
+        fitting = sure or fitting
     if any(word.startswith("actual_q") for word in words):
-        fitting = [row for row in fitting if row[1].startswith("ur")] or fitting
-    names = [name for _, name, _ in fitting]
-    if len(names) == 1:
-        return by_name(names[0]), "by its joints' columns"
-    if not names:
+        fitting = [name for name in fitting if name.startswith("ur")] or fitting
+    if sure and len(fitting) == 1:
+        return by_name(fitting[0]), "by its joints' columns"
+    if not fitting:
         raise BadInput(f"{table.path}: no known robot has such columns; name it with --robot")
-    errors = {name: _torque_error(table, name) for name in names}
+    errors = {name: _torque_error(table, name) for name in fitting}
     known = {name: error for name, error in errors.items() if error is not None}
-    if len(known) == len(names):
+    if len(known) == len(fitting) > 1:
         best, second = sorted(known, key=lambda name: known[name])[:2]
-        if known[best] < 0.8 * known[second]:
+        if known[best] < min(FITS, 0.8 * known[second]):
             why = f"its torques fit the file's best ({known[best]:.2g} of their spread, {second}'s next)"
             return by_name(best), why
-    raise BadInput(f"{table.path}: the columns fit {', '.join(names)}; say which with --robot")
-
-
-def _plain_word(word: str) -> str:
-    """A word in lower case without signs."""
-    return "".join(c for c in word.lower() if c.isalnum())
+    raise BadInput(f"{table.path}: the columns fit {', '.join(fitting)}; say which with --robot")
 
 
 def _torque_error(table: Table, name: str) -> float | None:

@@ -224,3 +224,32 @@ def test_the_state_of_an_arm_with_more_joints_is_refused(tmp_path: Path) -> None
     log(tmp_path, "ur5e", '[columns]\npreset = "franka_state"\n[[run]]\nfile = "a.csv"\n')
     with pytest.raises(BadInput, match="row 1: q of 7 joints; the log's robot has 6: shoulder_pan_joint"):
         read_set(tmp_path)
+
+
+@pytest.mark.parametrize("form", ["fr3_joint{}", "iiwa_joint_{}.position", "/joint_states/left_joint{}/position"])
+def test_an_arm_that_is_not_known_is_not_taken_for_a_known_one(tmp_path: Path, form: str) -> None:
+    t, q, _, p = arm(PANDA)
+    header = ",".join(form.format(k + 1) for k in SEVEN)
+    path = put(tmp_path / "a.csv", lines(f"t,{header},power", [t, q, p]))
+    with pytest.raises(BadInput, match=r"(say which|name the arm) with robot"):
+        import_files([path], tmp_path / "set")
+
+
+def test_a_robot_is_not_found_by_torques_that_are_not_its_own(tmp_path: Path) -> None:
+    t, q, _, p = arm(PANDA)
+    own = PANDA.body.torque(q, np.zeros_like(q), np.zeros_like(q))
+    header = ",".join(f"{signal}{k}" for signal in ("q", "tau") for k in SEVEN)
+    path = put(tmp_path / "a.csv", lines(f"t,{header},power", [t, q, own, p]))
+    assert import_files([path], tmp_path / "panda").robot.name == "panda"
+    put(path, lines(f"t,{header},power", [t, q, 0.5 * own[:, [0, 3, 2, 1, 4, 5, 6]], p]))
+    with pytest.raises(BadInput, match="the columns fit panda, xarm7; say which with robot"):
+        import_files([path], tmp_path / "set")
+
+
+def test_a_missing_joint_is_named_and_the_rest_is_no_other_robot(tmp_path: Path) -> None:
+    t, q, _, p = arm(PANDA)
+    path = put(tmp_path / "a.csv", lines(f"t,{','.join(PANDA.joints[:6])},power", [t, q[:, :6], p]))
+    with pytest.raises(BadInput, match="no file has positions of joints; name the arm with robot"):
+        import_files([path], tmp_path / "set")
+    with pytest.raises(BadInput, match="every joint of z1"):
+        import_files([path], tmp_path / "set", Z1)

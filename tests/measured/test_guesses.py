@@ -30,6 +30,15 @@ def test_a_counter_without_a_unit_has_the_one_that_an_arm_draws(tmp_path: Path) 
     assert measured == pytest.approx(energy[-1], rel=0.02)
 
 
+@pytest.mark.parametrize("header", ["Counter [kWh]", "total_kWh"])
+def test_a_unit_of_energy_says_that_a_column_is_a_counter(tmp_path: Path, header: str) -> None:
+    t, q, _, p = arm(Z1)
+    energy = np.concatenate([[0], np.cumsum((p[1:] + p[:-1]) / 2 * np.diff(t))])
+    path = put(tmp_path / "a.csv", lines(f"t,{JOINTS},{header}", [t, q, energy / 3.6e6], "%.10f"))
+    made = import_files([path], tmp_path / "set", Z1)
+    assert made.log["columns"]["energy"] == {"column": header, "unit": "kWh"}
+
+
 def test_a_coarse_counter_is_read_where_it_steps_and_not_where_it_begins_anew(tmp_path: Path) -> None:
     t, q, _, p = arm(Z1)
     energy = np.concatenate([[0], np.cumsum((p[1:] + p[:-1]) / 2 * np.diff(t))])

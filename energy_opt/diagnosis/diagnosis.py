@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.diagnosis.clusters import excited, split
+from energy_opt.diagnosis.clusters import excited, parted, split
 from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.errors import errors
 from energy_opt.diagnosis.findings import Finding, Result, evidence_records, findings_of, nuisance_of
@@ -89,7 +89,7 @@ def diagnose(
     readings = np.concatenate([run.power for run in measured.runs])
     if len(readings) >= FEWEST and np.ptp(readings) == 0:
         raise BadInput(f"{measured.path}: the power is {readings[0]:g} W throughout; is the meter connected?")
-    measured = prepared(measured)
+    measured = parted(prepared(measured))
     side = joint_side(measured, declared)
     if side is not None and (wrong := wrong_units(side)):
         side, measured = None, replace(measured, remarks=(*measured.remarks, wrong))

@@ -34,7 +34,7 @@ from energy_opt.diagnosis.claims import (
     widened,
     written,
 )
-from energy_opt.diagnosis.clusters import clusters, repeats
+from energy_opt.diagnosis.clusters import FEWEST, clusters, repeats
 from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.errors import Quality, mostly_explained
 from energy_opt.diagnosis.evidence import links_odds, noise_of
@@ -45,7 +45,6 @@ from energy_opt.diagnosis.kinks import other_drives, settled
 from energy_opt.diagnosis.links import links_of
 from energy_opt.diagnosis.noise import Noise, by_chance, standing_noise, weighted
 from energy_opt.diagnosis.predict import predict
-from energy_opt.diagnosis.recordings import FEWEST
 from energy_opt.diagnosis.residual import follows
 from energy_opt.diagnosis.search import Search, moved, root, without
 from energy_opt.power import PowerModel

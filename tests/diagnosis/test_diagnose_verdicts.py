@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from energy_opt.cli.main import main
-from energy_opt.diagnosis import clusters, diagnose, recordings
+from energy_opt.diagnosis import clusters, diagnose
 from energy_opt.diagnosis.joint_report import friction_findings
 from energy_opt.diagnosis.joint_side import joint_side
 from energy_opt.diagnosis.noise import Noise, Shared, Whitener
@@ -124,7 +124,7 @@ def test_one_long_recording_has_a_holdout(tmp_path):
     truth = write_world(World("ur5", 72, cause="coulomb_friction", motions=1, poses=0), tmp_path / "set")
     measured = read_set(truth.folder, truth.robot)
     long = dataclasses.replace(measured, runs=measured.runs[:1])
-    cut = recordings.parted(long)
+    cut = clusters.parted(long)
     moving = [run for run in cut.runs if run.kind == "motion"]
     assert len(moving) >= 3 and sum(len(run.power) for run in cut.runs) == len(long.runs[0].power)
     d = diagnosed(truth, tmp_path / "out")

@@ -273,6 +273,7 @@ def _foreseen(d: dict[str, Any]) -> str:
     if percent > 100:
         return "differences of energy between motions are not predicted: the error is larger than they are"
     usable = "good enough to plan with" if d["usable"] else "not shown to be good enough to plan with"
+    usable += f", as {d['foreseen']['reason']}" if d["foreseen"]["reason"] else ""
     within = f"{percent:.0f} %" if percent >= 0.5 else "the meter's noise"
     return f"differences of energy between motions are predicted within {within}: {usable}"
 

@@ -89,7 +89,7 @@ def remarks(found: Inference, measured: MeasuredSet, declared: PowerModel) -> li
     """Remarks on the verdict, one sentence each."""
     out = list(measured.remarks)
     joints = measured.robot.joints
-    if declared.robot and declared.robot != measured.robot.name:
+    if not declared.is_of(measured.robot.name):
         out.append(f"The declared model was written for {declared.robot!r}, the set says {measured.robot.name!r}.")
     if not found.follows:
         out.append(

@@ -150,7 +150,7 @@ def test_diagnose_says_what_has_changed_since_the_last_calibration(tmp_path, cap
     names = tuple(f"coulomb_friction.tau_c.{k}" for k in range(6))
     replace(held, uncertainty=Uncertainty(names, np.eye(6) * 0.05**2)).save(tmp_path / "last.toml")
     words = [str(truth.folder), "--model", str(tmp_path / "last.toml"), "--out", str(tmp_path / "out"), "--json"]
-    assert main(["diagnose", *words]) == 0
+    assert main(["diagnose", *words, "--payload", "0.001"]) == 0
     said = capsys.readouterr()
     document = json.loads(said.out)
     real = [row for row in document["changes"] if row["real"]]

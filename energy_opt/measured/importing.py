@@ -86,7 +86,8 @@ def import_files(
     if not known & {"power", "energy", "current", "effort"} and first_joint.preset is None:
         raise BadInput(f"{tables[0].path}: no column of power, energy, currents or torques in any file")
     pairs = _pairs(joints, meters, words)
-    with written_whole(out, NAME) as folder:
+    simulated = ["declared.toml", "truth.toml"] if (out / "truth.toml").is_file() else []  # of a set that is replaced
+    with written_whole(out, NAME, simulated) as folder:
         document = _document(robot.named_in(folder), first_joint, first_meter, joints, pairs)
         for table in tables:
             shutil.copyfile(table.path, folder / table.path.name)

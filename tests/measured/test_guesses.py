@@ -262,3 +262,13 @@ def test_a_missing_joint_is_named_and_the_rest_is_no_other_robot(tmp_path: Path)
         import_files([path], tmp_path / "set")
     with pytest.raises(BadInput, match="every joint of z1"):
         import_files([path], tmp_path / "set", Z1)
+
+
+def test_a_measured_set_in_place_of_a_simulated_one_has_nothing_of_its_models(tmp_path: Path) -> None:
+    t, q, _, p = arm(Z1)
+    path = put(tmp_path / "a.csv", lines(f"t,{JOINTS},power", [t, q, p]))
+    out = tmp_path / "set"
+    for name in ("log.toml", "truth.toml", "declared.toml"):
+        put(out / name, "")
+    import_files([path], out, Z1, replace=True)
+    assert {file.name for file in out.iterdir()} == {"log.toml", "a.csv"}

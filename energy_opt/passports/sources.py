@@ -15,6 +15,7 @@ from typing import Any, Literal
 import casadi as ca
 import numpy as np
 
+from energy_opt.effects.parameter import Parameter
 from energy_opt.errors import BadInput, suggest
 from energy_opt.files import read_toml
 from energy_opt.power import PowerModel, drive_function, load_model
@@ -22,6 +23,7 @@ from energy_opt.power.known import careful, electrical, is_named, named_model, p
 from energy_opt.power.known import friction as friction_of
 from energy_opt.power.variants import draws_of
 from energy_opt.robot import Robot, known_robots, load_robot
+from energy_opt.robot.limits import sliding
 
 
 def friction(models: Sequence[PowerModel], speed: np.ndarray) -> np.ndarray:
@@ -176,11 +178,16 @@ class Arm:
         status = self.status(effect)
         if status == "measured" and low_high is None:
             status = "declared"
-        return Number(float(values[index]), p.unit, low_high, status, self.sources.get(effect, ""))
+        return Number(float(values[index]), self.unit(p, index), low_high, status, self.sources.get(effect, ""))
+
+    def unit(self, p: Parameter, index: int) -> str:
+        """Unit of a parameter's value; that of a joint which slides has N and m."""
+        slides = p.dimensions == ("joint",) and self.robot.slides[index]
+        return sliding(p.unit) if slides else p.unit
 
     def friction_at(self, joint: int, k: int) -> Number:
         """Friction of a joint at the k-th of its speeds."""
-        unit = "N m" if self.robot.units[joint] == "rad" else "N"
+        unit = self.robot.unit("effort", self.robot.joints[joint])
         if not self.friction_effects:
             return Number(None, unit)
         order: tuple[Status, ...] = ("assumed", "declared", "published", "measured")

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mimic_arms import PALLETIZER
 from scipy.stats import norm
 
 import energy_opt as eo
@@ -192,3 +193,16 @@ def test_a_model_of_another_robot_is_named(tmp_path, capsys, robot, warned):
     assert main(["passport", str(tmp_path / "mine.toml"), "--robot", robot, "--out", str(tmp_path / "out")]) == 0
     shown = capsys.readouterr()
     assert ("warning: mine: a model of ur5, used for ur10" in shown.out + shown.err) == warned
+
+
+def test_a_joint_that_slides_has_newtons(tmp_path):
+    (tmp_path / "arm.urdf").write_text(PALLETIZER)
+    robot = eo.load_robot(tmp_path / "arm.urdf")
+    effects = (eo.Standby(power=50.0), eo.CopperLoss(r_over_kt2=0.01), eo.CoulombFriction(tau_c=[8, 9, 6, 2, 3]))
+    made = eo.passport([eo.PowerModel("arm", effects)] * 2, robot)
+    turning, sliding = made.document()["arms"][0]["joints"][3:]
+    assert [turning["r_over_kt2"]["unit"], turning["friction"][0]["unit"]] == ["W/(N m)^2", "N m"]
+    assert [sliding["r_over_kt2"]["unit"], sliding["friction"][0]["unit"]] == ["W/N^2", "N"]
+    assert {c.unit for c in made.changes if c.joint == "tip_a"} == {"W/N^2", "N"}
+    assert "friction 2 to 9 N m and 3 N at half" in eo.passport(eo.PowerModel("arm", effects), robot).headline
+    assert any("tip_a at 0.1 m/s" in str(change) for change in made.changes)

@@ -84,13 +84,14 @@ def passport(
     models: str | PathLike[str] | PowerModel | Sequence[str | PathLike[str] | PowerModel],
     robot: str | PathLike[str] | Robot | None = None,
     limits: str | PathLike[str] | None = None,
+    lock: Mapping[str, float] | None = None,
 ) -> Passport:
     """The electrical passport of one model of an arm, or of several side by side.
 
     Args:
         models: model files, names of robots, or models in memory; one or several.
         robot: their robot; by default the one that each model names.
-        limits: a joint_limits.yaml in MoveIt's format.
+        limits: a joint_limits.yaml in MoveIt's format. lock: positions of joints that do not move, by name.
 
     Raises:
         BadInput: a file is at fault, a name or a robot is not known, or lists do not fit the robot.
@@ -102,14 +103,14 @@ def passport(
     if len(given) > MOST:
         raise BadInput(f"passport compares at most {MOST} models; {len(given)} are given")
     file = None if limits is None else Path(limits)
-    body = robot if isinstance(robot, Robot) or robot is None else load_robot(str(robot), limits=file)
+    body = robot if isinstance(robot, Robot) or robot is None else load_robot(str(robot), limits=file, lock=lock)
     arms = []
     for k, (model, label) in enumerate(zip(given, _labels(given), strict=True), start=1):
         if isinstance(model, PowerModel):
-            known = body or load_robot(model.robot, limits=file)
+            known = body or load_robot(model.robot, limits=file, lock=lock)
             arms.append(Arm(label or f"model {k}", known, model, "", {}))
         else:
-            arm = read_arm(model, body, file)
+            arm = read_arm(model, body, file, lock)
             arms.append(replace(arm, label=label))
     found = [change for arm in arms[1:] for change in changes(arms[0], arm)]
     return Passport(tuple(arms), tuple(found))

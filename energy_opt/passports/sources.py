@@ -6,7 +6,7 @@ Also here: friction and power loss of a model's drives at a torque and a speed.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -215,11 +215,14 @@ class Arm:
         return records
 
 
-def read_arm(word: str, robot: Robot | None = None, limits: Path | None = None) -> Arm:
+def read_arm(
+    word: str, robot: Robot | None = None, limits: Path | None = None, lock: Mapping[str, float] | None = None
+) -> Arm:
     """The arm of a model file, of a model's name, or of a robot's name: its published values, else assumed ones.
 
     Args:
-        word: a file or a name. robot: if loaded already. limits: a joint_limits.yaml.
+        word: a file or a name. robot: if loaded already. limits: a joint_limits.yaml. lock: positions of joints that do
+            not move, by name.
 
     Raises:
         BadInput: none of these; the file is at fault; its robot is not known and none was given; or its lists do not
@@ -235,7 +238,7 @@ def read_arm(word: str, robot: Robot | None = None, limits: Path | None = None) 
             raise BadInput(f"{word}: neither a model file nor a robot's name{suggest(word, known_robots())}")
         found = published_file(word)
         if found is None:
-            return Arm(word, robot or load_robot(word, limits=limits), careful(word), "", {})
+            return Arm(word, robot or load_robot(word, limits=limits, lock=lock), careful(word), "", {})
         file = found
     model, label = load_model(file), word
     if robot is None:
@@ -243,7 +246,7 @@ def read_arm(word: str, robot: Robot | None = None, limits: Path | None = None) 
             raise BadInput(f"{file}: robot is not named; give --robot")
         if model.robot not in known_robots():
             raise BadInput(f"{file}: robot {model.robot!r} is not known by name; give its URDF as --robot")
-        robot = load_robot(model.robot, limits=limits)
+        robot = load_robot(model.robot, limits=limits, lock=lock)
     try:
         model.check(robot.n)
     except BadInput as error:

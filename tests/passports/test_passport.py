@@ -206,3 +206,17 @@ def test_a_joint_that_slides_has_newtons(tmp_path):
     assert {c.unit for c in made.changes if c.joint == "tip_a"} == {"W/N^2", "N"}
     assert "friction 2 to 9 N m and 3 N at half" in eo.passport(eo.PowerModel("arm", effects), robot).headline
     assert any("tip_a at 0.1 m/s" in str(change) for change in made.changes)
+
+
+def test_joints_that_are_held_are_not_in_a_passport(tmp_path, capsys):
+    (tmp_path / "arm.urdf").write_text(PALLETIZER)
+    effects = (eo.Standby(power=50.0), eo.CoulombFriction(tau_c=[8, 9, 6, 2]))
+    eo.PowerModel("arm.urdf", effects).save(tmp_path / "model.toml")
+    words = ["passport", str(tmp_path / "model.toml"), "--robot", str(tmp_path / "arm.urdf"), "--lock", "tip_a=0.02"]
+    assert main([*words, "--out", str(tmp_path / "out")]) == 0
+    document = json.loads((tmp_path / "out" / "passport.json").read_text())
+    assert [row["joint"] for row in document["arms"][0]["joints"]] == ["j1", "j2", "j3", "j4"]
+    again = eo.repeat(tmp_path / "out" / "passport.json")
+    assert again.headline == document["headline"]
+    with pytest.raises(eo.BadInput, match="lock belongs to a robot that is loaded"):
+        eo.passport(str(tmp_path / "model.toml"), eo.load_robot("ur5"), lock={"tip_a": 0.02})

@@ -163,6 +163,7 @@ def _recordings(log: LogFile, robot: Robot, faults: list[str]) -> list[Recording
     return out
 
 
+MOVES = 0.01  # [rad, m] by which a joint may move in a static run
 MARGIN = 0.05  # [rad, m] by which positions may be outside the limits
 MISMATCH = 0.2  # largest rms difference of logged velocity from the slope of the positions, over the latter's spread
 
@@ -193,16 +194,21 @@ def inspect_set(
     return faults, remarks
 
 
+def moves_though_static(run: Run, robot: Robot) -> str:
+    """What is wrong with a run that is called static and moves; "" for all others."""
+    moved = np.ptp(run.position, axis=0)
+    if run.kind != "static" or moved.max() <= MOVES:
+        return ""
+    joint = robot.joints[int(np.argmax(moved))]
+    size = f"{moved.max():.3g} {robot.unit('position', joint)}"
+    return f'column {joint}.position: moves by {size} in a run called static; expected kind = "motion"'
+
+
 def _plausible(run: Run, robot: Robot, where: str) -> list[str]:
     """Faults of a run's positions and velocities: motion in a static run, positions outside the limits, and logged
     velocities that are not the slope of the positions.
     """
-    faults = []
-    moved = np.ptp(run.position, axis=0)
-    if run.kind == "static" and moved.max() > 0.01:
-        joint = robot.joints[int(np.argmax(moved))]
-        unit = robot.unit("position", joint)
-        faults.append(f"{where}: column {joint}.position: moves by {moved.max():.3g} {unit} in a run called static")
+    faults = [f"{where}: {said}"] if (said := moves_though_static(run, robot)) else []
     for joint, unit, q, low, high in zip(
         robot.joints, robot.units, run.position.T, robot.limits.lower, robot.limits.upper, strict=True
     ):

@@ -193,7 +193,9 @@ def _guess_meter(table: Table, out: Guess, hand: ByHand) -> None:
     drawn.
     """
     power, pair, energy = power_column(table.header), product_columns(table.header), energy_column(table.header)
-    if pair is not None and (power is None or (robots_own(pair) and not alternating(table.header))):
+    if pair is not None and alternating(table.header) and not robots_own(pair):
+        pair = None
+    elif pair is not None and (power is None or (robots_own(pair) and not alternating(table.header))):
         power = None
     if hand.power is not None and all(part in table.header for part in hand.power.split("*")):
         volt, _, ampere = hand.power.partition("*")

@@ -39,6 +39,16 @@ def test_a_unit_of_energy_says_that_a_column_is_a_counter(tmp_path: Path, header
     assert made.log["columns"]["energy"] == {"column": header, "unit": "kWh"}
 
 
+def test_voltage_times_current_of_an_alternating_supply_is_no_power(tmp_path: Path) -> None:
+    t, q, _, p = arm(Z1)
+    header, columns = f"t,{JOINTS},U [V],I [A],PF", [t, q, 0 * t + 230, p / 230 / 0.6, 0 * t + 0.6]
+    path = put(tmp_path / "a.csv", lines(header, columns))
+    with pytest.raises(BadInput, match=r"no column of power.*not understood: 'U \[V\]', 'I \[A\]', 'PF'; name"):
+        import_files([path], tmp_path / "set", Z1)
+    by_hand = import_files([path], tmp_path / "set", Z1, hand=ByHand(power="U [V]*I [A]"))
+    assert by_hand.log["columns"]["power"] == {"product": ["U [V]", "I [A]"]}
+
+
 def test_a_coarse_counter_is_read_where_it_steps_and_not_where_it_begins_anew(tmp_path: Path) -> None:
     t, q, _, p = arm(Z1)
     energy = np.concatenate([[0], np.cumsum((p[1:] + p[:-1]) / 2 * np.diff(t))])

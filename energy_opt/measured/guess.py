@@ -10,11 +10,11 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.measured.columns import ARM_POWER, ByHand, given_names, named_unit, understood
-from energy_opt.measured.joint_units import joint_units, units_in_words, without_foreign
+from energy_opt.measured.joint_units import TOO_FAST, joint_units, units_in_words, without_foreign
 from energy_opt.measured.meter_names import alternating, energy_column, power_column, product_columns, robots_own
 from energy_opt.measured.names import UNITS, cut, joint_columns, names_joint, time_columns
 from energy_opt.measured.plausible import are_degrees
-from energy_opt.measured.stamps import stamp_factor
+from energy_opt.measured.stamps import EPOCH, stamp_factor
 from energy_opt.measured.table import Table
 from energy_opt.power.known import by_name
 from energy_opt.robot import Robot, known_robots
@@ -104,7 +104,8 @@ def guess_joints(table: Table, robot: Robot, hand: ByHand) -> Guess:
         table: the file. robot: whose joints these are. hand: columns that the user named, which have priority.
 
     Raises:
-        BadInput: it has no time, or no position for some joint.
+        BadInput: it has no time, or no position for some joint; or either the unit of time or that of the positions is
+            another than the guessed one.
     """
     out = Guess()
     header = table.header
@@ -127,6 +128,14 @@ def guess_joints(table: Table, robot: Robot, hand: ByHand) -> Guess:
     table.load([*(c for by in found.values() for c in by.values())])
     raw = {s: np.column_stack([table.column(by[j]) for j in robot.joints])[:LOOKED_AT] for s, by in found.items()}
     units = joint_units(table, robot, found, raw, time, out.words)
+    stamps = out.columns["time"]
+    if TOO_FAST in out.words and isinstance(stamps, dict) and out.first < EPOCH:
+        column, first = stamps["column"], found["position"][robot.joints[0]]
+        if named_unit("time", column, table) is None:
+            raise BadInput(
+                f"{table.path}: columns {column!r} and {first!r}: the joints are too fast if times are "
+                f"{stamps['unit']} and positions rad; name a unit, as by --time {column}:s or --joint JOINT=COLUMN:deg"
+            )
     for signal, by in found.items():
         unit = units.get(signal)
         if unit is None:

@@ -25,6 +25,8 @@ MOVED = 0.02  # [rad, m] least motion that shows the unit of a velocity
 LASTS = 0.1  # [s] over which velocities are compared with the change of positions
 TOGETHER = 0.6  # least correlation of velocities with the slope of the positions
 
+TOO_FAST = "positions are degrees (as radians the joints would be too fast): converted"  # said of a guess
+
 Units = dict[str, str | None]  # by joint; None: SI
 
 
@@ -158,7 +160,7 @@ def _angle_unit(values: np.ndarray, time: np.ndarray, robot: Robot, named: str |
         limit = np.where(np.isfinite(robot.limits.velocity), robot.limits.velocity, np.pi)
         fast = np.percentile(rate, 99, axis=0) > 3 * limit
         if (fast & ~np.array(robot.slides)).any():
-            words.append("positions are degrees (as radians the joints would be too fast): converted")
+            words.append(TOO_FAST)
             return "deg"
     if named == "deg":
         words.append("positions are degrees: converted")

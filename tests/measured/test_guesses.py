@@ -142,6 +142,14 @@ def test_positions_that_would_be_too_fast_are_degrees(tmp_path: Path) -> None:
     np.testing.assert_allclose(made.runs[0].position, np.radians(degrees)[: len(made.runs[0].time)], atol=1e-6)
 
 
+def test_a_counter_of_rows_in_place_of_time_does_not_make_radians_degrees(tmp_path: Path) -> None:
+    t, q, _, p = arm(Z1)
+    slow = q[:1] + np.sin(2 * np.pi * 0.3 * t)[:, None]
+    path = put(tmp_path / "a.csv", lines(f"index,{JOINTS},power", [np.arange(len(t)), slow, p]))
+    with pytest.raises(BadInput, match="'index' and 'q0': the joints are too fast if times are ms and positions rad"):
+        import_files([path], tmp_path / "set", Z1)
+
+
 def test_meters_whose_clocks_begin_at_0_are_paired_by_name(tmp_path: Path) -> None:
     t, q, _, p = arm(Z1)
     for k in (1, 2):

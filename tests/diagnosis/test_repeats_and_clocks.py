@@ -5,6 +5,7 @@ The arms are MuJoCo's with laws by other formulas (`benchmarks/misfit_world.py`)
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -82,6 +83,20 @@ def test_poses_alone_do_not_judge_a_model_of_motion(rubbed, tmp_path):
     d = document_of(truth, noisy, tmp_path / "set")
     assert d["verdict"] != "nothing_missing" and d["error"]["before"]["holdout"]["power_rmse"] > 1.2 * d["noise_floor"]
     assert any("#" in file for file in d["split"]["holdout"])
+
+
+def test_totals_of_two_motions_are_too_few_for_a_verdict(rubbed):
+    """Runs of which only the total is known are not cut, so none of their two motions can be held out."""
+    truth, _ = rubbed
+    measured, rng = read_set(truth.folder, truth.robot), np.random.default_rng(6)
+    moving = [run for run in measured.runs if run.kind == "motion"][:2]
+    runs = [
+        replace(run, file=f"{k}.csv", power_time=run.time[-1:], power=run.power.mean() + 2.0 * rng.normal(size=1),
+                window=np.ptp(run.time, keepdims=True), meter="total", start=100.0 * k)
+        for k, run in enumerate(moving * 12)
+    ]  # fmt: skip
+    d = diagnose(replace(measured, runs=tuple(runs)), truth.declared).document
+    assert d["verdict"] == "insufficient" and not d["split"]["holdout"] and not d["usable"]
 
 
 @pytest.mark.parametrize(("samples", "word"), [(-1, "early"), (1, "late")])

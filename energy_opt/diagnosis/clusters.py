@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.noise import Shared
-from energy_opt.diagnosis.recordings import FEWEST
+from energy_opt.diagnosis.recordings import take_samples
+from energy_opt.measured import MeasuredSet, Run
+from energy_opt.measured.run import cut_at_standstill, pieces
 from energy_opt.robot import Limits
 
 MOVES = 0.03  # [rad/s] a joint that never exceeds this speed does not move
@@ -16,6 +19,8 @@ SLOW = 0.1  # share of a joint's velocity limit
 POINTS = 24  # points of a run's path at which motions are compared
 SAME = 0.05  # [`Samples.unit`] runs whose paths differ by less at all points are repeats of one motion
 PACE = 0.1  # relative difference of durations up to which runs are repeats
+FEWEST = 3  # least distinct motions of a kind for holding one out
+BY_TIME = 4  # pieces into which a recording without standstills is cut
 SHARE = 0.25  # share of the motions of each kind that is held out
 DRAWS = 100  # number of random selections of held-out motions
 KNOTS, MOST_KNOTS = 0.3, 40  # [s] distance of the knots of a motion's discrepancy function; most knots
@@ -38,6 +43,32 @@ def clusters(samples: Samples) -> list[list[int]]:
         else:
             out.append([k])
     return out
+
+
+def parted(measured: MeasuredSet) -> MeasuredSet:
+    """Cut recordings at standstills, else by time, if the set has too few distinct motions to hold one out."""
+    moving = [r for r in measured.runs if r.kind == "motion"]
+    if not moving or any(r.meter == "total" for r in moving) or _motions(measured) >= FEWEST:
+        return measured
+    for cut, how in ((cut_at_standstill, "where the arm stands still"), (_by_time, "by time")):
+        runs = tuple(piece for run in measured.runs for piece in (cut(run) if run.kind == "motion" else [run]))
+        parts = replace(measured, runs=runs)
+        if _motions(parts) >= FEWEST:
+            remark = f"{len(moving)} recording(s) cut {how}, so that some motions can be held out."
+            return replace(parts, remarks=(*measured.remarks, remark))
+    return measured
+
+
+def _by_time(run: Run) -> list[Run]:
+    """Cut a recording into `BY_TIME` pieces of the same length."""
+    edges = np.linspace(0, len(run.time) - 1, BY_TIME + 1).astype(int)
+    return pieces(run, list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)))
+
+
+def _motions(measured: MeasuredSet) -> int:
+    """Number of distinct motions of a set."""
+    samples, _ = take_samples(measured)
+    return sum(samples.kinds[group[0]] == "motion" for group in clusters(samples))
 
 
 def repeats(samples: Samples) -> list[int]:
@@ -72,7 +103,7 @@ def split(samples: Samples, seed: int = 0) -> tuple[list[int], list[int]]:
     Of `DRAWS` random selections, the one is used whose motions resemble all motions of their kind most, by the means of
     every joint's speed, squared torque, and positive and negative power. So the held-out motions excite the same
     effects as the others. The order of the log and the names of the files have no influence. A kind with fewer than
-    `FEWEST` motions is not split.
+    `FEWEST` motions is not split. Poses alone cannot judge motions: they are not held out if no motion can be.
     """
     rng = np.random.default_rng(seed)
     torque = samples.body.torque(samples.q, samples.v, samples.a)
@@ -82,6 +113,8 @@ def split(samples: Samples, seed: int = 0) -> tuple[list[int], list[int]]:
     for kind in ("motion", "static"):
         own = [g for g in groups if samples.kinds[g[0]] == kind]
         if len(own) < FEWEST:
+            if own and kind == "motion":
+                break
             continue
         means = np.array([np.mean([signals[samples.slices[r]].mean(axis=0) for r in g], axis=0) for g in own])
         order = np.argsort(means[:, : samples.n].sum(axis=1))

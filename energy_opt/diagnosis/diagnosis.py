@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.linalg import block_diag
 
-from energy_opt.diagnosis.clusters import excited, split
+from energy_opt.diagnosis.clusters import excited, parted, split
 from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.errors import errors
 from energy_opt.diagnosis.findings import Finding, Result, evidence_records, findings_of, nuisance_of
@@ -83,13 +84,13 @@ def diagnose(
     """
     declared.check(measured.robot.n)
     if measured.payload is not None and declared.get(Payload.name) is None:
-        declared = declared.replaced(Payload(mass=measured.payload.mass, com=measured.payload.com))
+        declared = declared.for_move(Payload(mass=measured.payload.mass, com=measured.payload.com))
     if not any(len(run.power) for run in measured.runs):
         return _of_joints(measured, declared)
     readings = np.concatenate([run.power for run in measured.runs])
     if len(readings) >= FEWEST and np.ptp(readings) == 0:
         raise BadInput(f"{measured.path}: the power is {readings[0]:g} W throughout; is the meter connected?")
-    measured = prepared(measured)
+    measured = parted(prepared(measured))
     side = joint_side(measured, declared)
     if side is not None and (wrong := wrong_units(side)):
         side, measured = None, replace(measured, remarks=(*measured.remarks, wrong))
@@ -207,8 +208,11 @@ def _attributions(found: Inference, joints: tuple[str, ...]) -> list[Attribution
 
 
 def _covariance(found: Inference) -> Uncertainty | None:
-    """Parameter covariance of the written model, and the other models that explain the data equally well."""
-    f, model = found.accepted, found.model
+    """Parameter covariance of the written model, and the other models that explain the data equally well.
+
+    Values that the fit leaves as declared keep their covariance, and a model without a new cause keeps its rivals.
+    """
+    f, model, last = found.accepted, found.model, found.search.world.declared.uncertainty
     names: list[str] = []
     slopes = []
     for c, z, place in zip(f.charts, f.numbers, f.places, strict=True):
@@ -218,12 +222,16 @@ def _covariance(found: Inference) -> Uncertainty | None:
         block = np.zeros((c.values(z).size, f.count))
         block[:, place] = c.slope(z)
         slopes.append(block)
-    others = tuple(r.full_model(links=False) for r in found.rivals[1:])
-    if not slopes:
-        return Uncertainty((), np.zeros((0, 0)), others) if others else None
-    slope = np.vstack(slopes)
+    slope = np.vstack(slopes) if slopes else np.zeros((0, f.count))
     matrix = slope @ f.covariance[: f.count, : f.count] @ slope.T
-    return Uncertainty(tuple(names), (matrix + matrix.T) / 2, others)
+    others = tuple(r.full_model(links=False) for r in found.rivals[1:])
+    if last is not None:
+        left = {e.name for e in model.effects} - set(f.names)
+        kept = [k for k, name in enumerate(last.names) if name.partition(".")[0] in left]
+        names += [last.names[k] for k in kept]
+        matrix = block_diag(matrix, last.matrix[np.ix_(kept, kept)])
+        others = others if slopes or others else last.rivals
+    return Uncertainty(tuple(names), (matrix + matrix.T) / 2, others) if names or others else None
 
 
 def _of_joints(measured: MeasuredSet, declared: PowerModel) -> Diagnosis:

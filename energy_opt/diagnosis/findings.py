@@ -15,8 +15,10 @@ from energy_opt.diagnosis.joint_side import JointSide
 from energy_opt.diagnosis.predict import predict
 from energy_opt.diagnosis.verdict import Inference
 from energy_opt.effects import Effect, LinkInertia
+from energy_opt.effects.parameter import Parameter
 from energy_opt.measured import MeasuredSet
 from energy_opt.power import PowerModel
+from energy_opt.robot.limits import sliding
 
 STUDENT = 1.96
 SHOWN = 15  # most hypotheses in diagnosis.json
@@ -27,7 +29,7 @@ class Finding:
     """An effect that is claimed.
 
     Attributes:
-        parameters, ci95, units: values, 95 % intervals and units by parameter.
+        parameters, ci95, units: values, 95 % intervals and units by parameter; a unit per joint if some joint slides.
         share_of_residual: share of the squares explained by all effects that is lost without this one.
         log_odds: for the effect, None if unknown. refit: True if the declared model has the effect.
     """
@@ -35,7 +37,7 @@ class Finding:
     name: str
     parameters: dict[str, Any]
     ci95: dict[str, Any]
-    units: dict[str, str]
+    units: dict[str, str | list[str]]
     share_of_residual: float
     log_odds: float | None = None
     refit: bool = False
@@ -72,7 +74,7 @@ def findings_of(found: Inference) -> list[Finding]:
         less = f.model.without(c.term.name) if before is None else f.model.replaced(before)
         if found.unknown:
             deviation = np.hypot(deviation, between(effect, found.rivals, n))
-        values = _values(effect, deviation, n)
+        values = _values(effect, deviation, samples.body.slides)
         values[0].update(effect.choices)
         share = float(np.clip((size(less) - here) / explained, 1e-6, 1.0))
         records.append(Finding(c.term.name, *values, share, claim.odds, c.term.declared))
@@ -105,21 +107,31 @@ def _of_links(found: Inference) -> Finding:
     deviation = np.sqrt(np.maximum(np.einsum("pi,ij,pj->p", slope, spread, slope), 0.0))
     effect = found.model.get(LinkInertia.name)
     assert effect is not None
-    return Finding(LinkInertia.name, *_values(effect, deviation, samples.n), 1.0)
+    return Finding(LinkInertia.name, *_values(effect, deviation, samples.body.slides), 1.0)
 
 
-def _values(effect: Effect, deviation: np.ndarray, n: int) -> tuple[dict[str, Any], dict[str, Any], dict[str, str]]:
+def unit_of_joints(p: Parameter, slides: Sequence[bool]) -> str | list[str]:
+    """The unit of a parameter; one for each joint if it has a value per joint and some joint slides."""
+    if p.dimensions != ("joint",) or not any(slides):
+        return p.unit
+    return [sliding(p.unit) if own else p.unit for own in slides]
+
+
+def _values(
+    effect: Effect, deviation: np.ndarray, slides: Sequence[bool]
+) -> tuple[dict[str, Any], dict[str, Any], dict[str, str | list[str]]]:
     """Values, 95 % intervals and units by parameter; values are those of the written model."""
     values: dict[str, Any] = {}
     intervals: dict[str, Any] = {}
-    units: dict[str, str] = {}
+    units: dict[str, str | list[str]] = {}
+    n = len(slides)
     full, at = effect.full(n), 0
     for p in effect.parameters:
         count = p.count(n, effect.extents)
         value, width = full[at : at + count], STUDENT * deviation[at : at + count]
         low, high = np.maximum(value - width, p.lower), np.minimum(value + width, p.upper)
         at += count
-        units[p.name] = p.unit
+        units[p.name] = unit_of_joints(p, slides)
         single = count == 1
         values[p.name] = float(value[0]) if single else value.tolist()
         intervals[p.name] = [float(low[0]), float(high[0])] if single else np.column_stack([low, high]).tolist()

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.diagnosis.findings import STUDENT, Finding
+from energy_opt.diagnosis.findings import STUDENT, Finding, unit_of_joints
 from energy_opt.diagnosis.fit import Fit, fit
 from energy_opt.diagnosis.hypothesis import ROTOR, USUAL, Chart, Measured, Scale, chart
 from energy_opt.diagnosis.joint_side import STRANGE, TIMES, JointSide
@@ -88,19 +88,21 @@ def side_records(side: JointSide | None, chosen: Fit | None) -> list[dict[str, A
     alone = by_power_alone(chosen) if chosen is not None else None
     records = []
     for j, joint in enumerate(side.robot.joints):
-        row: dict[str, Any] = {"joint": joint, "unit": "N m/A" if side.unit == "A" else "1"}
+        speed, effort = (side.robot.unit(kind, joint) for kind in ("velocity", "effort"))
+        row: dict[str, Any] = {"joint": joint, "unit": f"{effort}/A" if side.unit == "A" else "1"}
+        row["units"] = {"speed": speed, "friction": effort}
         row["scale"], row["scale_ci95"] = _number(side.scale[j], side.scale_deviation[j])
         for k, name in enumerate(("coulomb", "viscous", "inertia")):
             deviation = float(np.sqrt(side.covariance[k, j, j]))
             row[name], row[f"{name}_ci95"] = _number(side.values[k, j], deviation, least=0.0)
         row.update(speed=None, own=None, power=None, together=None, disagreement=None)
         if side.known[j]:
-            speed = float(side.usual[j])
-            own = side.friction(j, speed)
-            row.update(speed=speed, own=_word(own))
-            power = friction_of(alone, j, speed) if alone is not None else None
+            usual = float(side.usual[j])
+            own = side.friction(j, usual)
+            row.update(speed=usual, own=_word(own))
+            power = friction_of(alone, j, usual) if alone is not None else None
             if power is not None and chosen is not None:
-                row["power"], row["together"] = _word(power), _word(friction_of(chosen, j, speed) or power)
+                row["power"], row["together"] = _word(power), _word(friction_of(chosen, j, usual) or power)
                 least = LEAST * USUAL * side.robot.limits.effort[j]
                 apart = np.linalg.norm([WIDER * own[1], power[1], APART * own[0], least])
                 row["disagreement"] = float(abs(own[0] - power[0]) / apart)
@@ -139,9 +141,10 @@ def side_remarks(side: JointSide | None, records: Sequence[dict[str, Any]]) -> l
         out.append(f"The logged currents of {names} have the opposite sign of the torque: used with the other sign.")
     for row in records:
         if row["disagreement"] is not None and row["disagreement"] > DISAGREE:
+            speed, effort = row["units"].values()
             out.append(
-                f"{row['joint']}: friction at {row['speed']:.2g} rad/s is {row['own']['friction']:.3g} N m by its own "
-                f"readings and {row['power']['friction']:.3g} N m by the power: the two sides disagree."
+                f"{row['joint']}: friction at {row['speed']:.2g} {speed} is {row['own']['friction']:.3g} {effort} by "
+                f"its own readings and {row['power']['friction']:.3g} {effort} by the power: the two sides disagree."
             )
     return out
 
@@ -210,7 +213,7 @@ def friction_findings(side: JointSide) -> tuple[list[Finding], list[str]]:
         out.append(
             Finding(
                 name, {parameter.name: full.tolist()}, {parameter.name: np.column_stack([low, high]).tolist()},
-                {parameter.name: parameter.unit}, own / (own + left),
+                {parameter.name: unit_of_joints(parameter, side.robot.slides)}, own / (own + left),
             )
         )  # fmt: skip
     if out and unknown.size:

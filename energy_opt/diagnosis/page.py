@@ -16,7 +16,6 @@ from energy_opt.power.variants import draws_of
 from energy_opt.reports.charts import Chart, Line
 from energy_opt.reports.page import Report
 from energy_opt.robot import Robot
-from energy_opt.robot.limits import sliding
 
 WORDS = {
     "explained": "Effects were found, and the remaining error is no larger than the noise.",
@@ -127,7 +126,7 @@ def _values(row: Mapping[str, Any], robot: Robot) -> list[list[object]]:
             continue
         each = len(value) == robot.n
         owners = robot.joints if each else [str(k) for k in range(1, len(value) + 1)]
-        units = [sliding(unit or "") if each and robot.slides[k] else unit for k in range(len(value))]
+        units = unit if isinstance(unit, list) else [unit] * len(value)
         for line in zip(owners, value, interval or [None] * len(value), units, strict=True):
             out.append([row["name"], name, *line])
     return out
@@ -209,11 +208,11 @@ def joints_section(report: Report, records: Sequence[dict[str, Any]], side: Join
     for row in records:
         words = [row[key] for key in ("own", "power", "together")]
         shown = [x for w in words for x in ((w["friction"], w["ci95"]) if w else (None, None))]
-        table.append([row["joint"], row["scale"], row["scale_ci95"], row["speed"], *shown])
-    what = "Kt [N m/A]" if side.unit == "A" else "reading / torque"
+        kt = [row["scale"], row["scale_ci95"], row["unit"]]
+        table.append([row["joint"], *kt, row["speed"], row["units"]["speed"], *shown, row["units"]["friction"]])
     report.table(
-        ["joint", what, "95 %", "speed [rad/s]", "friction there [N m]", "95 %", "by the power alone", "95 %",
-         "by both", "95 %"],
+        ["joint", "Kt" if side.unit == "A" else "reading / torque", "95 %", "unit", "speed", "unit", "friction there",
+         "95 %", "by the power alone", "95 %", "by both", "95 %", "unit"],
         table,
         digits=3,
     )  # fmt: skip
@@ -235,8 +234,8 @@ def _charts(records: Sequence[dict[str, Any]], side: JointSide) -> list[Chart]:
         charts.append(
             Chart(
                 f"Friction of {row['joint']} by its own readings",
-                "speed [rad/s]",
-                "friction [N m]",
+                f"speed [{row['units']['speed']}]",
+                f"friction [{row['units']['friction']}]",
                 [
                     Line("measured", v[moves], here + side.left[moves, j], "points"),
                     Line("fitted", grid, own * way, low=own * way - 2 * wide, high=own * way + 2 * wide),

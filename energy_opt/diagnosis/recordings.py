@@ -1,6 +1,6 @@
 """Measured runs as samples: readings averaged in bins, smoothed motion, and its uncertainty by position errors.
 
-Before that a set is prepared: damaged runs are left out, long sets are shortened, and long recordings are cut.
+Before that a set is prepared: damaged runs are left out, and long sets are shortened.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from energy_opt.diagnosis.data import Samples, laid
 from energy_opt.diagnosis.noise import meter_noise
 from energy_opt.measured import MeasuredSet, Run, Smoothing, choose_smoothing, kinematics
-from energy_opt.measured.run import cut_at_standstill, nodes, operator, pieces
+from energy_opt.measured.run import nodes, operator
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -24,8 +24,6 @@ MOST_READINGS = 10_000  # most readings in a fit: five minutes of a fast meter; 
 REST, BY_NOISE = 1e-3, 4.0  # [rad/s] slower joints count as standing still; standard deviations of a speed that do, too
 MOST_NODES = 40_000  # most nodes at which models are evaluated: twenty minutes of a fast meter
 FEW_RUNS = 8  # least runs to keep if runs are left out; otherwise each run is cut short
-FEWEST = 3  # least motions of a kind for holding one out
-BY_TIME = 4  # pieces into which a recording without standstills is cut
 COMPARED = 4  # least runs of a kind to compare their scatter
 # scatter from reading to reading of a damaged run, over the median of such runs; and over the level of the power
 SCATTER, WILD = 20.0, 0.1
@@ -33,8 +31,8 @@ Taken = tuple[tuple[np.ndarray, ...], tuple[np.ndarray, np.ndarray], "csr_matrix
 
 
 def prepared(measured: MeasuredSet) -> MeasuredSet:
-    """A set as it is fitted: runs of the meter without damaged ones, not too long, and enough to hold some out."""
-    return parted(shortened(_without_scattering(_metered(measured))))
+    """A set as it is fitted: runs of the meter without damaged ones, and not too long."""
+    return shortened(_without_scattering(_metered(measured)))
 
 
 def _metered(measured: MeasuredSet) -> MeasuredSet:
@@ -99,25 +97,6 @@ def _first(run: Run, share: float) -> Run:
         run, time=run.time[samples], lines=index, power_time=run.power_time[read], power=run.power[read],
         window=run.window[read], logged=run.logged_at(samples), **signals,
     )  # fmt: skip
-
-
-def parted(measured: MeasuredSet) -> MeasuredSet:
-    """Cut recordings at standstills, else by time, if the set has too few motions to hold one out."""
-    moving = [r for r in measured.runs if r.kind == "motion"]
-    if not 0 < len(moving) < FEWEST or any(r.meter == "total" for r in moving):
-        return measured
-    for cut, how in ((cut_at_standstill, "where the arm stands still"), (_by_time, "by time")):
-        runs = tuple(piece for run in measured.runs for piece in (cut(run) if run.kind == "motion" else [run]))
-        if sum(run.kind == "motion" for run in runs) >= FEWEST:
-            remark = f"{len(moving)} recording(s) cut {how}, so that some motions can be held out."
-            return replace(measured, runs=runs, remarks=(*measured.remarks, remark))
-    return measured
-
-
-def _by_time(run: Run) -> list[Run]:
-    """Cut a recording into `BY_TIME` pieces of the same length."""
-    edges = np.linspace(0, len(run.time) - 1, BY_TIME + 1).astype(int)
-    return pieces(run, list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)))
 
 
 def on_time(measured: MeasuredSet, late: float) -> MeasuredSet:

@@ -34,7 +34,7 @@ from energy_opt.diagnosis.claims import (
     widened,
     written,
 )
-from energy_opt.diagnosis.clusters import clusters, repeats
+from energy_opt.diagnosis.clusters import FEWEST, clusters, repeats
 from energy_opt.diagnosis.data import Samples
 from energy_opt.diagnosis.errors import Quality, mostly_explained
 from energy_opt.diagnosis.evidence import links_odds, noise_of
@@ -45,7 +45,6 @@ from energy_opt.diagnosis.kinks import other_drives, settled
 from energy_opt.diagnosis.links import links_of
 from energy_opt.diagnosis.noise import Noise, by_chance, standing_noise, weighted
 from energy_opt.diagnosis.predict import predict
-from energy_opt.diagnosis.recordings import FEWEST
 from energy_opt.diagnosis.residual import follows
 from energy_opt.diagnosis.search import Search, moved, root, without
 from energy_opt.power import PowerModel
@@ -229,7 +228,7 @@ def _judged(found: Search, best: Fit, noise: Noise, nothing: Fit, judge: Judge, 
         verdict = "explained" if fits and not other else "partly"
     else:
         verdict = "nothing_missing" if fits else "unexplained"
-    if idle and verdict != "ambiguous":
+    if (idle or _unjudged(judge, accepted)) and verdict != "ambiguous":
         verdict = "insufficient"
     return Inference(
         found, start, best, accepted, verdict, claims, rivals, noise, judge.noise, declared, after, model, linked, idle,
@@ -304,6 +303,12 @@ def left_open(found: Search, judge: Judge, rivals: tuple[Fit, ...], reach: float
     return tuple(rivals[k] for k in order if (scores[k] > scores[order[0]] - reach).any())
 
 
+def _unjudged(judge: Judge, f: Fit) -> bool:
+    """True if no motion is held out, and there are too few to leave one out."""
+    samples = f.world.samples
+    return judge.held is None and sum(samples.kinds[g[0]] == "motion" for g in clusters(samples)) < FEWEST
+
+
 def _borne_out(
     found: Search, judge: Judge, accepted: Fit, claims: tuple[Claim, ...], shaped: bool = True
 ) -> tuple[Fit, tuple[Claim, ...]]:
@@ -317,9 +322,7 @@ def _borne_out(
         shaped: True if the effects must have the form of the library's laws. If an unknown law is present, no rival's
             form is exact.
     """
-    moving = sum(accepted.world.samples.kinds[g[0]] == "motion" for g in clusters(accepted.world.samples))
-    blind = judge.held is None and moving < FEWEST  # too few motions to leave one out
-    while claims and not blind:
+    while claims and not _unjudged(judge, accepted):
         other = next((c for c in claims if any(no(accepted, c) for no in NO_CLAIM)), None)
         if other is None and shaped and (k := shaped_otherwise(found, accepted)) is not None:
             other = next((c for c in claims if c.name == accepted.names[k]), None)

@@ -14,6 +14,7 @@ from energy_opt.diagnosis.verdict import NOISE, Inference
 from energy_opt.effects import effect_class
 from energy_opt.measured import MeasuredSet, coarse
 from energy_opt.power import PowerModel
+from energy_opt.robot.limits import unit_of
 
 UNKNOWN = 0.4  # posterior over prior standard deviation above which the data hardly determined a number
 WANDERS = 0.3  # share of the noise by which runs' levels must differ to be mentioned
@@ -89,7 +90,7 @@ def remarks(found: Inference, measured: MeasuredSet, declared: PowerModel) -> li
     """Remarks on the verdict, one sentence each."""
     out = list(measured.remarks)
     joints = measured.robot.joints
-    if declared.robot and declared.robot != measured.robot.name:
+    if not declared.is_of(measured.robot.name):
         out.append(f"The declared model was written for {declared.robot!r}, the set says {measured.robot.name!r}.")
     if not found.follows:
         out.append(
@@ -155,7 +156,10 @@ def _links(f: Fit, joints: Sequence[str]) -> str:
     off = np.sqrt(np.mean((f.world.links.torques @ f.amounts) ** 2, axis=0))
     whole = np.sqrt(np.mean(f.prediction.tau**2, axis=0))
     worst = np.argsort(-off)[:3]
-    each = ", ".join(f"{joints[j]} {off[j]:.2g} N m ({100 * off[j] / max(whole[j], 1e-9):.0f} %)" for j in worst)
+    each = ", ".join(
+        f"{joints[j]} {off[j]:.2g} {unit_of('effort', s.body.slides[j])} ({100 * off[j] / max(whole[j], 1e-9):.0f} %)"
+        for j in worst
+    )
     links = ", ".join(joints[j] for j in np.argsort(-np.abs(f.world.links.effect(f.amounts, s).values["mass"]))[:2])
     return f"The torque of the URDF's links is off by (rms): {each}; most of it by the links behind {links}."
 
@@ -210,9 +214,9 @@ def speeds_seen(found: Inference, joints: Sequence[str]) -> list[str]:
             continue
         usual = float(np.median(v))
         sums = [float(law(np.array([usual]), j)[0]) for law in laws]
-        out.append(
-            f"Friction of {joint} at {usual:.2g} rad/s is {min(sums):.2g} to {max(sums):.2g} N m under all of them."
-        )
+        speed, unit = (unit_of(kind, s.body.slides[j]) for kind in ("velocity", "effort"))
+        span = f"{min(sums):.2g} to {max(sums):.2g} {unit}"
+        out.append(f"Friction of {joint} at {usual:.2g} {speed} is {span} under all of them.")
     return out
 
 
@@ -273,6 +277,7 @@ def _foreseen(d: dict[str, Any]) -> str:
     if percent > 100:
         return "differences of energy between motions are not predicted: the error is larger than they are"
     usable = "good enough to plan with" if d["usable"] else "not shown to be good enough to plan with"
+    usable += f", as {d['foreseen']['reason']}" if d["foreseen"]["reason"] else ""
     within = f"{percent:.0f} %" if percent >= 0.5 else "the meter's noise"
     return f"differences of energy between motions are predicted within {within}: {usable}"
 
@@ -282,23 +287,26 @@ def side_words(records: Sequence[dict[str, Any]]) -> list[str]:
     out = []
     for row in records:
         if row["scale"] is None:
-            out.append(f"{row['joint']}: its readings do not depend on its torque; no value in N m is possible")
+            unit = row["units"]["friction"]
+            out.append(f"{row['joint']}: its readings do not depend on its torque; no value in {unit} is possible")
             continue
         said = f"{row['joint']}: "
-        said += f"Kt {row['scale']:.3g} N m/A" if row["unit"] != "1" else f"torque {row['scale']:.3g} times the reading"
+        torque = f"torque {row['scale']:.3g} times the reading"
+        said += torque if row["unit"] == "1" else f"Kt {row['scale']:.3g} {row['unit']}"
         if row["own"] is not None:
-            said += f", friction at {row['speed']:.2g} rad/s {_span(row['own'])} by its own readings"
+            speed, unit = row["units"].values()
+            said += f", friction at {row['speed']:.2g} {speed} {_span(row['own'], unit)} by its own readings"
             if row["power"] is not None:
-                said += f", {_span(row['power'])} by the power alone, {_span(row['together'])} by both"
+                said += f", {_span(row['power'], unit)} by the power alone, {_span(row['together'], unit)} by both"
         else:
             said += ", hardly moves"
         out.append(said)
     return out
 
 
-def _span(word: dict[str, Any]) -> str:
+def _span(word: dict[str, Any], unit: str) -> str:
     low, high = word["ci95"]
-    return f"{word['friction']:.3g} ± {(high - low) / 2:.2g} N m"
+    return f"{word['friction']:.3g} ± {(high - low) / 2:.2g} {unit}"
 
 
 def _values(row: dict[str, Any], joints: list[str]) -> list[str]:
@@ -313,7 +321,9 @@ def _values(row: dict[str, Any], joints: list[str]) -> list[str]:
             out.append(f"{name} = {value:.4g} [{interval[0]:.4g}, {interval[1]:.4g}] {unit}")
         elif len(value) == len(joints):
             parts = [f"{j} {x:.4g} [{a:.4g}, {b:.4g}]" for j, x, (a, b) in zip(joints, value, interval, strict=True)]
-            out.append(f"{name} in {unit}: " + ", ".join(parts))
+            each = isinstance(unit, list)  # a unit for each joint
+            parts = [f"{part} {own}" for part, own in zip(parts, unit, strict=True)] if each else parts
+            out.append(f"{name}{'' if each else f' in {unit}'}: " + ", ".join(parts))
         else:
             out.append(f"{name} = " + ", ".join(f"{x:.4g}" for x in value) + f" {unit}")
     return out

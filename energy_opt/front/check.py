@@ -19,7 +19,7 @@ from energy_opt.folders import faults_of_results
 from energy_opt.formats import read
 from energy_opt.formats.messages import trajectories
 from energy_opt.front.desk import Desk, verb
-from energy_opt.front.given import cell_of, model_from, payload_from, refuse_degrees, robot_of
+from energy_opt.front.given import carried, cell_of, model_from, refuse_degrees, robot_of
 from energy_opt.jobs.file import load_job
 from energy_opt.jobs.legs import wrong_frames
 from energy_opt.measured import inspect_set
@@ -203,7 +203,7 @@ def _trajectory(file: Path, request: CheckRequest, notes: list[str]) -> list[str
     trajectory = samples.trajectory()
     model = model_from(request.model, robot)
     if request.payload is not None:
-        model = model.for_move(payload_from(request.payload))
+        model = model.for_move(carried(request.payload, robot))
     model = model if request.base is None else model.standing(*cell_of(request).base[3:5])
     model.check(robot.n)
     certificate = certify(trajectory, Scorer(robot, model), joint_limits(robot.limits))

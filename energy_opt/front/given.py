@@ -86,9 +86,7 @@ def model_from(given: AnyModel | None, robot: Robot) -> PowerModel:
 
 def of_another_robot(name: str, model: PowerModel, robot: Robot) -> str:
     """A warning, one line, if a model was written for another robot; else empty."""
-    if not model.robot or robot.name in (model.robot, Path(model.robot).stem):  # also the path of its URDF
-        return ""
-    return f"warning: {name}: a model of {model.robot}, used for {robot.name}"
+    return "" if model.is_of(robot.name) else f"warning: {name}: a model of {model.robot}, used for {robot.name}"
 
 
 def several(given: AnyModel | Sequence[AnyModel] | None) -> list[AnyModel]:

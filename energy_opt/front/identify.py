@@ -12,7 +12,7 @@ from energy_opt.cell.load import load_cell
 from energy_opt.errors import BadInput
 from energy_opt.files import plain, read_table, write_table
 from energy_opt.front.desk import Desk, verb
-from energy_opt.front.given import cell_of, payload_from, request_of_set, robot_of, robot_of_set
+from energy_opt.front.given import carried, cell_of, request_of_set, robot_of, robot_of_set
 from energy_opt.measured import read_set
 from energy_opt.power import PowerModel
 from energy_opt.power.law import rigid_inputs
@@ -67,14 +67,15 @@ def run(request: IdentifyRequest, desk: Desk) -> Identification | Suggested:
     """
     if request.set is None and request.suggest is None:
         raise BadInput("identify needs a measured set (DIR), or --suggest N with --robot")
-    robot, mass = None if request.robot is None else robot_of(request), None
+    if request.robot is None and request.set is None:
+        raise BadInput("identify --suggest needs --robot, or a set whose log.toml names one")
+    folder = Path(request.set or "")
+    arm, mass = robot_of_set(request, folder) if request.robot is None else robot_of(request), None
     if request.payload is not None:
-        values = payload_from(request.payload).values
+        values = carried(request.payload, arm).values
         mass = PointMass(float(values["mass"][0]), values["com"])
     if request.suggest is not None:
-        return _suggest(request, request.suggest, robot, mass, desk)
-    folder = Path(request.set or "")
-    arm = robot or robot_of_set(request, folder)
+        return _suggest(request, request.suggest, arm, mass, desk)
     with desk.showing() as show:
         show.stage("reading", 0.0, 1.0)
         measured = read_set(folder, arm, allow_outside=request.allow_outside)
@@ -97,14 +98,8 @@ def _gravity(request: IdentifyRequest, robot: Robot) -> np.ndarray | None:
     return rigid_inputs(PowerModel(robot.name, ()).standing(*request.base[3:5]), robot.body)[1]
 
 
-def _suggest(
-    request: IdentifyRequest, count: int, robot: Robot | None, mass: PointMass | None, desk: Desk
-) -> Suggested:
-    """Static poses that determine the losses best, for the named robot or for that of the set."""
-    if robot is None:
-        if request.set is None:
-            raise BadInput("identify --suggest needs --robot, or a set whose log.toml names one")
-        robot = robot_of_set(request, Path(request.set))
+def _suggest(request: IdentifyRequest, count: int, robot: Robot, mass: PointMass | None, desk: Desk) -> Suggested:
+    """Static poses that determine a robot's losses best."""
     cell = load_cell(robot, cell_of(request))
     found = suggest(robot, count, request.seed, mass, None if cell is None else cell.free, _gravity(request, robot))
     answer, path = Suggested(robot, found), (desk.out or Path()) / "suggested_poses.csv"

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from energy_opt.front.desk import Desk, verb
-from energy_opt.front.given import of_another_robot, several
+from energy_opt.front.given import of_another_robot, robot_of, several
 from energy_opt.passports.sheet import Passport
 from energy_opt.passports.sheet import passport as passport_of
 from energy_opt.power.model import model_from_document
@@ -24,7 +24,8 @@ def run(request: PassportRequest, desk: Desk) -> Passport:
     """
     given = several(request.models)
     models = [model_from_document(dict(one), "model") if isinstance(one, Mapping) else one for one in given]
-    found = passport_of(models, request.robot, request.limits)
+    named = None if request.robot is None else robot_of(request)
+    found = passport_of(models, named, request.limits, request.locked or None)
     states = [arm.model.to_document() for arm in found.arms]
     robot = request.robot if request.robot is None else str(getattr(request.robot, "name", request.robot))
     document = desk.take(ANSWER, replace(request, robot=robot), contents=plain(states))

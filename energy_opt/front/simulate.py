@@ -15,12 +15,12 @@ from energy_opt.folders import no_other_verb, take_folder, written_whole
 from energy_opt.formats import read_trajectory
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import (
+    carried,
     cell_of,
     model_from,
     named_robot,
     of_another_robot,
     payload_document,
-    payload_from,
     robot_of,
 )  # fmt: skip
 from energy_opt.motion.trajectory import Trajectory
@@ -84,8 +84,6 @@ def run(request: SimulateRequest, desk: Desk) -> Simulation:
         raise BadInput(f"--seed {request.seed}: expected 0 or more")
     file, out = Path(request.plant), Path(request.out)
     plant = load_plant(file)
-    if request.payload is not None:
-        plant = replace(plant, model=plant.model.replaced(payload_from(request.payload)))
     if request.base is not None:
         plant = replace(plant, model=plant.model.standing(*request.base[3:5]))
     named = None if request.robot is not None else robot_named(plant.model.robot, file.parent, request.allow_outside)
@@ -93,6 +91,8 @@ def run(request: SimulateRequest, desk: Desk) -> Simulation:
     if said := of_another_robot(str(request.plant), plant.model, robot):
         desk.say(said)
     plant = replace(plant, model=of_joints(plant.model, robot))
+    if request.payload is not None:
+        plant = replace(plant, model=plant.model.for_move(carried(request.payload, robot)))
     declared = None if request.model is None else model_from(request.model, robot)
     same = {name: getattr(request, name) for name in ("rate", "meter_rate", "noise", "jitter", "rest")}
     resolutions = {"power_resolution": request.resolution, "position_resolution": request.encoder}

@@ -10,16 +10,17 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.measured.columns import ARM_POWER, ByHand, given_names, named_unit, understood
-from energy_opt.measured.joint_units import joint_units, units_in_words, without_foreign
+from energy_opt.measured.joint_units import TOO_FAST, joint_units, units_in_words, without_foreign
 from energy_opt.measured.meter_names import alternating, energy_column, power_column, product_columns, robots_own
-from energy_opt.measured.names import UNITS, cut, joint_columns, time_columns
+from energy_opt.measured.names import UNITS, cut, joint_columns, names_joint, time_columns
 from energy_opt.measured.plausible import are_degrees
-from energy_opt.measured.stamps import stamp_factor
+from energy_opt.measured.stamps import EPOCH, stamp_factor
 from energy_opt.measured.table import Table
 from energy_opt.power.known import by_name
 from energy_opt.robot import Robot, known_robots
 
 LOOKED_AT = 20_000  # lines used for guesses
+FITS = 0.5  # share of the logged torques' size by which those of the file's robot may differ
 TIME_UNITS = {1e-3: "ms", 1e-6: "us", 1e-9: "ns"}
 
 
@@ -47,39 +48,32 @@ def guess_robot(table: Table) -> tuple[Robot, str]:
     Raises:
         BadInput: several are equally likely; the message names them.
     """
-    fitting = []
+    sure, fitting = [], []
     for name in known_robots():
-        found = joint_columns(table.header, by_name(name).joints, given_names(table))
-        if "position" in found:
-            whole = all(_plain_word(joint) in _plain_word(column) for joint, column in found["position"].items())
-            fitting.append((len(_plain_word("".join(by_name(name).joints))) if whole else 0, name, found))
-    longest = max((named for named, _, _ in fitting), default=0)  # panda_joint1 also contains xarm7's joint1
-    fitting = [row for row in fitting if row[0] == longest]
-    most = max((len(by_name(name).joints) for _, name, _ in fitting), default=0)
-    fitting = [row for row in fitting if len(by_name(row[1]).joints) == most]
+        position = joint_columns(table.header, by_name(name).joints, given_names(table)).get("position", {})
+        fitting += [name] if position else []
+        sure += [name] if position and all(names_joint(header, j, name) for j, header in position.items()) else []
+    fitting = sure or fitting
+    most = max((len(by_name(name).joints) for name in fitting), default=0)
+    fitting = [name for name in fitting if len(by_name(name).joints) == most]
     words = {word.lower() for word in table.header}
     if any("tau_j" in word or word.startswith("state.q") or "o_t_ee" in word for word in words):
-        fitting = [row for row in fitting if row[1] == "panda"] or fitting
+        sure = [name for name in fitting if name == "panda"]
+        fitting = sure or fitting
     if any(word.startswith("actual_q") for word in words):
-        fitting = [row for row in fitting if row[1].startswith("ur")] or fitting
-    names = [name for _, name, _ in fitting]
-    if len(names) == 1:
-        return by_name(names[0]), "by its joints' columns"
-    if not names:
+        fitting = [name for name in fitting if name.startswith("ur")] or fitting
+    if sure and len(fitting) == 1:
+        return by_name(fitting[0]), "by its joints' columns"
+    if not fitting:
         raise BadInput(f"{table.path}: no known robot has such columns; name it with --robot")
-    errors = {name: _torque_error(table, name) for name in names}
+    errors = {name: _torque_error(table, name) for name in fitting}
     known = {name: error for name, error in errors.items() if error is not None}
-    if len(known) == len(names):
+    if len(known) == len(fitting) > 1:
         best, second = sorted(known, key=lambda name: known[name])[:2]
-        if known[best] < 0.8 * known[second]:
+        if known[best] < min(FITS, 0.8 * known[second]):
             why = f"its torques fit the file's best ({known[best]:.2g} of their spread, {second}'s next)"
             return by_name(best), why
-    raise BadInput(f"{table.path}: the columns fit {', '.join(names)}; say which with --robot")
-
-
-def _plain_word(word: str) -> str:
-    """A word in lower case without signs."""
-    return "".join(c for c in word.lower() if c.isalnum())
+    raise BadInput(f"{table.path}: the columns fit {', '.join(fitting)}; say which with --robot")
 
 
 def _torque_error(table: Table, name: str) -> float | None:
@@ -110,7 +104,8 @@ def guess_joints(table: Table, robot: Robot, hand: ByHand) -> Guess:
         table: the file. robot: whose joints these are. hand: columns that the user named, which have priority.
 
     Raises:
-        BadInput: it has no time, or no position for some joint.
+        BadInput: it has no time, or no position for some joint; or either the unit of time or that of the positions is
+            another than the guessed one.
     """
     out = Guess()
     header = table.header
@@ -133,6 +128,14 @@ def guess_joints(table: Table, robot: Robot, hand: ByHand) -> Guess:
     table.load([*(c for by in found.values() for c in by.values())])
     raw = {s: np.column_stack([table.column(by[j]) for j in robot.joints])[:LOOKED_AT] for s, by in found.items()}
     units = joint_units(table, robot, found, raw, time, out.words)
+    stamps = out.columns["time"]
+    if TOO_FAST in out.words and isinstance(stamps, dict) and out.first < EPOCH:
+        column, first = stamps["column"], found["position"][robot.joints[0]]
+        if named_unit("time", column, table) is None:
+            raise BadInput(
+                f"{table.path}: columns {column!r} and {first!r}: the joints are too fast if times are "
+                f"{stamps['unit']} and positions rad; name a unit, as by --time {column}:s or --joint JOINT=COLUMN:deg"
+            )
     for signal, by in found.items():
         unit = units.get(signal)
         if unit is None:
@@ -199,7 +202,9 @@ def _guess_meter(table: Table, out: Guess, hand: ByHand) -> None:
     drawn.
     """
     power, pair, energy = power_column(table.header), product_columns(table.header), energy_column(table.header)
-    if pair is not None and (power is None or (robots_own(pair) and not alternating(table.header))):
+    if pair is not None and alternating(table.header) and not robots_own(pair):
+        pair = None
+    elif pair is not None and (power is None or (robots_own(pair) and not alternating(table.header))):
         power = None
     if hand.power is not None and all(part in table.header for part in hand.power.split("*")):
         volt, _, ampere = hand.power.partition("*")

@@ -84,9 +84,12 @@ def import_files(
         words += [] if guess.preset else [understood(table, guess.columns)]
     known = {key.rpartition(".")[2] for key in [*first_joint.columns, *(first_meter.columns if first_meter else ())]}
     if not known & {"power", "energy", "current", "effort"} and first_joint.preset is None:
-        raise BadInput(f"{tables[0].path}: no column of power, energy, currents or torques in any file")
+        table, guess = next(iter(joints.items()))
+        said = f"no column of power, energy, currents or torques in any file; {understood(table, guess.columns)}"
+        raise BadInput(f"{table.path}: {said}")
     pairs = _pairs(joints, meters, words)
-    with written_whole(out, NAME) as folder:
+    simulated = ["declared.toml", "truth.toml"] if (out / "truth.toml").is_file() else []  # of a set that is replaced
+    with written_whole(out, NAME, simulated) as folder:
         document = _document(robot.named_in(folder), first_joint, first_meter, joints, pairs)
         for table in tables:
             shutil.copyfile(table.path, folder / table.path.name)

@@ -6,7 +6,7 @@ Every joint has a unit of its own: an arm may turn in degrees and slide in milli
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from energy_opt.errors import BadInput
 from energy_opt.measured.columns import named_unit
 from energy_opt.measured.names import BY_SIGNAL, UNITS, cut, known_unit
 from energy_opt.measured.plausible import are_degrees, degrees_fault, leaps
+from energy_opt.measured.run import Run
 from energy_opt.measured.table import Table
 from energy_opt.robot import Robot
 
@@ -21,6 +22,10 @@ ALIKE = 0.25  # relative deviation up to which a measured ratio identifies a uni
 BEYOND = 3.0  # multiple of a sliding joint's range from which its positions cannot be metres
 RELATIVE = ("%", "percent", "°f", "degf", "k", "v", "mv")  # units of joints' signals that are not converted
 MOVED = 0.02  # [rad, m] least motion that shows the unit of a velocity
+LASTS = 0.1  # [s] over which velocities are compared with the change of positions
+TOGETHER = 0.6  # least correlation of velocities with the slope of the positions
+
+TOO_FAST = "positions are degrees (as radians the joints would be too fast): converted"  # said of a guess
 
 Units = dict[str, str | None]  # by joint; None: SI
 
@@ -155,7 +160,7 @@ def _angle_unit(values: np.ndarray, time: np.ndarray, robot: Robot, named: str |
         limit = np.where(np.isfinite(robot.limits.velocity), robot.limits.velocity, np.pi)
         fast = np.percentile(rate, 99, axis=0) > 3 * limit
         if (fast & ~np.array(robot.slides)).any():
-            words.append("positions are degrees (as radians the joints would be too fast): converted")
+            words.append(TOO_FAST)
             return "deg"
     if named == "deg":
         words.append("positions are degrees: converted")
@@ -193,11 +198,45 @@ def _slope_unit(
     good = np.isfinite(values).all(axis=1) & np.isfinite(position).all(axis=1) & np.isfinite(time[: len(values)])
     t, q, v = time[: len(values)][good], position[good], values[good]
     fresh = np.concatenate([[True], np.diff(t) > 0])
-    t, q, v = t[fresh], q[fresh], v[fresh]
-    if len(t) < 20 or np.ptp(q, axis=0).max() < MOVED:
+    ratio = _slope_ratio(v[fresh], q[fresh], t[fresh])
+    if ratio is None:
         return assumed
-    slope = np.gradient(q, t, axis=0)
-    ratio = float(np.sum(v * slope) / max(float(np.sum(slope**2)), 1e-12))
-    match = float(np.sum(v * slope) / np.sqrt(max(float(np.sum(slope**2) * np.sum(v**2)), 1e-30)))
-    fitting = (unit for unit in units if match > 0.6 and abs(ratio * UNITS["velocity"][unit] - 1) < ALIKE)
-    return next(fitting, None)
+    return next((unit for unit in units if abs(ratio * UNITS["velocity"][unit] - 1) < ALIKE), None)
+
+
+def contradicting(run: Run) -> Iterator[str]:
+    """The logged rates of a run that are not the slope of its positions: "velocity", "acceleration"."""
+    slope = run.position
+    for name, rate in (("velocity", run.velocity), ("acceleration", run.acceleration)):
+        if rate is not None and _is_slope(rate, slope, run.time):
+            slope = rate
+            continue
+        if rate is not None:
+            yield name
+        ends = [np.clip(run.time + x, run.time[0], run.time[-1]) for x in (-LASTS / 2, LASTS / 2)]
+        change = [np.interp(ends[1], run.time, x) - np.interp(ends[0], run.time, x) for x in slope.T]
+        slope = np.column_stack(change) / (ends[1] - ends[0])[:, None]
+
+
+def _is_slope(velocity: np.ndarray, position: np.ndarray, time: np.ndarray) -> bool:
+    """Whether velocities (N, n) are the slope of positions (N, n), all in SI units, as far as these move."""
+    ratio = _slope_ratio(velocity, position, time)
+    return ratio is None or abs(ratio - 1) < ALIKE
+
+
+def _slope_ratio(velocity: np.ndarray, position: np.ndarray, time: np.ndarray) -> float | None:
+    """Ratio of velocities (N, n) to the slope of the positions (N, n), over `LASTS`; 0 if they do not go together.
+
+    None if there are too few samples, or the positions hardly move. Slopes from sample to sample would show the steps
+    of a coarse encoder.
+    """
+    if len(time) < 20 or np.ptp(position, axis=0).max() < MOVED:
+        return None
+    step = np.diff(time)
+    apart = min(max(1, round(LASTS / float(np.median(step)))), len(time) // 2)
+    way = np.vstack(
+        [np.zeros(position.shape[1]), np.cumsum((velocity[1:] + velocity[:-1]) / 2 * step[:, None], axis=0)]
+    )
+    by_velocity, moved = way[apart:] - way[:-apart], position[apart:] - position[:-apart]
+    shared, own, size = (float(np.sum(x)) for x in (by_velocity * moved, moved**2, by_velocity**2))
+    return shared / max(own, 1e-12) if shared > TOGETHER * np.sqrt(own * size) else 0.0

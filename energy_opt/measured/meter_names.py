@@ -29,7 +29,9 @@ def energy_column(header: Sequence[str]) -> str | None:
     """The header of a counter of energy."""
     good = {"total": 1.0, "import": 1.0, "robot": 1.0, "active": 0.5}
     found = _best_header(header, ENERGY, NOT_POWER | {"kinetic", "potential", "reactive"}, good, "energy")
-    return found if found is None or set(cut(found).words) & (ENERGY - {"counter"}) else None
+    h = cut(found or "")
+    telling = set(h.words) & (ENERGY - {"counter"}) or known_unit("energy", h.unit) not in (None, "J")  # J: a joint?
+    return found if telling else None
 
 
 def _best_header(

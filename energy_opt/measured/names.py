@@ -184,6 +184,15 @@ def _by_name(header: Sequence[str], joints: Sequence[str]) -> dict[str, dict[str
     return {signal: by for signal, by in whole.items() if set(by) == set(joints)}
 
 
+def names_joint(header: str, joint: str, robot: str) -> bool:
+    """Whether a header names a robot's joint. A name that says only "joint" has no foreign words beside it:
+    `fr3_joint1` is no `joint1`.
+    """
+    flat, form = f" {_flat(header)} ", f" {_flat(joint)} "
+    beside = set(cut(flat.replace(form, " ", 1).strip()).words)
+    return form in flat and (set(cut(joint).words) > {"joint"} or beside <= PLAIN | set(cut(robot).words))
+
+
 def _short_names(joints: Sequence[str]) -> dict[str, list[str]]:
     """Forms of a joint's name in a flattened header."""
     flat = {joint: _flat(joint) for joint in joints}
@@ -236,7 +245,7 @@ def _of_other_joints(headers: Sequence[str], joints: Sequence[str]) -> bool:
         return len(headers) > len(joints) or not set(cut(headers[0]).words) <= own | PLAIN
     flat = " ".join(_flat(text) for text in headers)
     others = (known for known in _known_names() if not set(known) & {f" {_flat(joint)} " for joint in joints})
-    return any(all(name in f" {flat} " for name in known) for known in others)
+    return any(name in f" {flat} " for known in others for name in known)
 
 
 @cache

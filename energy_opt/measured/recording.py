@@ -308,8 +308,9 @@ def _one_clock(
 
 
 def _overlap(stamps: np.ndarray, time: np.ndarray) -> float:
-    """Share of the motion that the meter's stamps cover."""
-    return float((min(time[-1], stamps[-1]) - max(time[0], stamps[0])) / (time[-1] - time[0]))
+    """Share of the motion that the stamps of a meter cover, or share of these within the motion if they span less."""
+    shared = min(time[-1], stamps[-1]) - max(time[0], stamps[0])
+    return float(shared / max(min(np.ptp(time), np.ptp(stamps)), 1e-9))
 
 
 def _cut(log: LogFile, run: Run, gaps: tuple[int, ...], out: Recording) -> None:

@@ -13,6 +13,7 @@ from energy_opt.errors import BadInput
 from energy_opt.measured.clock import shows_means
 from energy_opt.measured.columns import ARM_POWER, LOGGED, PAYLOAD
 from energy_opt.measured.differentiate import choose_smoothing, coarse, kinematics
+from energy_opt.measured.joint_units import contradicting
 from energy_opt.measured.log import LogFile, read_log
 from energy_opt.measured.recording import Recording, read_recording
 from energy_opt.measured.run import MeasuredSet, Run
@@ -46,6 +47,10 @@ def read_set(
     if faults:
         more = f" (and {len(faults) - 1} more faults; `energy-opt check` lists them)" if len(faults) > 1 else ""
         raise BadInput(faults[0] + more)
+    wrong = {run.file: [] if coarse(run) else list(contradicting(run)) for run in runs}
+    runs = [dataclasses.replace(run, **dict.fromkeys(wrong[run.file])) for run in runs]  # type: ignore[arg-type]
+    said = "contradicts the positions: not used; are unit and sign right?"
+    remarks += _merged_remarks([f"{file}: logged {name} {said}" for file, names in wrong.items() for name in names])
     return MeasuredSet(log.path.parent, robot, tuple(runs), clock, stated_payload(log), tuple(remarks))
 
 
@@ -163,6 +168,7 @@ def _recordings(log: LogFile, robot: Robot, faults: list[str]) -> list[Recording
     return out
 
 
+MOVES = 0.01  # [rad, m] by which a joint may move in a static run
 MARGIN = 0.05  # [rad, m] by which positions may be outside the limits
 MISMATCH = 0.2  # largest rms difference of logged velocity from the slope of the positions, over the latter's spread
 
@@ -193,16 +199,21 @@ def inspect_set(
     return faults, remarks
 
 
+def moves_though_static(run: Run, robot: Robot) -> str:
+    """What is wrong with a run that is called static and moves; "" for all others."""
+    moved = np.ptp(run.position, axis=0)
+    if run.kind != "static" or moved.max() <= MOVES:
+        return ""
+    joint = robot.joints[int(np.argmax(moved))]
+    size = f"{moved.max():.3g} {robot.unit('position', joint)}"
+    return f'column {joint}.position: moves by {size} in a run called static; expected kind = "motion"'
+
+
 def _plausible(run: Run, robot: Robot, where: str) -> list[str]:
     """Faults of a run's positions and velocities: motion in a static run, positions outside the limits, and logged
     velocities that are not the slope of the positions.
     """
-    faults = []
-    moved = np.ptp(run.position, axis=0)
-    if run.kind == "static" and moved.max() > 0.01:
-        joint = robot.joints[int(np.argmax(moved))]
-        unit = robot.unit("position", joint)
-        faults.append(f"{where}: column {joint}.position: moves by {moved.max():.3g} {unit} in a run called static")
+    faults = [f"{where}: {said}"] if (said := moves_though_static(run, robot)) else []
     for joint, unit, q, low, high in zip(
         robot.joints, robot.units, run.position.T, robot.limits.lower, robot.limits.upper, strict=True
     ):
@@ -212,6 +223,8 @@ def _plausible(run: Run, robot: Robot, where: str) -> list[str]:
                 f"{where}: row {int(run.lines[out[0]])}, column {joint}.position: {q[out[0]]:.4g} {unit} is outside "
                 f"the joint's limits [{low:.4g}, {high:.4g}]; is the unit right?"
             )
+    if "acceleration" in contradicting(run) and not coarse(run):
+        faults.append(f"{where}: columns <joint>.acceleration contradict the positions; are unit and sign right?")
     if run.velocity is not None and len(run.time) > 16 and not coarse(run):
         positions = dataclasses.replace(run, velocity=None, acceleration=None)
         own = kinematics(positions, run.time, choose_smoothing([positions])).v

@@ -41,7 +41,8 @@ class Change:
 
     def __str__(self) -> str:
         where = f" of {self.joint}" if self.joint else ""
-        at = f" at {self.speed:.3g} rad/s" if self.speed is not None else ""
+        speed = "m/s" if self.unit == "N" else "rad/s"
+        at = f" at {self.speed:.3g} {speed}" if self.speed is not None else ""
         name = {"r_over_kt2": "R/Kt²"}.get(self.quantity, self.quantity)
         share = "" if self.percent is None else f" ({self.percent:+.0f} %)"
         spread = "" if self.ci95 is None else f", 95 % [{self.ci95[0]:+.3g}, {self.ci95[1]:+.3g}]"
@@ -116,12 +117,13 @@ def _quantities(arm: Arm) -> Iterator[_Quantity]:
         drawn = np.array([_full(x, effect, n) for x in arm.draws]) if arm.measured(effect) else np.empty((0, n))
         for k, value in enumerate(_full(arm.model, effect, n)):
             joint = arm.robot.joints[k] if effect == "copper_loss" else None
-            yield _Quantity(effect if joint is None else parameter, joint, None, p.unit, float(value), drawn[:, k])
+            unit = arm.unit(p, k)
+            yield _Quantity(effect if joint is None else parameter, joint, None, unit, float(value), drawn[:, k])
     if not arm.friction_effects:
         return
     sure = any(arm.measured(name) for name in arm.friction_effects)
     for j, joint in enumerate(arm.robot.joints):
-        unit = "N m" if arm.robot.units[j] == "rad" else "N"
+        unit = arm.robot.unit("effort", joint)
         for k in range(1, len(SHARES)):
             draws = arm.friction_draws[:, j, k] if sure else np.empty(0)
             yield _Quantity("friction", joint, float(arm.speeds[j, k]), unit, float(arm.friction[j, k]), draws)

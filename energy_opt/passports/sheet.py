@@ -84,13 +84,14 @@ def passport(
     models: str | PathLike[str] | PowerModel | Sequence[str | PathLike[str] | PowerModel],
     robot: str | PathLike[str] | Robot | None = None,
     limits: str | PathLike[str] | None = None,
+    lock: Mapping[str, float] | None = None,
 ) -> Passport:
     """The electrical passport of one model of an arm, or of several side by side.
 
     Args:
         models: model files, names of robots, or models in memory; one or several.
         robot: their robot; by default the one that each model names.
-        limits: a joint_limits.yaml in MoveIt's format.
+        limits: a joint_limits.yaml in MoveIt's format. lock: positions of joints that do not move, by name.
 
     Raises:
         BadInput: a file is at fault, a name or a robot is not known, or lists do not fit the robot.
@@ -102,14 +103,14 @@ def passport(
     if len(given) > MOST:
         raise BadInput(f"passport compares at most {MOST} models; {len(given)} are given")
     file = None if limits is None else Path(limits)
-    body = robot if isinstance(robot, Robot) or robot is None else load_robot(str(robot), limits=file)
+    body = robot if isinstance(robot, Robot) or robot is None else load_robot(str(robot), limits=file, lock=lock)
     arms = []
     for k, (model, label) in enumerate(zip(given, _labels(given), strict=True), start=1):
         if isinstance(model, PowerModel):
-            known = body or load_robot(model.robot, limits=file)
+            known = body or load_robot(model.robot, limits=file, lock=lock)
             arms.append(Arm(label or f"model {k}", known, model, "", {}))
         else:
-            arm = read_arm(model, body, file)
+            arm = read_arm(model, body, file, lock)
             arms.append(replace(arm, label=label))
     found = [change for arm in arms[1:] for change in changes(arms[0], arm)]
     return Passport(tuple(arms), tuple(found))
@@ -132,21 +133,24 @@ def _summary(arm: Arm) -> str:
     standby, name = arm.number("standby", "power"), arm.robot.name
     parts = [f"standby {standby.value:.4g} W ({standby.status})" if standby.value is not None else "standby unknown"]
     if arm.model.get("copper_loss") is not None:
-        values = [arm.number("copper_loss", "r_over_kt2", j).value or 0.0 for j in range(arm.robot.n)]
-        parts.append(f"R/Kt² {_range_text(values)} W/(N m)² ({arm.status('copper_loss')})")
+        heat = [arm.number("copper_loss", "r_over_kt2", j) for j in range(arm.robot.n)]
+        parts.append(f"R/Kt² {_range_text(heat)} ({arm.status('copper_loss')})")
     if arm.friction_effects:
         fast = [arm.friction_at(j, 2) for j in range(arm.robot.n)]
-        span = _range_text([x.value or 0.0 for x in fast])
-        parts.append(f"friction {span} N m at half of the joints' speed ({fast[0].status})")
+        parts.append(f"friction {_range_text(fast)} at half of the joints' speed ({fast[0].status})")
     else:
         parts.append("friction unknown")
     return f"{name}: {', '.join(parts)}."
 
 
-def _range_text(values: Sequence[float]) -> str:
-    """The least and the largest value as text."""
-    low, high = min(values), max(values)
-    return f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
+def _range_text(numbers: Sequence[Number]) -> str:
+    """The least and the largest value of each unit as text."""
+    out = []
+    for unit in dict.fromkeys(x.unit for x in numbers):
+        values = [x.value or 0.0 for x in numbers if x.unit == unit]
+        low, high = min(values), max(values)
+        out.append(f"{low:.3g}{'' if low == high else f' to {high:.3g}'} {unit.replace('^2', '²')}")
+    return " and ".join(out)
 
 
 def _document(arm: Arm) -> dict[str, Any]:
@@ -184,6 +188,7 @@ def _document(arm: Arm) -> dict[str, Any]:
 def _in_words(arm: Arm) -> list[str]:
     """An arm as lines for a terminal."""
     shares = "friction at 1, 10, 50 and 100 % of the velocity limit [N m]"
+    shares += "; W/N² and N of joints that slide" if any(arm.robot.slides) else ""
     lines = [f"{arm.label} ({arm.robot.name})", f"  {'joint':<24}{'R/Kt² [W/(N m)²]':>20}   {shares}"]
     if len(arm.modes) > 1:
         levels = ", ".join(f"{mode['power']:.4g} W for {mode['seconds']:.3g} s" for mode in arm.modes)
@@ -226,7 +231,7 @@ def page(arms: Sequence[Arm], changes: Sequence[Change], headline: str, request:
             "A change is real where 0 lies outside of its interval; the intervals are so wide that all of them hold at "
             "once in 95 % of cases."
         )
-        header = ["from", "to", "quantity", "joint", "speed [rad/s]", "before", "after", "unit"]
+        header = ["from", "to", "quantity", "joint", "speed [rad/s, m/s]", "before", "after", "unit"]
         report.table(
             [*header, "change [%]", "95 %", "real"],
             [
@@ -252,8 +257,9 @@ def _values(report: Report, arm: Arm) -> None:
     records = [["standby", None, *_cells(arm.number("standby", "power"))]]
     records += [["R/Kt²", arm.robot.joints[j], *_cells(arm.number("copper_loss", "r_over_kt2", j))] for j in range(n)]
     for j in range(n):
+        speed = arm.robot.unit("velocity", arm.robot.joints[j])
         records += [
-            [f"friction at {arm.speeds[j, k]:.3g} rad/s", arm.robot.joints[j], *_cells(arm.friction_at(j, k))]
+            [f"friction at {arm.speeds[j, k]:.3g} {speed}", arm.robot.joints[j], *_cells(arm.friction_at(j, k))]
             for k in range(arm.speeds.shape[1])
         ]
     report.table(["quantity", "joint", "value", "95 %", "unit", "status", "source"], records)
@@ -286,7 +292,12 @@ def _curves(arms: Sequence[Arm]) -> list[Chart]:
         for j, joint in enumerate(arm.robot.joints):
             band = {} if low is None or high is None else {"low": low[j], "high": high[j]}
             lines.setdefault(joint, []).append(Line(arm.label, speed[j], here[j], "line", arm.label, **band))
-    return [Chart(joint, "speed [rad/s]", "friction [N m]", records) for joint, records in lines.items()]
+    robots = {joint: arm.robot for arm in arms for joint in arm.robot.joints}
+    units = {joint: [robot.unit(kind, joint) for kind in ("velocity", "effort")] for joint, robot in robots.items()}
+    return [
+        Chart(joint, f"speed [{units[joint][0]}]", f"friction [{units[joint][1]}]", records)
+        for joint, records in lines.items()
+    ]
 
 
 def _maps(arm: Arm) -> bytes:

@@ -6,7 +6,7 @@ Also here: friction and power loss of a model's drives at a torque and a speed.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -15,6 +15,7 @@ from typing import Any, Literal
 import casadi as ca
 import numpy as np
 
+from energy_opt.effects.parameter import Parameter
 from energy_opt.errors import BadInput, suggest
 from energy_opt.files import read_toml
 from energy_opt.power import PowerModel, drive_function, load_model
@@ -22,6 +23,7 @@ from energy_opt.power.known import careful, electrical, is_named, named_model, p
 from energy_opt.power.known import friction as friction_of
 from energy_opt.power.variants import draws_of
 from energy_opt.robot import Robot, known_robots, load_robot
+from energy_opt.robot.limits import sliding
 
 
 def friction(models: Sequence[PowerModel], speed: np.ndarray) -> np.ndarray:
@@ -176,11 +178,16 @@ class Arm:
         status = self.status(effect)
         if status == "measured" and low_high is None:
             status = "declared"
-        return Number(float(values[index]), p.unit, low_high, status, self.sources.get(effect, ""))
+        return Number(float(values[index]), self.unit(p, index), low_high, status, self.sources.get(effect, ""))
+
+    def unit(self, p: Parameter, index: int) -> str:
+        """Unit of a parameter's value; that of a joint which slides has N and m."""
+        slides = p.dimensions == ("joint",) and self.robot.slides[index]
+        return sliding(p.unit) if slides else p.unit
 
     def friction_at(self, joint: int, k: int) -> Number:
         """Friction of a joint at the k-th of its speeds."""
-        unit = "N m" if self.robot.units[joint] == "rad" else "N"
+        unit = self.robot.unit("effort", self.robot.joints[joint])
         if not self.friction_effects:
             return Number(None, unit)
         order: tuple[Status, ...] = ("assumed", "declared", "published", "measured")
@@ -208,11 +215,14 @@ class Arm:
         return records
 
 
-def read_arm(word: str, robot: Robot | None = None, limits: Path | None = None) -> Arm:
+def read_arm(
+    word: str, robot: Robot | None = None, limits: Path | None = None, lock: Mapping[str, float] | None = None
+) -> Arm:
     """The arm of a model file, of a model's name, or of a robot's name: its published values, else assumed ones.
 
     Args:
-        word: a file or a name. robot: if loaded already. limits: a joint_limits.yaml.
+        word: a file or a name. robot: if loaded already. limits: a joint_limits.yaml. lock: positions of joints that do
+            not move, by name.
 
     Raises:
         BadInput: none of these; the file is at fault; its robot is not known and none was given; or its lists do not
@@ -228,7 +238,7 @@ def read_arm(word: str, robot: Robot | None = None, limits: Path | None = None) 
             raise BadInput(f"{word}: neither a model file nor a robot's name{suggest(word, known_robots())}")
         found = published_file(word)
         if found is None:
-            return Arm(word, robot or load_robot(word, limits=limits), careful(word), "", {})
+            return Arm(word, robot or load_robot(word, limits=limits, lock=lock), careful(word), "", {})
         file = found
     model, label = load_model(file), word
     if robot is None:
@@ -236,7 +246,7 @@ def read_arm(word: str, robot: Robot | None = None, limits: Path | None = None) 
             raise BadInput(f"{file}: robot is not named; give --robot")
         if model.robot not in known_robots():
             raise BadInput(f"{file}: robot {model.robot!r} is not known by name; give its URDF as --robot")
-        robot = load_robot(model.robot, limits=limits)
+        robot = load_robot(model.robot, limits=limits, lock=lock)
     try:
         model.check(robot.n)
     except BadInput as error:

@@ -93,6 +93,10 @@ class PowerModel:
                 if need not in names:
                     raise BadInput(f"model of {self.robot}: {effect.name} needs {need}, which the model lacks")
 
+    def is_of(self, robot: str) -> bool:
+        """Whether it names the robot of this name, perhaps by the path of its URDF, or none."""
+        return not self.robot or robot in (self.robot, Path(self.robot).stem)
+
     def get(self, name: str) -> Effect | None:
         """The effect of that name, or None."""
         return next((e for e in self.effects if e.name == name), None)

@@ -196,7 +196,7 @@ class EvaluateRequest(CellGroup, SeedGroup, WriteGroup, PayloadGroup, PrefixGrou
 
 
 @dataclass(frozen=True)
-class PassportRequest(Request):
+class PassportRequest(RobotGroup):
     """An arm's electrical passport from its models; several side by side."""
 
     verb = "passport"
@@ -211,16 +211,11 @@ class PassportRequest(Request):
     robot: AnyRobot | None = option(
         None, "robot of the models (the one that each model names)", "NAME_OR_URDF", main=True
     )
-    _: KW_ONLY
-    limits: str | PathLike[str] | None = option(
-        None, "joint limits in MoveIt's joint_limits.yaml (published ones, else the URDF's)", "FILE", kind=Path,
-        main=True,
-    )  # fmt: skip
 
     @classmethod
     def read(cls, given: dict[str, Any]) -> dict[str, Any]:
         """The inverse of `document`; `contents` (the text of the files) is left out."""
-        return {key: value for key, value in given.items() if key != "contents"}
+        return super().read({key: value for key, value in given.items() if key != "contents"})
 
 
 @dataclass(frozen=True)

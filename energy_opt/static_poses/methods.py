@@ -20,6 +20,7 @@ from energy_opt.effects import CopperLoss, Standby
 from energy_opt.errors import BadInput
 from energy_opt.measured import MeasuredSet
 from energy_opt.measured.run import LONG, standstills
+from energy_opt.measured.sets import moves_though_static
 from energy_opt.power import PowerModel
 from energy_opt.results import Found
 from energy_opt.robot import PointMass, RigidBody
@@ -111,11 +112,16 @@ def poses_of(measured: MeasuredSet, payload: PointMass | None = None, gravity: n
 
     Args:
         payload: in the last joint's frame. gravity: (3,) [m/s^2] in the base frame (that of an upright base).
+
+    Raises:
+        BadInput: a run that is called static moves.
     """
     body = measured.robot.body
     static = [r for r in measured.runs if r.kind == "static" and len(r.power)]
     out = []
     for run in static:
+        if said := moves_though_static(run, measured.robot):
+            raise BadInput(f"{measured.path / run.file}: {said}")
         out.append(_pose(body, run.file, run.position, run.power, float(run.time[-1] - run.time[0]), payload, gravity))
     if static:
         return out

@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 
 import pytest
+from logs import Z1, arm, lines, log, put
 
+import energy_opt as eo
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput, Infeasible, speaking_of_options
 from energy_opt.motion import Move
@@ -105,3 +107,20 @@ def test_a_traceback_only_of_unforeseen_faults_and_on_request(capsys, monkeypatc
     assert "Traceback" in capsys.readouterr().err
     assert main(["robots"]) == 2
     assert "Traceback" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("verb", ["identify", "diagnose", "simulate", "check"])
+def test_a_payload_in_grams_is_refused_by_every_verb_of_measured_data(tmp_path, capsys, verb):
+    t, q, _, p = arm(Z1)
+    header = ["time", *(f"{joint}.position" for joint in Z1.joints), "power"]
+    motion = put(tmp_path / "a.csv", lines(",".join(header), [t, q, p]))
+    log(tmp_path, "z1", '[[run]]\nfile = "a.csv"\n')
+    eo.source_model("z1").save(tmp_path / "plant.toml")
+    words = {
+        "simulate": [str(motion), "--plant", str(tmp_path / "plant.toml")],
+        "check": [str(motion), "--robot", "z1"],
+    }
+    out = [] if verb == "check" else ["--out", str(tmp_path / "out")]
+    assert main([verb, *words.get(verb, [str(tmp_path)]), *out, "--payload", "500"]) == 2
+    assert "are these grams? 0.5 kg then" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

@@ -167,9 +167,11 @@ def test_too_little_excitation(weak, tmp_path):
 
 def test_a_model_of_a_joint_that_never_moved_is_not_good_enough_to_plan_with(tmp_path):
     made = make_set(tmp_path / "set", "panda", [], seed=7, weak="still_joint")
-    document = diagnose(read_set(made.folder, made.robot), made.declared).document
+    found = diagnose(read_set(made.folder, made.robot), made.declared)
+    document = found.document
     assert document["verdict"] == "insufficient" and document["foreseen"]["difference_percent"] < 20
     assert not document["usable"] and "hardly moves" in document["foreseen"]["reason"]
+    assert f"not shown to be good enough to plan with, as {document['foreseen']['reason']}" in str(found)
 
 
 def test_wrong_declared_values_are_fitted_anew(tmp_path):

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from energy_opt.cli.main import main
-from energy_opt.diagnosis import clusters, diagnose, recordings
+from energy_opt.diagnosis import clusters, diagnose
 from energy_opt.diagnosis.joint_report import friction_findings
 from energy_opt.diagnosis.joint_side import joint_side
 from energy_opt.diagnosis.noise import Noise, Shared, Whitener
@@ -26,6 +26,7 @@ from energy_opt.effects import CopperLoss, Standby, WindingTemperature
 from energy_opt.errors import BadInput
 from energy_opt.measured import read_set
 from energy_opt.power import PowerModel, load_model
+from energy_opt.power.model import Uncertainty
 
 pytest.importorskip("mujoco")
 from misfit_world import ARMS, World, write_world
@@ -120,11 +121,18 @@ def test_a_diagnosis_prints_one_line_and_saves_what_the_command_writes(repeats, 
     assert load_model(out / "model.toml").get("coulomb_friction") is not None
 
 
+def test_values_that_are_left_as_declared_keep_their_covariance(repeats, repeated):
+    last = Uncertainty(("standby.power.0", "copper_loss.r_over_kt2.0"), np.diag([0.04, 1e-6]))
+    found = diagnose(repeats, dataclasses.replace(repeated.declared, uncertainty=last)).model.uncertainty
+    assert found.names == (*(f"coulomb_friction.tau_c.{k}" for k in range(6)), *last.names)
+    np.testing.assert_array_equal(found.matrix[6:], np.hstack([np.zeros((2, 6)), last.matrix]))
+
+
 def test_one_long_recording_has_a_holdout(tmp_path):
     truth = write_world(World("ur5", 72, cause="coulomb_friction", motions=1, poses=0), tmp_path / "set")
     measured = read_set(truth.folder, truth.robot)
     long = dataclasses.replace(measured, runs=measured.runs[:1])
-    cut = recordings.parted(long)
+    cut = clusters.parted(long)
     moving = [run for run in cut.runs if run.kind == "motion"]
     assert len(moving) >= 3 and sum(len(run.power) for run in cut.runs) == len(long.runs[0].power)
     d = diagnosed(truth, tmp_path / "out")

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
+from logs import lines, log, put
+from mimic_arms import PALLETIZER
 
 from energy_opt.diagnosis import diagnose
 from energy_opt.errors import BadInput
+from energy_opt.front.given import source_model
 from energy_opt.measured import read_set
+from energy_opt.robot import load_robot
 
 pytest.importorskip("mujoco")
 from misfit_world import Motors, World, write_world
@@ -94,3 +99,24 @@ def test_currents_in_milliamperes_are_named_and_not_used(recorded):
     document = diagnose(dataclasses.replace(measured, runs=runs), declared).document
     assert any("currents are not used" in said and "look like mA" in said for said in document["remarks"])
     assert document["verdict"] == "nothing_missing" and not document["joint_side"]
+
+
+def test_a_joint_that_slides_has_newtons_in_words_and_in_the_document(tmp_path):
+    (tmp_path / "arm.urdf").write_text(PALLETIZER)
+    robot, rows = load_robot(tmp_path / "arm.urdf"), []
+    t = np.arange(1200) * 0.01
+    rate, size = np.array([1.1, 1.7, 1.3, 2.1, 2.3]), np.array([0.8, 0.4, 0.3, 1.0, 0.02])
+    middle, friction = np.array([0, 0.2, 0.4, 0, 0.025]), np.array([8.0, 9.0, 6.0, 2.0, 3.0])
+    header = ["time", *(f"{j}.position" for j in robot.joints), *(f"{j}.effort" for j in robot.joints)]
+    for k in range(2):
+        q = middle + size * np.sin(np.outer(t, rate) + k)
+        v, a = size * rate * np.cos(np.outer(t, rate) + k), -(rate**2) * (q - middle)
+        tau = robot.body.torque(q, v, a) + friction * np.sign(v)
+        put(tmp_path / f"{k}.csv", lines(",".join(header), [t, q, tau]))
+        rows.append(f'[[run]]\nfile = "{k}.csv"\n')
+    found = diagnose(read_set(log(tmp_path, "arm.urdf", "".join(rows)), meter=False), source_model(robot))
+    (row,) = (x.document() for x in found.effects if x.name == "coulomb_friction")
+    assert row["units"]["tau_c"] == ["N m"] * 4 + ["N"]
+    assert np.allclose(row["parameters"]["tau_c"], friction, rtol=0.1)
+    assert re.search(r"tau_c: j1 \S+ \[.*\] N m, .* tip_a \S+ \[.*\] N\n", str(found))
+    assert re.search(r"tip_a: .* friction at \S+ m/s \S+ ± \S+ N by its own", str(found))

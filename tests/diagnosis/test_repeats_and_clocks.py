@@ -5,6 +5,7 @@ The arms are MuJoCo's with laws by other formulas (`benchmarks/misfit_world.py`)
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,12 @@ def rubbed(tmp_path_factory):
 
 def verdict_of(truth, tables, folder: Path) -> tuple[str, list[str], list[str]]:
     """Verdict, effects and remarks of the tables as a set."""
+    d = document_of(truth, tables, folder)
+    return d["verdict"], [x["name"] for x in d["effects"]], d["remarks"]
+
+
+def document_of(truth, tables, folder: Path) -> dict:
+    """The diagnosis of the tables as a set."""
     folder.mkdir()
     start, runs = 0.0, []
     for k, table in enumerate(tables, start=1):
@@ -42,8 +49,7 @@ def verdict_of(truth, tables, folder: Path) -> tuple[str, list[str], list[str]]:
         runs.append({"file": f"{k}.csv", "kind": "static" if still else "motion", "start": start})
         start += float(table["time"][-1]) + 10.0
     write_toml(folder / "log.toml", {"format": "energy-opt/log/1", "robot": "ur5", "run": runs})
-    d = diagnose(read_set(folder, truth.robot), truth.declared).document
-    return d["verdict"], [x["name"] for x in d["effects"]], d["remarks"]
+    return diagnose(read_set(folder, truth.robot), truth.declared).document
 
 
 def settling(table) -> np.ndarray:
@@ -64,6 +70,33 @@ def test_repeats_of_one_motion_do_not_hide_a_cause(rubbed, tmp_path, repeats):
         own["power"] += settling(table) + 2.0 * rng.normal(size=len(table))
         noisy.append(own)
     assert verdict_of(truth, noisy, tmp_path / "set")[:2] == ("explained", ["coulomb_friction"])
+
+
+def test_poses_alone_do_not_judge_a_model_of_motion(rubbed, tmp_path):
+    """One motion that is recorded often is cut, so that a part of it is held out."""
+    truth, tables = rubbed
+    rng, noisy = np.random.default_rng(9), []
+    for table in [*list(tables.values())[:3], *[tables["run05.csv"]] * 12]:
+        own = table.copy()
+        own["power"] += 0.5 * rng.normal(size=len(table))
+        noisy.append(own)
+    d = document_of(truth, noisy, tmp_path / "set")
+    assert d["verdict"] != "nothing_missing" and d["error"]["before"]["holdout"]["power_rmse"] > 1.2 * d["noise_floor"]
+    assert any("#" in file for file in d["split"]["holdout"])
+
+
+def test_totals_of_two_motions_are_too_few_for_a_verdict(rubbed):
+    """Runs of which only the total is known are not cut, so none of their two motions can be held out."""
+    truth, _ = rubbed
+    measured, rng = read_set(truth.folder, truth.robot), np.random.default_rng(6)
+    moving = [run for run in measured.runs if run.kind == "motion"][:2]
+    runs = [
+        replace(run, file=f"{k}.csv", power_time=run.time[-1:], power=run.power.mean() + 2.0 * rng.normal(size=1),
+                window=np.ptp(run.time, keepdims=True), meter="total", start=100.0 * k)
+        for k, run in enumerate(moving * 12)
+    ]  # fmt: skip
+    d = diagnose(replace(measured, runs=tuple(runs)), truth.declared).document
+    assert d["verdict"] == "insufficient" and not d["split"]["holdout"] and not d["usable"]
 
 
 @pytest.mark.parametrize(("samples", "word"), [(-1, "early"), (1, "late")])

@@ -30,6 +30,25 @@ def test_a_counter_without_a_unit_has_the_one_that_an_arm_draws(tmp_path: Path) 
     assert measured == pytest.approx(energy[-1], rel=0.02)
 
 
+@pytest.mark.parametrize("header", ["Counter [kWh]", "total_kWh"])
+def test_a_unit_of_energy_says_that_a_column_is_a_counter(tmp_path: Path, header: str) -> None:
+    t, q, _, p = arm(Z1)
+    energy = np.concatenate([[0], np.cumsum((p[1:] + p[:-1]) / 2 * np.diff(t))])
+    path = put(tmp_path / "a.csv", lines(f"t,{JOINTS},{header}", [t, q, energy / 3.6e6], "%.10f"))
+    made = import_files([path], tmp_path / "set", Z1)
+    assert made.log["columns"]["energy"] == {"column": header, "unit": "kWh"}
+
+
+def test_voltage_times_current_of_an_alternating_supply_is_no_power(tmp_path: Path) -> None:
+    t, q, _, p = arm(Z1)
+    header, columns = f"t,{JOINTS},U [V],I [A],PF", [t, q, 0 * t + 230, p / 230 / 0.6, 0 * t + 0.6]
+    path = put(tmp_path / "a.csv", lines(header, columns))
+    with pytest.raises(BadInput, match=r"no column of power.*not understood: 'U \[V\]', 'I \[A\]', 'PF'; name"):
+        import_files([path], tmp_path / "set", Z1)
+    by_hand = import_files([path], tmp_path / "set", Z1, hand=ByHand(power="U [V]*I [A]"))
+    assert by_hand.log["columns"]["power"] == {"product": ["U [V]", "I [A]"]}
+
+
 def test_a_coarse_counter_is_read_where_it_steps_and_not_where_it_begins_anew(tmp_path: Path) -> None:
     t, q, _, p = arm(Z1)
     energy = np.concatenate([[0], np.cumsum((p[1:] + p[:-1]) / 2 * np.diff(t))])
@@ -121,6 +140,14 @@ def test_positions_that_would_be_too_fast_are_degrees(tmp_path: Path) -> None:
     made = import_files([path], tmp_path / "set", Z1)
     assert any("would be too fast" in word for word in made.words)
     np.testing.assert_allclose(made.runs[0].position, np.radians(degrees)[: len(made.runs[0].time)], atol=1e-6)
+
+
+def test_a_counter_of_rows_in_place_of_time_does_not_make_radians_degrees(tmp_path: Path) -> None:
+    t, q, _, p = arm(Z1)
+    slow = q[:1] + np.sin(2 * np.pi * 0.3 * t)[:, None]
+    path = put(tmp_path / "a.csv", lines(f"index,{JOINTS},power", [np.arange(len(t)), slow, p]))
+    with pytest.raises(BadInput, match="'index' and 'q0': the joints are too fast if times are ms and positions rad"):
+        import_files([path], tmp_path / "set", Z1)
 
 
 def test_meters_whose_clocks_begin_at_0_are_paired_by_name(tmp_path: Path) -> None:
@@ -224,3 +251,42 @@ def test_the_state_of_an_arm_with_more_joints_is_refused(tmp_path: Path) -> None
     log(tmp_path, "ur5e", '[columns]\npreset = "franka_state"\n[[run]]\nfile = "a.csv"\n')
     with pytest.raises(BadInput, match="row 1: q of 7 joints; the log's robot has 6: shoulder_pan_joint"):
         read_set(tmp_path)
+
+
+@pytest.mark.parametrize("form", ["fr3_joint{}", "iiwa_joint_{}.position", "/joint_states/left_joint{}/position"])
+def test_an_arm_that_is_not_known_is_not_taken_for_a_known_one(tmp_path: Path, form: str) -> None:
+    t, q, _, p = arm(PANDA)
+    header = ",".join(form.format(k + 1) for k in SEVEN)
+    path = put(tmp_path / "a.csv", lines(f"t,{header},power", [t, q, p]))
+    with pytest.raises(BadInput, match=r"(say which|name the arm) with robot"):
+        import_files([path], tmp_path / "set")
+
+
+def test_a_robot_is_not_found_by_torques_that_are_not_its_own(tmp_path: Path) -> None:
+    t, q, _, p = arm(PANDA)
+    own = PANDA.body.torque(q, np.zeros_like(q), np.zeros_like(q))
+    header = ",".join(f"{signal}{k}" for signal in ("q", "tau") for k in SEVEN)
+    path = put(tmp_path / "a.csv", lines(f"t,{header},power", [t, q, own, p]))
+    assert import_files([path], tmp_path / "panda").robot.name == "panda"
+    put(path, lines(f"t,{header},power", [t, q, 0.5 * own[:, [0, 3, 2, 1, 4, 5, 6]], p]))
+    with pytest.raises(BadInput, match="the columns fit panda, xarm7; say which with robot"):
+        import_files([path], tmp_path / "set")
+
+
+def test_a_missing_joint_is_named_and_the_rest_is_no_other_robot(tmp_path: Path) -> None:
+    t, q, _, p = arm(PANDA)
+    path = put(tmp_path / "a.csv", lines(f"t,{','.join(PANDA.joints[:6])},power", [t, q[:, :6], p]))
+    with pytest.raises(BadInput, match="no file has positions of joints; name the arm with robot"):
+        import_files([path], tmp_path / "set")
+    with pytest.raises(BadInput, match="every joint of z1"):
+        import_files([path], tmp_path / "set", Z1)
+
+
+def test_a_measured_set_in_place_of_a_simulated_one_has_nothing_of_its_models(tmp_path: Path) -> None:
+    t, q, _, p = arm(Z1)
+    path = put(tmp_path / "a.csv", lines(f"t,{JOINTS},power", [t, q, p]))
+    out = tmp_path / "set"
+    for name in ("log.toml", "truth.toml", "declared.toml"):
+        put(out / name, "")
+    import_files([path], out, Z1, replace=True)
+    assert {file.name for file in out.iterdir()} == {"log.toml", "a.csv"}

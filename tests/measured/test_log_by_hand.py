@@ -68,3 +68,19 @@ def test_values_in_another_unit_are_named(tmp_path, rest, fault, remark):
     faults, remarks = inspect_set(made(tmp_path, rest, f"time,{NAMES},power", [t, q, p]))
     assert any(fault in said for said in faults) if fault else faults == []
     assert not remark or any(remark in said for said in remarks)
+
+
+@pytest.mark.parametrize(("signal", "factor"), [("velocity", 57.3), ("velocity", -1), ("acceleration", 0)])
+def test_rates_that_contradict_the_positions_are_named_and_not_used(tmp_path, signal, factor):
+    t, q, v, p = arm(Z1)
+    rates = {"velocity": v, "acceleration": np.gradient(v, t, axis=0)}
+    header = ",".join([f"time,{NAMES},power", *(f"{joint}.{name}" for name in rates for joint in Z1.joints)])
+    coarse = np.round(q / 0.002) * 0.002  # an encoder whose steps are large beside the change from row to row
+    right = read_set(made(tmp_path / "right", "", header, [t, coarse, p, *rates.values()]))
+    assert right.runs[0].velocity is not None and right.runs[0].acceleration is not None
+    rates[signal] = factor * rates[signal]
+    folder = made(tmp_path / "wrong", "", header, [t, q, p, *rates.values()])
+    wrong = read_set(folder)
+    assert getattr(wrong.runs[0], signal) is None
+    assert any(f"logged {signal} contradicts the positions: not used" in remark for remark in wrong.remarks)
+    assert any(signal in fault and "are unit and" in fault for fault in inspect_set(folder)[0])

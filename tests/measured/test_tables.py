@@ -312,3 +312,17 @@ def test_counters_totals_and_no_meter(tmp_path):
     assert read_set(tmp_path, meter=False).runs[0].current is not None
     with pytest.raises(BadInput, match="no run has a reading of power"):
         read_set(tmp_path)
+
+
+@pytest.mark.parametrize(("first", "usable"), [(1.0, True), (4.0, False)])
+def test_a_slow_meter_within_a_short_run_is_on_its_clock(tmp_path, first, usable):
+    t = np.arange(300) * 0.01
+    names = ",".join(f"{joint}.position" for joint in Z1.joints)
+    put(tmp_path / "a.csv", lines(f"time,{names}", [t, np.full((300, 6), 0.3)]))
+    put(tmp_path / "p.csv", lines("time,power", [first + np.arange(2), np.array([60.0, 61.0])]))
+    log(tmp_path, "z1", '[[run]]\nfile = "a.csv"\nkind = "static"\npower_file = "p.csv"\n')
+    if usable:
+        assert read_set(tmp_path).runs[0].power.tolist() == [60.0, 61.0]
+    else:
+        with pytest.raises(BadInput, match=r"from 4 to 5 s, .*they hardly overlap"):
+            read_set(tmp_path)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from mimic_arms import PALLETIZER
 from scipy.stats import norm
 
 import energy_opt as eo
@@ -150,7 +151,7 @@ def test_diagnose_says_what_has_changed_since_the_last_calibration(tmp_path, cap
     names = tuple(f"coulomb_friction.tau_c.{k}" for k in range(6))
     replace(held, uncertainty=Uncertainty(names, np.eye(6) * 0.05**2)).save(tmp_path / "last.toml")
     words = [str(truth.folder), "--model", str(tmp_path / "last.toml"), "--out", str(tmp_path / "out"), "--json"]
-    assert main(["diagnose", *words]) == 0
+    assert main(["diagnose", *words, "--payload", "0.001"]) == 0
     said = capsys.readouterr()
     document = json.loads(said.out)
     real = [row for row in document["changes"] if row["real"]]
@@ -192,3 +193,30 @@ def test_a_model_of_another_robot_is_named(tmp_path, capsys, robot, warned):
     assert main(["passport", str(tmp_path / "mine.toml"), "--robot", robot, "--out", str(tmp_path / "out")]) == 0
     shown = capsys.readouterr()
     assert ("warning: mine: a model of ur5, used for ur10" in shown.out + shown.err) == warned
+
+
+def test_a_joint_that_slides_has_newtons(tmp_path):
+    (tmp_path / "arm.urdf").write_text(PALLETIZER)
+    robot = eo.load_robot(tmp_path / "arm.urdf")
+    effects = (eo.Standby(power=50.0), eo.CopperLoss(r_over_kt2=0.01), eo.CoulombFriction(tau_c=[8, 9, 6, 2, 3]))
+    made = eo.passport([eo.PowerModel("arm", effects)] * 2, robot)
+    turning, sliding = made.document()["arms"][0]["joints"][3:]
+    assert [turning["r_over_kt2"]["unit"], turning["friction"][0]["unit"]] == ["W/(N m)^2", "N m"]
+    assert [sliding["r_over_kt2"]["unit"], sliding["friction"][0]["unit"]] == ["W/N^2", "N"]
+    assert {c.unit for c in made.changes if c.joint == "tip_a"} == {"W/N^2", "N"}
+    assert "friction 2 to 9 N m and 3 N at half" in eo.passport(eo.PowerModel("arm", effects), robot).headline
+    assert any("tip_a at 0.1 m/s" in str(change) for change in made.changes)
+
+
+def test_joints_that_are_held_are_not_in_a_passport(tmp_path, capsys):
+    (tmp_path / "arm.urdf").write_text(PALLETIZER)
+    effects = (eo.Standby(power=50.0), eo.CoulombFriction(tau_c=[8, 9, 6, 2]))
+    eo.PowerModel("arm.urdf", effects).save(tmp_path / "model.toml")
+    words = ["passport", str(tmp_path / "model.toml"), "--robot", str(tmp_path / "arm.urdf"), "--lock", "tip_a=0.02"]
+    assert main([*words, "--out", str(tmp_path / "out")]) == 0
+    document = json.loads((tmp_path / "out" / "passport.json").read_text())
+    assert [row["joint"] for row in document["arms"][0]["joints"]] == ["j1", "j2", "j3", "j4"]
+    again = eo.repeat(tmp_path / "out" / "passport.json")
+    assert again.headline == document["headline"]
+    with pytest.raises(eo.BadInput, match="lock belongs to a robot that is loaded"):
+        eo.passport(str(tmp_path / "model.toml"), eo.load_robot("ur5"), lock={"tip_a": 0.02})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import casadi as ca
@@ -254,3 +255,9 @@ def test_faulty_model_files(tmp_path: Path, text: str, says: str) -> None:
 def test_a_list_must_fit_the_robot() -> None:
     with pytest.raises(BadInput, match="has 2 values; the robot has 3 joints"):
         model_of(copper_loss={"r_over_kt2": [1, 2]}).check(3)
+
+
+def test_a_model_names_its_robot_by_name_or_by_a_urdf() -> None:
+    model = model_of(copper_loss={"r_over_kt2": 0.01})
+    for name, own in (("arm", True), ("cells/arm.urdf", True), ("", True), ("armour", False)):
+        assert replace(model, robot=name).is_of("arm") == own

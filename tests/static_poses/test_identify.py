@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pinocchio as pin
 import pytest
+from logs import Z1, arm, lines, log, put
 from virtual_sets import make_set
 
 import energy_opt as eo
@@ -141,3 +142,11 @@ def test_a_recording_gives_its_standstills_as_poses(tmp_path):
     np.testing.assert_allclose([pose.load for pose in found], load, rtol=1e-6)
     line = identify("z1", found).line
     assert line["standby"] == pytest.approx(50, rel=1e-3) and line["r_over_kt2"] == pytest.approx(0.01, rel=1e-2)
+
+
+def test_a_run_that_is_called_static_and_moves_is_refused(tmp_path):
+    t, q, _, p = arm(Z1)
+    put(tmp_path / "a.csv", lines(",".join(["time", *(f"{j}.position" for j in Z1.joints), "power"]), [t, q, p]))
+    measured = read_set(log(tmp_path, "z1", '[[run]]\nfile = "a.csv"\nkind = "static"\n'))
+    with pytest.raises(BadInput, match=r"a.csv: column joint\d.position: moves by .* rad in a run called static"):
+        poses_of(measured)

@@ -135,7 +135,7 @@ class Rough:
 
 @dataclass(frozen=True)
 class Looked:
-    """A placement considered: pose (6,), estimate or energy [J] (nan: a pose is out of reach), and its kind."""
+    """A placement considered: pose (6,), estimate or energy [J] (not finite: no cycle is known), and its kind."""
 
     place: tuple[float, ...]
     energy: float

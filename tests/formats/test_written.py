@@ -309,3 +309,6 @@ def test_the_message_of_write_is_the_one_in_the_folder(panda: Robot, tmp_path: P
     ]
     again = read_trajectory(tmp_path / "out" / "trajectory.yaml", panda.joints, "left_")
     np.testing.assert_allclose(np.diff(again.time)[:-1], 0.02, rtol=1e-6)
+    assert main([*words, "--write", "csv", "--joint-prefix", "left_", "--force"]) == 0
+    for file, prefix in (("trajectory.csv", ""), ("trajectory_prefixed.csv", "left_")):
+        assert len(read_trajectory(tmp_path / "out" / file, panda.joints, prefix).time) > 100

@@ -66,6 +66,17 @@ def test_other_files_of_a_result_and_steps_of_a_job_have_its_payload(tmp_path: P
         assert (stretch.start, stretch.end) == (0.0, motion(Z1).duration)
 
 
+def test_a_job_of_several_robots_names_its_motions(tmp_path: Path) -> None:
+    """Its folder was refused for a missing cycle.csv, and a robot's motion was judged without its payload unsaid."""
+    formats.write(motion(Z1), tmp_path / "cycle_a.csv")
+    write_json(tmp_path / "job.json", {"robots": [{"name": "a", "steps": []}], "request": {}})
+    for given in (tmp_path, tmp_path / "job.json"):
+        with pytest.raises(BadInput, match=r"a job of several robots; .*such as .*cycle_a\.csv$"):
+            load(given, Z1.joints)
+    (note,) = load(tmp_path / "cycle_a.csv", Z1.joints).notes
+    assert "whose payloads, modes of waits and bases are not taken" in note
+
+
 def test_a_users_own_file_in_a_results_folder_has_no_payload(tmp_path: Path) -> None:
     """A user's `trajectory_mine.csv`, or an edited trajectory.csv, had been judged with the payload of the result."""
     for name in ("trajectory.csv", "trajectory_mine.csv", "trajectory.yaml"):

@@ -29,8 +29,8 @@ ANSWERS = {"result.json": "optimize", "tradeoff.json": "tradeoff", "job.json": "
 SUFFIXES = (".csv", ".yaml", ".json", ".mcap", ".goal.yaml", ".script", ".franka.csv")
 # All files that each verb may write besides its answer: those of an earlier run are removed when a new one is written.
 BESIDE = {
-    "result.json": (*(f"trajectory{s}" for s in SUFFIXES), "trajectory_*hz.csv", "moves.yaml", "moves.script",
-                    "plot.png", "report.html"),
+    "result.json": (*(f"trajectory{s}" for s in SUFFIXES), "trajectory_*hz.csv", "trajectory_prefixed.csv",
+                    "moves.yaml", "moves.script", "plot.png", "report.html"),
     "tradeoff.json": ("tradeoff.csv", "trajectory_minimum.csv", "trajectory_cycle_minimum.csv", "plot.png",
                       "report.html"),
     "job.json": ("step_[0-9]*.csv", "cycle.csv", "cycle_*.csv", *(f"trajectory{s}" for s in SUFFIXES),
@@ -82,7 +82,7 @@ def listed_files(answer: Path) -> dict[str, str] | None:
     if not isinstance(records, list):
         return None
     own = {str(row.get("name")): str(row.get("sha256")) for row in records if isinstance(row, dict)}
-    return {name: digest for name, digest in own.items() if Path(name).name == name}
+    return {name: digest for name, digest in own.items() if not {"..", "/"} & set(Path(name).parts)}
 
 
 def wrote(answer: Path, file: Path) -> bool:

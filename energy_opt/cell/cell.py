@@ -295,9 +295,16 @@ def _kept(placed: PlacedShape, solid: Solid, frames: dict[str, tuple[int, np.nda
     link = placed.frame or placed.attached_to
     if link is None:
         return Kept(Body(placed.object, -1, placed.pose, solid), False)
-    if link not in frames:
-        names = ", ".join(sorted(frames.keys() - {TOOL}))
-        raise BadInput(f"{placed.object}: attached to {link!r}, which is no link; links are {names}")
+    carrier = placed.attached_to or link
+    for name in (carrier, link):
+        if name not in frames:
+            names = ", ".join(sorted(frames.keys() - {TOOL}))
+            raise BadInput(f"{placed.object}: attached to {name!r}, which is no link; links are {names}")
     joint, frame = frames[link]
-    touch = {placed.attached_to or link, *placed.touch_links}
+    if joint != frames[carrier][0]:
+        raise BadInput(
+            f"{placed.object}: {carrier} carries it, but its pose is in the frame of {link}, which does not move with "
+            f"{carrier}; give its pose in the frame of {carrier}"
+        )
+    touch = {carrier, *placed.touch_links}
     return Kept(Body(placed.object, joint, frame @ placed.pose, solid), False, frozenset(touch))

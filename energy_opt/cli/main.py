@@ -33,8 +33,9 @@ from energy_opt.cli.terminal import Terminal
 from energy_opt.errors import BadInput, EnergyOptError, speaking_of_options, suggest
 from energy_opt.files import read_text
 from energy_opt.folders import leave_folders
-from energy_opt.front.verbs import VERBS, function_of
+from energy_opt.front.verbs import VERBS, asked_in, function_of
 from energy_opt.requests.option import flag_of, options_of
+from energy_opt.requests.verbs import RunRequest
 
 SHELLS = ("bash", "zsh", "tcsh")
 ALONE = {"--example": "KIND", "--print-completion": "SHELL"}  # options without a verb, and their values
@@ -163,6 +164,8 @@ def _run_verb(args: argparse.Namespace, words: tuple[str, ...]) -> int:
     verb = VERBS[args.verb]
     with stdout_for_json(args.json):
         request = request_of(args, verb)
+        if isinstance(request, RunRequest):  # the repeated verb says where its results are written
+            verb = type(asked_in(request.request))
     given = getattr(args, "out", None)
     out: Path | None = given if given is not None or not verb.results else Path(verb.results)
     force = getattr(args, "force", False)

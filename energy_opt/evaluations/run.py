@@ -25,6 +25,8 @@ from energy_opt.robot import Robot
 
 SHORT = 1e-7  # [s] shorter stretches are rounding errors
 BESIDE = 0.03  # [s] longest time over which a cycle's accelerations are spread: two samples at 100 Hz, and a step
+LOOKS = 121  # instants around the end of a step at which the speed is looked at
+SPREAD = 0.02  # share of the top speed below which the arm stops there, with accelerations spread over milliseconds
 AT_REST = 1e-6  # [rad/s] slower waits may be left to the servo by a program
 
 
@@ -132,9 +134,11 @@ def _intervals(motion: Recorded, payload: bool) -> list[Stretch]:
     end = motion.trajectory.duration
     marks = {0.0, end, *motion.waits.ravel().tolist()}
     motion = replace(motion, stretches=_with_ends_in_waits(motion))
+    top = float(np.abs(motion.trajectory.velocity).max())
     for before, after in zip(motion.stretches, motion.stretches[1:], strict=False):
-        speed = np.abs(motion.trajectory(motion.trajectory.time[0] + np.array([after.start]), 1)).max()
-        if (before.load, before.brakes) != (after.load, after.brakes) or speed < AT_REST:
+        near = np.clip(after.start + np.linspace(-BESIDE, BESIDE, LOOKS), 0.0, end)
+        speed = np.abs(motion.trajectory(motion.trajectory.time[0] + near, 1)).max(axis=1).min()
+        if (before.load, before.brakes) != (after.load, after.brakes) or speed <= SPREAD * top:
             marks.add(after.start)
     points = sorted(mark for mark in marks if 0 <= mark <= end)
     out = []
@@ -195,7 +199,7 @@ def _baselines(
     timings = {
         i: minimum_time(robot, first(i.load).model, path, limits, path.start_speed, path.end_speed)
         for i in intervals
-        if not i.resting and (path := of_trajectory(part_of(motion.trajectory, i.start, i.end))).moves
+        if not i.resting and (path := of_trajectory(_stopping(motion.trajectory, i))).moves
     }
     out = []
     for name in ("toppra", "scaled"):
@@ -214,6 +218,15 @@ def _baselines(
                 energies[model] += _energy(of, trajectory, i).total
         out.append(Baseline(name, duration, energies, valid))
     return tuple(out)
+
+
+def _stopping(trajectory: Trajectory, interval: Stretch) -> Trajectory:
+    """A part of a motion, at rest at the ends where it was cut."""
+    part = part_of(trajectory, interval.start, interval.end)
+    velocity = part.velocity.copy()
+    velocity[0] *= interval.start <= 0
+    velocity[-1] *= interval.end >= trajectory.duration
+    return replace(part, velocity=velocity)
 
 
 def _parts(motion: Recorded, intervals: Sequence[Stretch]) -> tuple[Part, ...]:

@@ -97,6 +97,8 @@ def load(path: Path, joints: Sequence[str], prefix: str = "") -> Recorded:
     stretches = whole if answer is None else _stretches(read_json(answer), trajectory, number) or whole
     if records.velocity is not None and not records.velocity.any() and np.ptp(records.position, axis=0).any():
         notes = (*notes, f"{records.where}: velocity is 0 in every row: the arm is taken to stop at each")
+    if answer is not None and _robots(answer):
+        notes = (*notes, f"{path}: of a job of several robots, whose payloads, modes of waits and bases are not taken")
     notes = (*records.notes, *notes, *([] if answer is not None else _foreign(path)))
     base = None if answer is None else _request(read_json(answer)).get("base")
     on = tuple(base) if isinstance(base, list) else None
@@ -111,13 +113,25 @@ def _foreign(path: Path) -> list[str]:
 
 def _table(path: Path) -> Path:
     """The file with the motion itself."""
-    if path.is_dir():
-        for answer, table in ANSWERS.items():
-            if (path / answer).is_file():
-                return path / table
+    answer = next((path / name for name in ANSWERS if (path / name).is_file()), None) if path.is_dir() else path
+    if answer is None:
         if not (path / "metadata.yaml").is_file():
             raise BadInput(f"{path}: a folder without {' or '.join(ANSWERS)}; expected a motion's file")
-    return path.parent / ANSWERS[path.name] if path.name in ANSWERS else path
+        return path
+    if answer.name not in ANSWERS:
+        return path
+    robots = _robots(answer)
+    if robots:
+        files = ", ".join(f"{answer.parent / f'cycle_{name}.csv'}" for name in robots)
+        raise BadInput(f"{path}: a job of several robots; expected the motion of one of them, such as {files}")
+    return answer.parent / ANSWERS[answer.name]
+
+
+def _robots(answer: Path) -> list[str]:
+    """Names of the robots of a job of several; empty for other results."""
+    document = read_json(answer)
+    robots = document.get("robots") if isinstance(document, dict) else None
+    return [str(robot.get("name")) for robot in robots or () if isinstance(robot, dict)]
 
 
 def _result_json(path: Path) -> Path | None:

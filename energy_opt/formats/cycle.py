@@ -19,6 +19,7 @@ from energy_opt.motion.trajectory import Trajectory, whole
 from energy_opt.robot import Limits
 
 ROOM = 1.05  # factor on the shortest time over which a jump of the acceleration is spread
+WIDER = 1.1  # factor on this time until the jerk limits hold
 SAMPLES = 2  # least samples over which it is spread, if the cycle is sampled at a rate
 
 
@@ -132,7 +133,8 @@ def without_jumps(parts: Sequence[Part], limits: Limits, rate: float | None = No
     # at both ends of the cycle, where the arm rests
     both = parts[0].trajectory.acceleration[0], parts[-1].trajectory.acceleration[-1]
     shortest = max(*jumps, *(float((np.abs(a) / limits.jerk).max()) for a in both))
-    width = float(whole(max(ROOM * shortest, 0.0 if rate is None else SAMPLES / rate)))
+    least = max(ROOM * shortest, 0.0 if rate is None else SAMPLES / rate)
+    width = _width(joined([part.trajectory for part in parts]), limits, float(whole(least)))
     out = list(parts)
     waits = [k for k, part in enumerate(out) if part.waits]
     k = max(waits, key=lambda k: out[k].trajectory.duration, default=None)
@@ -145,6 +147,24 @@ def without_jumps(parts: Sequence[Part], limits: Limits, rate: float | None = No
             seconds = t.duration if part.waits else t.duration * (1 - width / moving)
         out[n] = part if seconds == t.duration else replace(part, trajectory=t.slowed(seconds).on_nanoseconds())
     return [Part(joined([part.trajectory for part in out]).averaged(width))]
+
+
+def _width(cycle: Trajectory, limits: Limits, least: float) -> float:
+    """Time [s], at least `least`, over which the mean of a cycle keeps the jerk limits.
+
+    Beside a jump the acceleration may change with all the jerk that is allowed. The mean's jerk is the change of the
+    acceleration within the width, divided by it.
+    """
+    time, width = cycle.time - cycle.time[0], least
+
+    def acceleration(at: np.ndarray) -> np.ndarray:
+        return np.stack([np.interp(at, time, column, 0.0, 0.0) for column in cycle.acceleration.T], axis=1)
+
+    while True:
+        marks = np.concatenate([time, time + width])
+        if (np.abs(acceleration(marks) - acceleration(marks - width)) <= limits.jerk * width).all():
+            return width
+        width = float(whole(WIDER * width))
 
 
 def _met(parts: Sequence[Part], limits: Limits) -> Sequence[Part]:

@@ -135,9 +135,12 @@ def write(
     files = []
     for form in formats:
         got = sampled(trajectory, judge, form, rate)
-        if form.name == "csv" and got.rate is None:
-            continue  # trajectory.csv exists already
-        path, chosen = out / file_of(form, got.rate), got.trajectory
+        stem = "trajectory"
+        if form.name == "csv" and got.rate is None:  # trajectory.csv exists already, with the robot's own names
+            if not prefix:
+                continue
+            stem += "_prefixed"
+        path, chosen = out / file_of(form, got.rate, stem), got.trajectory
         if chosen is not trajectory and form.name not in STEPS:
             chosen = judge.scorer.filled(chosen)
         named = replace(chosen, joints=tuple(prefix + joint for joint in chosen.joints))

@@ -77,10 +77,8 @@ def run(request: RunRequest, desk: Desk) -> Any:
         BadInput: no such request; and what its verb raises.
     """
     asked = asked_in(request.request)
-    if hasattr(asked, "out"):
-        asked = asked if desk.out is None else replace(asked, out=desk.out)  # type: ignore[call-arg]
-    elif desk.command is not None and desk.out is None and asked.results:
-        desk = replace(desk, out=Path(asked.results))
+    if hasattr(asked, "out") and desk.out is not None:
+        asked = replace(asked, out=desk.out)  # type: ignore[call-arg]
     return function_of(asked.verb)(asked, desk)
 
 

@@ -35,6 +35,7 @@ from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput, suggest
 from energy_opt.files import KINDS, inside, read_toml
 from energy_opt.jobs.legs import SAME, Job, Load, Step
+from energy_opt.motion.move import LONGEST, SHORTEST
 from energy_opt.poses.given import SUFFIXES, Given, poses_of_request
 from energy_opt.poses.pose import UNIT, Pose
 from energy_opt.robot import Robot, robot_named
@@ -42,13 +43,12 @@ from energy_opt.schema import Name, Number, Table, parse, reads
 
 OF_POSE = {"pose", "free", "pose_tolerance"}
 MOVING = {"to", "mode", "min_duration", "max_duration", "stop", *OF_POSE}  # keys of steps that do not wait
-BRIEFEST, LONGEST = 1e-6, 1e7  # [s] bounds of a cycle and a wait: longer ones are probably in wrong units
 FORMATS = tuple(f"energy-opt/{form}" for form in KINDS["job"])
 Target = Pose | np.ndarray
 
 
 Seconds = Annotated[Number, Field(ge=0, le=LONGEST)]
-Lasting = Annotated[Number, Field(ge=BRIEFEST, le=LONGEST)]
+Lasting = Annotated[Number, Field(ge=SHORTEST, le=LONGEST)]
 Mode = Literal["retime", "reshape"]
 Carried = Annotated[Load, reads(payload_values)]
 

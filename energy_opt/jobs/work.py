@@ -101,8 +101,11 @@ class Worker:
         Raises:
             Infeasible: the path breaks limits at any timing; says which leg.
         """
+        move = leg.move(None)
+        if leg.initial_path is not None:
+            move = replace(move, path=leg.initial_path)
         try:
-            return self.planner(leg).timing(leg.move(None))
+            return self.planner(leg).timing(move)
         except Infeasible as error:
             said, joint, limit = f"{leg.name}: {error}", error.joint, error.limit
             raise Infeasible(said, joint=joint, limit=limit, position=error.position) from None

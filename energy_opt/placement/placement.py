@@ -14,6 +14,7 @@ from energy_opt.cell.load import scene_of
 from energy_opt.cell.request import FAR, CellRequest
 from energy_opt.errors import BadInput
 from energy_opt.files import plain, write_json
+from energy_opt.folders import written_whole
 from energy_opt.jobs.cycle import Plan
 from energy_opt.jobs.file import Job
 from energy_opt.jobs.output import write as write_job
@@ -135,7 +136,7 @@ class Rough:
 
 @dataclass(frozen=True)
 class Looked:
-    """A placement considered: pose (6,), estimate or energy [J] (nan: a pose is out of reach), and its kind."""
+    """A placement considered: pose (6,), estimate or energy [J] (not finite: no cycle is known), and its kind."""
 
     place: tuple[float, ...]
     energy: float
@@ -211,8 +212,8 @@ def write(placement: Placement, request: Mapping[str, Any], out: Path) -> dict[s
     from energy_opt.reports.plots import plot_placements, png
 
     found = {**placement.document(), "request": plain(request)}
-    (Path(out) / "job").mkdir()
-    write_job(placement.result, request, Path(out) / "job")
+    with written_whole(Path(out) / "job", "job.json") as aside:
+        write_job(placement.result, request, aside)
     looked = placement.looked_at
     places = np.array([at.place[:2] for at in looked]).reshape(-1, 2)
     solved = [at for at in placement.path if np.isfinite(at.energy) and at.kind in ("seed", "step")]

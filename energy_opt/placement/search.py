@@ -25,6 +25,7 @@ from energy_opt.jobs.posed import Ends, Posed, run_posed
 from energy_opt.jobs.run import JobResult, RoughCycles
 from energy_opt.motion.move import Settings
 from energy_opt.placement.placement import Looked, Placement, PlaceRequest, Rough, fixture_pose, in_scene
+from energy_opt.poses.sets import DETOUR
 from energy_opt.power import PowerModel
 
 TRIES = 2  # times as many seeds are tried if rough cycles fail
@@ -319,7 +320,9 @@ def place(
     _, _, best, result = min(done, key=lambda item: item[:2])
     fixed = [step.name for k, step in enumerate(job.steps) if step.wait is None and k not in job.open]
     warnings = [f"joint positions do not change with the {request.fixture or 'base'}: {', '.join(fixed)}"]
-    tried = tuple(Looked(search.place(point), value, "estimate") for point, value in looked)
+    # estimates with the penalty of a move in contact, or too slow, are no energies
+    known = ((point, value if value < DETOUR else np.inf) for point, value in looked)
+    tried = tuple(Looked(search.place(point), value, "estimate") for point, value in known)
     return Placement(
         search.place(best), result, search.given, given_result, tried, tuple(search.path),
         tuple(warnings if fixed else ()), request.fixture,

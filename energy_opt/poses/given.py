@@ -159,11 +159,11 @@ def in_base(pose: Pose, robot: Robot, scene: Scene | None, base: np.ndarray) -> 
     """
     frame = pose.frame
     links = robot.body.link_frames()
+    if frame in WORLD:  # also where a link of the robot has this name
+        return replace(pose, matrix=np.linalg.inv(base) @ pose.matrix, frame="")
     if not frame or (frame in links and links[frame][0] < 0):
         turned = np.eye(4) if not frame else links[frame][1]
         return replace(pose, matrix=turned @ pose.matrix, frame="")
-    if frame in WORLD:
-        return replace(pose, matrix=np.linalg.inv(base) @ pose.matrix, frame="")
     objects = {thing.name: thing for thing in (scene.objects if scene is not None else ())}
     if frame not in objects:
         known = [*objects, WORLD[0], *(name for name, (joint, _) in links.items() if joint < 0)]

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from energy_opt.poses.pose import Pose, about, free_values, pose_error
+from energy_opt.poses.pose import EXACT, Pose, about, free_values, pose_error
 from energy_opt.robot import Robot
 from energy_opt.robot.kinematics import Kinematics
 from energy_opt.robot.tool import tool_of
@@ -30,6 +30,7 @@ SAME = 1e-3  # [rad, m] positions that differ by less are the same
 TURN = 2 * np.pi
 ROUNDING = 1e-13  # share of the normal matrix's trace: least damping, so that it can be inverted
 LENGTH = 0.3  # [m] length that weighs as much as a radian
+BALANCED = 8  # most weights to try for an error within the tolerance
 # least effect of a free turn on the error; below it the axis points the opposite way and every turn is equivalent
 OPPOSITE = 1e-3
 
@@ -41,7 +42,7 @@ class Reached:
     Attributes:
         positions: (K, n) [rad, m] that reach the pose.
         nearest: (n,) nearest to the pose, if none reaches it; distance [m] and angle [rad] are its error, where
-            `LENGTH` weighs as much as a radian.
+            `LENGTH` weighs as much as a radian, or which uses least of the pose's tolerance if it has one.
         beyond: the joint, and in words the limit that it would have to exceed, and how far; empty if the pose is out of
             reach even without limits.
     """
@@ -113,12 +114,29 @@ def reach(
     q, error = solve(tool, pose, at_first)
     good = error < SMALL
     if not good.any():
-        distance, angle = (np.linalg.norm(x, axis=1) for x in np.hsplit(tool.pose_error(pose, q), 2))
-        k = int(np.argmin((distance / LENGTH) ** 2 + angle**2))
+        q, distance, angle = _nearest(tool, pose, q)
         beyond = _limiting_joint(tool, pose, at_first)
-        return Reached(np.zeros((0, len(low))), q[k], float(distance[k]), float(angle[k]), beyond)
+        return Reached(np.zeros((0, len(low))), q, distance, angle, beyond)
     found = distinct(turned_near(q[good], near, tool.robot))
     return Reached(found, found[0], 0.0, 0.0)
+
+
+def _nearest(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> tuple[np.ndarray, float, float]:
+    """The positions (n,) nearest to a pose, from the results q (N, n) of `solve`; their distance [m] and angle [rad].
+
+    One weight of length against angle may leave an error outside the tolerance where another one does not.
+    """
+    length, given = LENGTH, pose.tolerance != EXACT
+    allowed = np.maximum(pose.tolerance, EXACT) if given else np.array([LENGTH, 1.0])
+    for _ in range(BALANCED):
+        error = np.linalg.norm(tool.pose_error(pose, q).reshape(-1, 2, 3), axis=2)
+        used = error / allowed
+        k = int(np.argmin(used.max(axis=1) if given else np.sum(used**2, axis=1)))
+        if not given or used[k].max() <= 1:
+            break
+        length *= np.sqrt(np.divide(*np.maximum(used[k, ::-1], SMALL)))
+        q, _ = solve(tool, pose, q, length=length)
+    return q[k], *error[k].tolist()
 
 
 def _limiting_joint(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> tuple[str, str]:
@@ -139,15 +157,17 @@ def _limiting_joint(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> tuple[st
     return name, f"{name} would have to be at {q[k, j]:.4g} {unit}, its limit is {bound:.4g} {unit}"
 
 
-def solve(tool: ToolKinematics, pose: Pose, q: np.ndarray, limited: bool = True) -> tuple[np.ndarray, np.ndarray]:
+def solve(
+    tool: ToolKinematics, pose: Pose, q: np.ndarray, limited: bool = True, length: float = LENGTH
+) -> tuple[np.ndarray, np.ndarray]:
     """Positions (N, n) reached from the starts q (N, n), and the largest error of each (N,) [m, rad].
 
     Args:
-        limited: within the joints' limits.
+        limited: within the joints' limits. length: [m] that weighs as much as a radian.
     """
     limits = tool.robot.limits
     lower, upper = (limits.lower, limits.upper) if limited else (-np.inf, np.inf)
-    weight = np.array([1 / LENGTH] * 3 + [1.0] * 3)
+    weight = np.array([1 / length] * 3 + [1.0] * 3)
     n, q = q.shape[1], np.clip(q, lower, upper)
     e = tool.pose_error(pose, q) * weight
     damping = np.clip(np.sum(e**2, axis=1), 1e-9, 1e-2)  # small if the start is near

@@ -21,6 +21,8 @@ MOST = 24  # most positions of a layer inside a cycle
 FURTHER = 60  # further starts if none of the given ones reaches a pose
 AVOIDED = 12  # most rings to check for moves in contact
 DETOUR = 1e6  # [J] assumed cost of a straight move in contact, so that others come first
+TOO_SLOW = 1e12  # [J] the same of a move that takes longer than it may
+HIGHEST = 1e12  # [W] largest change of the price of time to try
 LOOKS = 12  # places of a straight move to check
 CLOSE = 0.02  # [m, rad] so near a pose, a message names the tolerance that allows it
 PRICES = 40  # most prices of time to try
@@ -231,7 +233,7 @@ class Ring:
                 low, best = price, found
             if low is not None and high - low < 1e-3 * (1 + abs(high)):
                 break
-            if step > 1e12:
+            if step > HIGHEST:
                 return found[0], found[1], price
         chosen, energy, used = best
         return chosen, energy + waiting * max(time - used, 0.0), high if low is None else low
@@ -247,9 +249,10 @@ class Ring:
                 times.append(np.zeros(shape))
                 continue
             cost, time = of.cheapest(price, most, least)
-            cost = np.where(of.shortest > most, 1e12, cost)
+            too_slow = of.shortest > most
+            cost = np.where(too_slow, TOO_SLOW * (1 + abs(price)), cost)  # above all others at any price of time
             costs.append(cost.reshape(shape) + b.wait * b.standing + self._detours[k])
-            times.append(time.reshape(shape))
+            times.append(np.where(too_slow, 0.0, time).reshape(shape))
         count = len(self.layers)
         cut = int(np.argmin([len(layer.positions) for layer in self.layers]))
         order = [(cut + k) % count for k in range(count)]

@@ -14,11 +14,11 @@ from pydantic import Field, StrictBool, model_validator
 
 from energy_opt.errors import BadInput, suggest
 from energy_opt.files import read_toml
+from energy_opt.motion.move import LONGEST
 from energy_opt.schedule import Group
 from energy_opt.schema import Name, Number, Table, parse
 
 FORMAT = "energy-opt/job/2"
-LONGEST = 1e7  # [s] longest cycle and wait: longer ones are probably in wrong units
 MOST = 1e12  # [W, J] largest power and energy of a step: published cells have up to 1e6
 STEEPEST = 20  # largest exponent of a duration, of either sign: published curves have 1
 

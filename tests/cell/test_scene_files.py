@@ -10,10 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from energy_opt.cell.cell import Cell
+from energy_opt.cell.load import load_cell
+from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene import TOOL, Scene
 from energy_opt.cell.scene_files import check_scene, read_scene
 from energy_opt.cli.main import example, main
 from energy_opt.errors import BadInput
+from energy_opt.robot import load_robot
 
 EXAMPLE = example("scene")
 
@@ -148,6 +152,21 @@ def test_allowed_pairs_attached_objects_and_frames(tmp_path: Path) -> None:
     crate, carried = scene.objects
     assert np.allclose((crate.pose @ crate.shapes[0].pose)[:3, 3], [-1, 0, 2])
     assert (carried.attached_to, carried.frame, carried.touch_links) == ("hand", "wrist", ("finger",))
+
+
+@pytest.mark.parametrize("frame", ["panda_link0", "panda_link5"])
+def test_a_held_object_s_pose_is_in_a_frame_that_moves_with_it(tmp_path: Path, frame: str) -> None:
+    """Given in another frame, it stayed there as an obstacle, and did not move with the hand."""
+    panda = load_robot("panda")
+
+    def cell_with(frame: str) -> Cell | None:
+        held = {"link_name": "panda_hand", "object": box("held", header={"frame_id": frame})}
+        document = message(robot_state={"attached_collision_objects": [held]})
+        return load_cell(panda, CellRequest(scene=written(tmp_path, "a.json", document)))
+
+    assert cell_with("panda_link8") is not None  # the hand is fixed to it
+    with pytest.raises(BadInput, match=f"held: panda_hand carries it, but its pose is in the frame of {frame}"):
+        cell_with(frame)
 
 
 def test_operations_are_done_in_order(tmp_path: Path) -> None:

@@ -61,6 +61,20 @@ def test_a_result_lists_its_files(written: Path, tmp_path: Path, capsys: pytest.
     assert "trajectory.yaml: is not the file" in said and "plot.png: is missing" in said and ".script: not of" in said
 
 
+def test_files_in_a_folder_of_a_result_are_its_own(tmp_path: Path) -> None:
+    """The job in the folder of `place` was listed, and then taken for files of another result."""
+    with written_whole(tmp_path, "place.json") as aside:
+        (aside / "place.json").write_text("{}")
+        with written_whole(aside / "job", "job.json") as inner:
+            (inner / "job.json").write_text("{}")
+            (inner / "cycle.csv").write_text("time")
+    assert faults_of_results(tmp_path) == [] == faults_of_results(tmp_path / "job")
+    (tmp_path / "job" / "step_01.csv").write_text("another motion")
+    (tmp_path / "job" / "cycle.csv").write_text("another motion")
+    first, second = faults_of_results(tmp_path)
+    assert "cycle.csv: is not the file" in first and "step_01.csv: not of the motion" in second
+
+
 @pytest.mark.parametrize("state", ["tradeoff.json", "results.jsonl", "unlisted", "broken"])
 def test_a_second_run_leaves_files_of_one_motion_only(written: Path, tmp_path: Path, state: str) -> None:
     """Over the results of other verbs, over files without a document, and over a document that is none."""

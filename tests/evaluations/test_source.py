@@ -15,6 +15,7 @@ from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
 from energy_opt.evaluations.source import load
 from energy_opt.files import write_json
+from energy_opt.formats.program import joined
 from energy_opt.formats.waypoints import Samples
 from energy_opt.front.evaluate import evaluate
 from energy_opt.motion.path import straight, through
@@ -64,6 +65,31 @@ def test_other_files_of_a_result_and_steps_of_a_job_have_its_payload(tmp_path: P
         (stretch,) = load(job / name, Z1.joints).stretches
         assert (*(stretch.load or ()), stretch.brakes) == state
         assert (stretch.start, stretch.end) == (0.0, motion(Z1).duration)
+
+
+def test_steps_of_a_job_without_a_wait_between_them_have_baselines(tmp_path: Path) -> None:
+    """Where accelerations are spread over milliseconds, the arm does not quite stop there: no timing was found."""
+    side = np.array([0.4, 1.1, -1.3, 0.3, 0.0, -0.2])
+    ends = [(START, GOAL), (GOAL, side), (side, START)]
+    moves = [fastest(Z1, source_method_2(Z1), straight(*pair)).slowed(1.5).trajectory(Z1.joints) for pair in ends]
+    formats.write(joined(moves).averaged(0.01), tmp_path / "cycle.csv")
+    steps = [{"start": 1.5 * k, "payload": 0.5 * k, "centre": None, "brakes": False} for k in range(3)]
+    write_json(tmp_path / "job.json", {"steps": steps, "request": {}})
+    (found,) = evaluate(tmp_path, Z1, "source-method-2").found
+    assert not found.remark and [row.name for row in found.baselines] == ["toppra", "scaled"]
+    quick, scaled = found.baselines
+    assert quick.valid and scaled.valid and quick.duration < 0.8 * scaled.duration
+
+
+def test_a_job_of_several_robots_names_its_motions(tmp_path: Path) -> None:
+    """Its folder was refused for a missing cycle.csv, and a robot's motion was judged without its payload unsaid."""
+    formats.write(motion(Z1), tmp_path / "cycle_a.csv")
+    write_json(tmp_path / "job.json", {"robots": [{"name": "a", "steps": []}], "request": {}})
+    for given in (tmp_path, tmp_path / "job.json"):
+        with pytest.raises(BadInput, match=r"a job of several robots; .*such as .*cycle_a\.csv$"):
+            load(given, Z1.joints)
+    (note,) = load(tmp_path / "cycle_a.csv", Z1.joints).notes
+    assert "whose payloads, modes of waits and bases are not taken" in note
 
 
 def test_a_users_own_file_in_a_results_folder_has_no_payload(tmp_path: Path) -> None:

@@ -153,6 +153,26 @@ def test_accelerations_that_jump_between_motions_are_spread_over_milliseconds(pa
     assert judge(turned).within_limits and turned.duration == pytest.approx(3.6, abs=1e-9)
 
 
+def test_a_jump_beside_an_acceleration_that_changes_keeps_the_jerk_limit(panda: Robot, model: PowerModel) -> None:
+    """The acceleration grows after a jump in the same direction: the jerk of both together was above the limit."""
+    x = np.linspace(0, 1, 301)[:, None]
+
+    def quartic(a: np.ndarray, b: np.ndarray) -> Trajectory:
+        d, time = b - a, 1.8
+        rows = a + d * x**3 * (4 - 3 * x), d * 12 * x**2 * (1 - x) / time, d * (24 * x - 36 * x**2) / time**2
+        return Trajectory(panda.joints, whole(x[:, 0] * time), *rows)
+
+    middle = (START + GOAL) / 2
+    moves = [quartic(START, middle), quartic(middle, GOAL)]
+    largest = np.abs(moves[0].sample(moves[0].time)[3]).max(axis=0)
+    slow = replace(panda, limits=replace(panda.limits, jerk=1.1 * largest + 1e-3))
+    wait = standing(panda.joints, GOAL, 3.0)
+    parts = [*map(Part, moves), Part(wait, waits=True)]
+    (part,) = without_jumps(parts, slow.limits)
+    judge = CycleJudging.of([(6.6, Scorer(slow, model), None)])
+    assert judge(part.trajectory).within_limits and part.trajectory.duration == pytest.approx(6.6, abs=2e-9)
+
+
 def test_a_standstill_on_the_way_is_no_path_of_one_move(cycle, tmp_path: Path, capsys) -> None:
     write(joined_parts([piece.trajectory for piece in cycle.pieces]), tmp_path / "cycle.csv")
     words = ["optimize", "--robot", "ur5", "--path", str(tmp_path / "cycle.csv"), "--out", str(tmp_path / "out")]
@@ -289,3 +309,6 @@ def test_the_message_of_write_is_the_one_in_the_folder(panda: Robot, tmp_path: P
     ]
     again = read_trajectory(tmp_path / "out" / "trajectory.yaml", panda.joints, "left_")
     np.testing.assert_allclose(np.diff(again.time)[:-1], 0.02, rtol=1e-6)
+    assert main([*words, "--write", "csv", "--joint-prefix", "left_", "--force"]) == 0
+    for file, prefix in (("trajectory.csv", ""), ("trajectory_prefixed.csv", "left_")):
+        assert len(read_trajectory(tmp_path / "out" / file, panda.joints, prefix).time) > 100

@@ -204,11 +204,18 @@ def test_a_written_request_repeats_its_result(
     assert steady(json.loads(eo.repeat(answer).to_json())) == steady(json.loads(found.to_json()))
 
 
-def test_a_request_by_hand_and_its_faults(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_request_by_hand_and_its_faults(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     file = tmp_path / "request.json"
     file.write_text(json.dumps({"verb": "optimize", **MOVE, "model": "source-method-2", "duration": 1.5}))
     assert main(["run", str(file), "--out", str(tmp_path / "out"), "--json", "--quiet"]) == 0
-    assert json.loads(capsys.readouterr().out)["duration"] == 1.5
+    assert capsys.readouterr().out == (tmp_path / "out" / "result.json").read_text()  # as `optimize` prints it
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", str(file)]) == 0
+    assert (
+        "files: energy_opt_out/result.json" in capsys.readouterr().out and Path("energy_opt_out/result.json").exists()
+    )
     for change, says in (
         ({"verb": "optimise"}, "did you mean 'optimize'"),
         ({"verb": None}, "no request"),

@@ -17,7 +17,7 @@ from energy_opt.motion.initial_paths import ompl
 from energy_opt.motion.initial_paths.room import Room, steps
 from energy_opt.motion.judge.clearance import clearance_along
 from energy_opt.motion.move import Move, Settings
-from energy_opt.motion.path import JointPath, straight
+from energy_opt.motion.path import JointPath, straight, through
 from energy_opt.motion.plan.planner import Planner
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
@@ -66,6 +66,18 @@ def test_a_way_around_a_post_passes_the_via_points(cell: Cell, model: PowerModel
     move, first, _ = planner(cell, model).first_path(Move(HOME, OVER, via=(over,), duration=5.0))
     assert first.source == "own" and move.path is not None and free(cell, move.path) and not first.blocked
     assert np.abs(move.path(np.linspace(0, 1, 20001)) - over).max(axis=1).min() < 1e-3
+
+
+def test_a_path_through_via_points_keeps_the_position_limits(panda: Robot, model: PowerModel) -> None:
+    """The spline through unevenly spaced points overshoots: a job was refused, a move had no baselines."""
+    start = np.array([-2.0, -0.5, 0.0, -0.4, 0.0, 1.5, 0.0])
+    via, goal = start + [0, 0, 0, 0.3, 0, 0, 0], start + [4, 0, 0, 0.25, 0, 0, 0]
+    assert through(np.stack([start, via, goal]))(np.linspace(0, 1, 99)).max(axis=0)[3] > panda.limits.upper[3] + 0.2
+    free_of_bodies = Planner(panda, model, Settings())
+    move, _, _ = free_of_bodies.first_path(Move(start, goal, via=(via,)))
+    q = move.path(np.linspace(0, 1, 2001))
+    assert (q <= panda.limits.upper + 1e-9).all() and (q >= panda.limits.lower - 1e-9).all()
+    assert np.abs(q - via).max(axis=1).min() < 5e-3 and free_of_bodies.timing(move).duration < 5.0
 
 
 def test_one_search_serves_a_move_at_several_durations(

@@ -213,6 +213,7 @@ def test_a_job_of_poses_costs_no_more_than_with_the_nearest_and_placed_no_more_t
     assert main(["place", str(path), "--base-box=-0.1,0.1,-0.1,0.1,0,0", *counts, *words]) == 0
     placed = json.loads((tmp_path / "placed" / "place.json").read_text())
     assert placed["energy_total"] <= placed["given"]["energy_total"]
+    assert main(["check", str(tmp_path / "placed"), str(tmp_path / "placed" / "job"), "--quiet"]) == 0
     job = json.loads((tmp_path / "placed" / "job" / "job.json").read_text())
     assert job["energy_total"] == pytest.approx(placed["energy_total"])
     for row, wanted in zip(placed["goals"], ([0.45, 0.2, 0.1], [-0.2, 0.5, 0.2]), strict=True):

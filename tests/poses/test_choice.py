@@ -147,6 +147,22 @@ def test_the_ring_is_the_cheapest_of_all(ur: ToolKinematics) -> None:
     assert energy == pytest.approx(min(costs.values()))
 
 
+@pytest.mark.parametrize("seconds", [1e3, 0.1])
+def test_a_ring_with_a_move_that_takes_too_long_comes_after_all_others(ur: ToolKinematics, seconds: float) -> None:
+    """In little time its estimate was far below zero, so that `place` began at the placements that are impossible."""
+    scorer = [Scorer(ur.robot, rivals_from(["source-method-2"], None, ur.robot, None)[0][0].model)]
+    near, far, quick = np.zeros((1, 6)), np.full((1, 6), 4.0), np.full((1, 6), 0.3)
+    bounds = [(0.0, 0.5), (0.0, np.inf)]
+
+    def ring(*second: np.ndarray) -> tuple[list[int], float]:
+        return Ring([layer(scorer, near), layer(scorer, np.vstack(second))], [scorer] * 2, bounds).cheapest(
+            seconds, 0.0
+        )
+
+    assert ring(far)[1] > 1e9
+    assert ring(far, quick)[0] == [0, 1] and ring(far, quick)[1] == pytest.approx(ring(quick)[1], abs=0.1)
+
+
 def test_an_estimate_does_not_fall_as_a_free_turn_nears_its_velocity_limit(ur: ToolKinematics) -> None:
     """Gravity gives energy back here; what it gives back grew with the turn of a joint that carries nothing."""
     scorer = [Scorer(ur.robot, source_model(ur.robot))]

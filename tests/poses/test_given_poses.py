@@ -104,6 +104,14 @@ def test_a_pose_in_the_frame_of_an_object_and_from_a_message(tmp_path: Path, ur:
         in_base(given.pose("box_2: 0,0,0,0,0,0", "goal"), ur.robot, scene_of(request), request.base_pose)
 
 
+@pytest.mark.parametrize("name", ["ur5", "ur5e", "z1"])
+def test_the_frame_world_is_the_scenes_where_a_link_has_this_name(name: str) -> None:
+    """The URDFs of ur5 and z1 have a link `world`, which moves with --base."""
+    pose = Given().pose("world: 0.4,0.3,1.2,0,0,0", "goal")
+    base = CellRequest(base=(0.5, 0, 1, 0, 0, np.pi / 2)).base_pose
+    assert np.allclose(in_base(pose, load_robot(name), None, base).matrix[:3, 3], [0.3, 0.1, 0.2])
+
+
 def test_named_numbers_that_may_be_a_pose_are_remarked(tmp_path: Path, ur: ToolKinematics) -> None:
     path = tmp_path / "job.toml"
     part = 'part = { pose = [0.45, 0.2, 0.1, 3.14159265, 0, 0], free = ["rz:-30:30"] }'

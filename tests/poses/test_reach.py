@@ -125,6 +125,17 @@ def test_the_stated_nearest_pose_is_the_nearest(name: str, words: str) -> None:
     assert (said.distance / 0.3) ** 2 + said.angle**2 < 1.01 * least
 
 
+@pytest.mark.parametrize(("shift", "turn"), [(0.0, 0.3), (0.04, 0.0), (0.01, 0.2)])
+def test_the_nearest_pose_is_within_the_tolerance_if_any_is(shift: float, turn: float) -> None:
+    """With 0.3 m as much as a radian, the nearest one missed a small tolerance of one kind for less of the other."""
+    tool = ToolKinematics(load_robot("ur5e", lock={"wrist_2_joint": -1.5}))
+    pose = pose_at(tool, np.array([0.8, -1.2, 1.3, -1.4, 0.4]), tolerance=(1.02 * shift + 1e-4, 1.02 * turn + 1e-4))
+    pose.matrix[:3, 3] += shift * pose.matrix[:3, 1]
+    pose.matrix[:3, :3] = pose.matrix[:3, :3] @ pin.exp3(turn * np.array([0.6, 0.8, 0.0]))
+    found = reach(tool, pose)
+    assert not len(found.positions) and found.distance <= pose.tolerance[0] and found.angle <= pose.tolerance[1]
+
+
 def test_freedom_counts_within_its_range_and_not_beyond() -> None:
     turn = pin.exp3(np.array([0.0, 0.0, 0.5]))
     shifted, origin = turn[None], np.array([[0.0, 0.002, 0.0]])

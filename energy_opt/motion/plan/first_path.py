@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,12 +16,13 @@ from energy_opt.cell.cell import Cell
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion.initial_paths import InitialPath, find_paths, ompl
 from energy_opt.motion.initial_paths.find import Ends, Source
+from energy_opt.motion.initial_paths.polyline import length
 from energy_opt.motion.initial_paths.room import Room, steps
 from energy_opt.motion.judge.clearance import clearance_along
 from energy_opt.motion.limits.base import Limit, box_of
 from energy_opt.motion.limits.keep import Keep
 from energy_opt.motion.move import Move, Settings
-from energy_opt.motion.path import JointPath, through
+from energy_opt.motion.path import JointPath, straight, through
 from energy_opt.motion.path_dynamics import PathDynamics, points_of
 from energy_opt.motion.plan.context import path_of
 from energy_opt.motion.result import FirstPath
@@ -30,8 +31,8 @@ from energy_opt.robot import Robot, Tool
 from energy_opt.robot.kinematics import Kinematics
 
 PATHS = 1  # initial paths to look for if the user gives none; the planner asks for more if the result saves little
-# [s] at the joints' speed limits: spacing of the points of a spline through found paths, tried in turn
-STEPS = (0.2, 0.1, 0.05, 0.025)
+# [rad, m] along paths: spacing of the points of a spline through them, tried in turn; it may overshoot by a share of it
+STEPS = (0.5, 0.2, 0.1, 0.05, 0.025)
 
 
 def check_free(cell: Cell, q: np.ndarray, what: str) -> None:
@@ -64,6 +65,10 @@ def first_path(
         path = posed(robot, model, limits, path_of(move))
         if path is not None and (cell is None or clearance_along(cell, path).proven):
             return replace(move, path=path), FirstPath("own", time.perf_counter() - begin), ()
+    elif move.via and move.path is None and not _is_inside(limits, path_of(move)):
+        bent = _path_through(cell, limits, _straight_legs(robot, move))
+        if bent is not None:
+            return replace(move, path=bent.path), FirstPath(bent.source, time.perf_counter() - begin), ()
     if cell is None:
         return move, FirstPath(source), ()
     found = clearance_along(cell, path_of(move))
@@ -105,7 +110,14 @@ def _further_paths(
         return find_paths(room, ends, step, planner=cell.request.planner, seed=settings.seed, count=count)
 
     if move.via and move.path is None:
-        return _path_through(cell, between, [move.start, *move.via, move.goal])
+        legs: list[InitialPath] = []
+        for start, goal in itertools.pairwise([move.start, *move.via, move.goal]):
+            leg = between(start, goal, 1)
+            if not leg:
+                return []
+            legs += leg
+        joined = _path_through(cell, limits, legs)
+        return [] if joined is None else [joined]
     count = max(1, PATHS if settings.initial_paths is None else settings.initial_paths)
     return between(move.start, move.goal, count if move.mode == "reshape" else 1)
 
@@ -119,23 +131,30 @@ def room_between(
     return Room(cell, np.stack([start, goal])), ends, steps(robot.body.tree())
 
 
-def _path_through(
-    cell: Cell, between: Callable[[np.ndarray, np.ndarray, int], list[InitialPath]], points: Sequence[np.ndarray]
-) -> list[InitialPath]:
-    """One path through points (n,) in order: a spline through places of the paths between them; or none."""
-    legs: list[InitialPath] = []
-    for start, goal in itertools.pairwise(points):
-        found = between(start, goal, 1)
-        if not found:
-            return []
-        legs += found
+def _straight_legs(robot: Robot, move: Move) -> list[InitialPath]:
+    """The straight lines between the start, the via points and the goal of a move."""
+    ends = [np.stack(pair) for pair in itertools.pairwise([move.start, *move.via, move.goal])]
+    return [InitialPath(straight(*pair), "straight", 0.0, length(pair, robot.limits.velocity)) for pair in ends]
+
+
+def _path_through(cell: Cell | None, limits: Sequence[Limit], legs: Sequence[InitialPath]) -> InitialPath | None:
+    """One path along others in order: a spline through places of them, within position limits and free; or None."""
     source = max((leg.source for leg in legs), key=("straight", "own", "ompl").index)
+    chords = [np.linalg.norm(np.diff(leg.path(np.linspace(0, 1, CHECKS)), axis=0), axis=1).sum() for leg in legs]
     for step in STEPS:
-        places = [leg.path(np.linspace(0, 1, 2 + int(leg.length / step)))[:-1] for leg in legs]
-        path = through(np.vstack([*places, points[-1]]))
-        if clearance_along(cell, path).proven:
-            return [InitialPath(path, source, legs[-1].seconds, sum(leg.length for leg in legs))]
-    return []
+        counts = [2 + int(chord / step) for chord in chords]
+        places = [leg.path(np.linspace(0, 1, count))[:-1] for leg, count in zip(legs, counts, strict=True)]
+        path = through(np.vstack([*places, legs[-1].path.goal]))
+        if _is_inside(limits, path) and (cell is None or clearance_along(cell, path).proven):
+            return InitialPath(path, source, legs[-1].seconds, sum(leg.length for leg in legs))
+    return None
+
+
+def _is_inside(limits: Sequence[Limit], path: JointPath) -> bool:
+    """Does a path keep the position limits?"""
+    q = path(np.linspace(0, 1, CHECKS))
+    lower, upper = box_of(limits, path.n)
+    return bool(np.all((q >= lower - ROUNDING) & (q <= upper + ROUNDING)))
 
 
 POINTS = 61  # points of the path that are moved, both ends included; a cubic spline joins them
@@ -143,6 +162,7 @@ NEWTON = 40  # most iterations of the inverse kinematics
 FARTHEST = 0.2  # [rad] largest step of a joint in one iteration
 DAMPING = 1e-4  # damping of the least squares; squared Jacobians [m, rad] are of order one
 CHECKS = 401  # points at which the path is checked
+ROUNDING = 1e-9  # [rad, m] excess of a position limit that is ignored
 
 
 def holds(robot: Robot, model: PowerModel, limits: Sequence[Limit], path: JointPath) -> bool:

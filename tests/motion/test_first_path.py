@@ -93,6 +93,9 @@ def test_an_end_that_touches_is_named_with_pair_and_depth(panda: Robot, model: P
     blocked = Cell(panda, CellRequest(), Scene((post(0.31, 0.0),)))
     with pytest.raises(Infeasible, match=r"start: .*post.*mm deep") as caught:
         planner(blocked, model).solve(Move(HOME, OVER))
+    for mode in ("retime", "reshape"):  # as a batch asks first; the straight line and the lack of a way were named
+        with pytest.raises(Infeasible, match=r"^goal: .*post.*mm deep"):
+            planner(blocked, model).minimum_time(Move(OVER, HOME, mode))
     assert caught.value.exit_code == 3 and caught.value.position == 0.0 and (caught.value.excess or 0) > 0.001
     assert "srdf" not in str(caught.value)
     folded = np.array([0, 0.5, 0, -3.0, 0, 0.1, 0])

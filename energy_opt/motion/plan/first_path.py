@@ -86,6 +86,8 @@ def first_path(
         return move, FirstPath(source, seconds), tuple(found.path for found in paths)
     if paths:
         return replace(move, path=paths[0].path), FirstPath(paths[0].source, seconds), tuple(w.path for w in paths[1:])
+    for end, q in (("start", move.start), ("goal", move.goal)):  # which no path can avoid
+        check_free(cell, q, end)
     extra = "" if ompl.installed() else "; pip install 'energy-opt[plan]' installs a planner that can find more paths"
     if move.path is not None:
         blocked = f"the {what} is not free: at {found.time:.4g} of it {found}"

@@ -7,10 +7,9 @@ while that reduces energy. The better result is kept, so that a poor local optim
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -178,8 +177,7 @@ class _Tracer:
         path_fastest = self.planner.minimum_time(self.free)
         if self.free.mode == "retime":
             return Point(path_fastest, "solved")
-        with _changed(self.planner, objective="time", starts=1):
-            result = self.planner.solve(self.free)
+        result = self.planner.with_settings(objective="time", starts=1).solve(self.free)
         self._count()
         found, solved = result.trajectory, result.status == "solved"
         if found.duration > path_fastest:
@@ -214,9 +212,9 @@ class _Tracer:
         if self.stopped():
             raise KeyboardInterrupt
 
-    def _free(self, warm: Sequence[Trajectory]) -> Point:
-        """The least energy at a free duration."""
-        result = self.planner.solve(self.free, warm=warm)
+    def _free(self, warm: Sequence[Trajectory], planner: Planner | None = None) -> Point:
+        """The least energy at a free duration, by another planner if one is given."""
+        result = (planner or self.planner).solve(self.free, warm=warm)
         self._count()
         optimum = Optimum(result.trajectory, result.energy, result.status == "solved")
         return self._point(result.trajectory.duration, optimum)
@@ -289,8 +287,7 @@ class _Tracer:
         best = min(self.front.points, key=lambda p: p.total, default=Point(np.nan, ""))
         assert self.front.minimum is not None
         if best.trajectory is not None and best.total < self.front.minimum.total * (1 - LOWER):
-            with _changed(self.planner, starts=1):
-                again = self._free([best.trajectory])
+            again = self._free([best.trajectory], self.planner.with_settings(starts=1))
             self.front.minimum = min((self.front.minimum, again, best), key=lambda p: p.total)
 
     def _best_in_cycle(self, cycle: Cycle) -> Point:
@@ -327,17 +324,6 @@ class _Tracer:
                 energy, bounds=(low, high), method="bounded", options={"maxiter": SEARCH - 1, "xatol": 1e-3 * low}
             )
         return min(known, key=lambda p: p.cycle_total)
-
-
-@contextmanager
-def _changed(planner: Planner, **changes: Any) -> Iterator[None]:
-    """The planner with other settings inside the context; it keeps what it has built."""
-    before = planner.settings
-    planner.settings = replace(before, **changes)
-    try:
-        yield
-    finally:
-        planner.settings = before
 
 
 def _equal(a: float, b: float) -> bool:

@@ -143,8 +143,8 @@ def run_job(
     work.check_poses()
     progress("first paths", 0.0)
     asked = legs_of(job.steps)
-    legs = tuple(work.with_first_path(leg) for leg in asked)
-    timings = [work.timing(leg) for leg in legs]
+    given = tuple(work.with_first_path(leg) for leg in asked)
+    legs, timings = fast_enough(job, work, given)
     time = job.cycle_time - job.waiting
     shortest = _shortest(job, legs, timings)
     rest = cheapest_rest(job, work.scorers)
@@ -186,10 +186,13 @@ def run_job(
     if shares.bound is not None and retimed:
         waits = [step for step in job.steps if step.wait is not None]
         bound = shares.bound + sum(standing_power(work.scorers, step, step.brakes) * (step.wait or 0) for step in waits)
-    changed = [leg.name for before, leg in zip(asked, legs, strict=True) if before.mode != leg.mode]
+    pairs = list(zip(asked, given, legs, strict=True))
+    changed = [leg.name for before, _, leg in pairs if before.mode != leg.mode]
+    faster = [leg.name for _, before, leg in pairs if before is not leg]
     warnings = (
         *job.remarks,
         *(f"{name}: its path is not free of contact, so the step is reshaped" for name in changed),
+        *(f"{name}: its first path is too slow; that of its fastest reshaped move is used instead" for name in faster),
     )
     return JobResult(job, best, plain, bound, work.scorers, work.cells, stopped(), warnings=warnings)
 
@@ -210,6 +213,17 @@ def shares_of(
     return fronts, allocate(fronts, time, rest.power, guess)
 
 
+def fast_enough(job: Job, work: Worker, legs: tuple[Leg, ...]) -> tuple[tuple[Leg, ...], list[Timing]]:
+    """The legs and their fastest timings; if first paths are too slow, along those of their fastest reshaped moves."""
+    timings = [work.timing(leg) for leg in legs]
+    try:
+        _shortest(job, legs, timings)
+    except Infeasible:
+        pairs = list(map(work.quickest, legs, timings))
+        return tuple(leg for leg, _ in pairs), [timing for _, timing in pairs]
+    return legs, timings
+
+
 def _shortest(job: Job, legs: Sequence[Leg], timings: Sequence[Timing]) -> np.ndarray:
     """Shortest durations (L,) [s] of the legs' first paths.
 
@@ -221,8 +235,7 @@ def _shortest(job: Job, legs: Sequence[Leg], timings: Sequence[Timing]) -> np.nd
     for leg, least in zip(legs, shortest.tolist(), strict=True):
         if least > leg.most * (1 + 1e-12):
             raise Infeasible(
-                f"{leg.name}: max_duration = {leg.most:g} s is too short; its first path takes {at_least(least)} s at "
-                "least",
+                f"{leg.name}: max_duration = {leg.most:g} s is too short; it takes {at_least(least)} s at least",
                 limit="duration",
                 shortest_duration=least,
             )
@@ -233,7 +246,7 @@ def _shortest(job: Job, legs: Sequence[Leg], timings: Sequence[Timing]) -> np.nd
     if legs:
         longest = legs[int(np.argmax(shortest))]
         text += (
-            f"on their first paths its moves take {shortest.sum():.4g} s at least and it waits {job.waiting:.4g} s, "
+            f"its moves take {shortest.sum():.4g} s at least and it waits {job.waiting:.4g} s, "
             f"{at_least(needed)} s in all; the longest is {longest.name} with {shortest.max():.4g} s"
         )
     else:
@@ -306,7 +319,8 @@ class RoughCycles:
         legs = tuple(legs_of(job.steps))
         rest = cheapest_rest(job, self.scorers)
         if near is None:
-            durations = shares_of(job, work, legs, [work.timing(leg) for leg in legs], rest)[1].durations
+            legs, timings = fast_enough(job, work, legs)
+            durations = shares_of(job, work, legs, timings, rest)[1].durations
         else:
             durations = np.array([answer.trajectory.duration for answer in near.answers])
         before = [None] * len(legs) if near is None else near.answers

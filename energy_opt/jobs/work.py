@@ -21,6 +21,7 @@ from energy_opt.jobs.cycle import Answer, Scorers
 from energy_opt.jobs.file import Job, Step
 from energy_opt.jobs.legs import Leg, Load, front_of
 from energy_opt.motion.move import Settings
+from energy_opt.motion.path import JointPath, of_trajectory
 from energy_opt.motion.plan.first_path import check_free
 from energy_opt.motion.plan.neighbour import Neighbours
 from energy_opt.motion.plan.planner import Planner, Shares
@@ -30,6 +31,7 @@ from energy_opt.poses.freedom import is_free
 from energy_opt.power import PowerModel
 
 LOOKS = 40  # samples of a rough motion that are checked for contact
+Key = tuple[bytes, str, Load, Path | None]  # points, mode, payload and scene of a leg
 
 
 class Cells:
@@ -61,7 +63,8 @@ class Worker:
         self.job, self.scorers, self.stopped = job, Scorers(job.robot, model), stopped
         self.cells = cells
         # solvers of equal legs at several durations, by points, mode, payload and scene
-        self._steps: dict[tuple[bytes, str, Load, Path | None], Neighbours] = {}
+        self._steps: dict[Key, Neighbours] = {}
+        self._quickest: dict[Key, tuple[JointPath, Timing] | None] = {}
         planner = planner or Planner(job.robot, self.scorers.model, settings, stopped=stopped)
         self._planner = planner.within(shares) if shares else planner
 
@@ -76,6 +79,10 @@ class Worker:
     def planner(self, leg: Leg) -> Planner:
         """The planner under a leg's payload, in its scene."""
         return self._planner.under(self.scorers.of(leg.step).model).around(self.cells.of(leg.step))
+
+    @staticmethod
+    def _key(leg: Leg) -> Key:
+        return leg.points.tobytes(), leg.mode, leg.step.payload, leg.step.scene
 
     def with_first_path(self, leg: Leg) -> Leg:
         """The leg with the first path that the planner starts from.
@@ -110,6 +117,26 @@ class Worker:
             said, joint, limit = f"{leg.name}: {error}", error.joint, error.limit
             raise Infeasible(said, joint=joint, limit=limit, position=error.position) from None
 
+    def quickest(self, leg: Leg, timing: Timing) -> tuple[Leg, Timing]:
+        """The leg along the path of its fastest reshaped move, and its timing there; as given if that is not faster."""
+        key = self._key(leg)
+        if key not in self._quickest:
+            self._quickest[key] = self._fastest(leg) if leg.mode == "reshape" and leg.moves else None
+        found = self._quickest[key]
+        if found is None or found[1].duration >= timing.duration:
+            return leg, timing
+        return replace(leg, initial_path=found[0]), found[1]
+
+    def _fastest(self, leg: Leg) -> tuple[JointPath, Timing] | None:
+        """The path of a leg's fastest reshaped move, and its fastest timing; None if no such move is found."""
+        planner = self.planner(leg).with_settings(objective="time", starts=1)
+        try:
+            motion = planner.solve(leg.move(None), confirm=False).trajectory
+            path = of_trajectory(motion)
+            return path, self.timing(replace(leg, initial_path=path))
+        except Infeasible:
+            return None
+
     def front(self, leg: Leg, timing: Timing, most: float) -> Front:
         """The leg's front over the timing of its first path, up to a duration of `most` [s]."""
         planner, scorer = self.planner(leg), self.scorers.of(leg.step)
@@ -138,7 +165,7 @@ class Worker:
             return Answer(known, planner.score(known), "resumed")
         try:
             planner.check(leg.move(duration))
-            key = leg.points.tobytes(), leg.mode, leg.step.payload, leg.step.scene
+            key = self._key(leg)
             if key not in self._steps:
                 self._steps[key] = Neighbours(planner.single(leg.move(None)))
             steps = self._steps[key]

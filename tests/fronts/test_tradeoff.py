@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from functools import partial
 from types import SimpleNamespace
 
@@ -61,6 +62,11 @@ class TwoOptima:
     def __init__(self):
         self.steps = 0
         self.settings = Settings()
+
+    def with_settings(self, **changes):
+        out = copy(self)
+        out.settings = replace(self.settings, **changes)
+        return out
 
     def minimum_time(self, move):
         return FASTEST

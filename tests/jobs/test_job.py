@@ -193,6 +193,31 @@ def test_a_cycle_that_is_too_short_says_what_would_do(panda: Robot, tmp_path: Pa
     assert run_job(load_job(_written(tmp_path, text), lambda _: panda), source_method_2()).pieces
 
 
+SWING = """format = "energy-opt/job/1"
+robot = "panda"
+cycle_time = 1.6
+home = [0, -0.785, 0, -2.356, 0, 1.571, 0.785]
+[[step]]
+to = [1.2, 0.3, 0.4, -1.2, -0.5, 2.2, -0.4]
+[[step]]
+to = "home"
+"""  # straight lines take 1.628 s
+
+
+def test_a_cycle_may_be_shorter_than_straight_lines_allow(panda: Robot, tmp_path: Path) -> None:
+    result = run_job(load_job(_written(tmp_path, SWING), lambda _: panda), source_method_2())
+    assert result.solved
+    assert sum(answer.trajectory.duration for answer in result.plan.answers) == pytest.approx(1.6, abs=1e-9)
+    assert sum("is too slow" in warning for warning in result.warnings) == 2
+    for answer in result.plan.answers:
+        q, v, a, _ = answer.trajectory.sample(np.linspace(0, answer.trajectory.duration, 400))
+        torque, limits = panda.body.torque(q, v, a), panda.limits
+        assert (np.abs(v) <= limits.velocity * 1.0001).all() and (np.abs(torque) <= limits.effort * 1.0001).all()
+    late = SWING.replace("cycle_time = 1.6", "cycle_time = 1.4")
+    with pytest.raises(Infeasible, match=r"its moves take 1\.59\d s at least"):
+        run_job(load_job(_written(tmp_path, late), lambda _: panda), source_method_2())
+
+
 def test_waits_that_are_longer_than_the_cycle_say_so(panda: Robot, tmp_path: Path) -> None:
     head = EXAMPLE[: EXAMPLE.index("[[step]]")]
     job = load_job(_written(tmp_path, head + "[[step]]\nwait = 6.5\n"), lambda _: panda)

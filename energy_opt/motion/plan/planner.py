@@ -101,9 +101,7 @@ class Planner:
     def under(self, model: PowerModel) -> Planner:
         """A planner of the same moves under other values of the same effects, with or without a payload.
 
-        It shares what was built. Only the first payload builds new functions, if the planner's model has none: a
-        place kept ready for one would make a node's functions 3 % longer on a Panda and 38 % longer on a UR5, whose
-        last joint has next to no dynamics without a payload.
+        It shares what was built. Only the first payload builds new functions, if the planner's model has none.
 
         Raises:
             BadInput: the model has other effects than the planner's.
@@ -139,9 +137,13 @@ class Planner:
 
     def as_ending(self, trajectory: Trajectory) -> Planner:
         """A planner of the same moves with free end accelerations if this trajectory's are not zero."""
+        jumps = np.any(np.abs(trajectory.acceleration[[0, -1]]) > AT_REST)
+        return self.with_settings(end_acceleration="free") if jumps else self
+
+    def with_settings(self, **changes: Any) -> Planner:
+        """A planner of the same moves with other settings; it keeps what is built."""
         out = copy(self)
-        if np.any(np.abs(trajectory.acceleration[[0, -1]]) > AT_REST):
-            out.settings = replace(self.settings, end_acceleration="free")
+        out.settings = replace(self.settings, **changes)
         return out
 
     def with_trajectory(self, result: Result, move: Move, trajectory: Trajectory) -> Result:
@@ -249,10 +251,7 @@ class Planner:
         return settled(planner.context(move), move, motion, open_)
 
     def _confirmed(self, error: Infeasible, move: Move, progress: Progress) -> Infeasible:
-        """The error with a shortest duration that was solved, as were durations slightly above it.
-
-        It is rounded up to the digits that its message shows.
-        """
+        """The error with a shortest duration, rounded up as in its message, from which on moves were solved."""
         named = error.shortest_duration
         if named is None or progress.ended():
             late = named is not None and progress.late()

@@ -17,8 +17,8 @@ Source = Literal["straight", "given", "own", "ompl"]
 VIAS = 150  # seeded points through which our own lines may bend
 PAIRS = 400  # most pairs of such points to try
 OWN = 4  # own lines that may fail their proof, or repeat others, before a planner is asked
-ATTEMPTS = 8  # most attempts of a planner at a first path
-# most poses that an attempt may check: 0.4 s. Until there is a path, each pair of attempts may check twice as many.
+ATTEMPTS = 10  # most attempts of a planner at a first path
+# most poses that an attempt may check: 0.15 s. Until there is a path, each pair of attempts may check twice as many.
 POSES = 10_000
 # [rad] longest edges of the planner's trees, in turn: short ones follow narrow passages, long ones leave wide boxes
 EDGES = (0.25, 2.5)

@@ -216,11 +216,12 @@ def shares_of(
 def fast_enough(job: Job, work: Worker, legs: tuple[Leg, ...]) -> tuple[tuple[Leg, ...], list[Timing]]:
     """The legs and their fastest timings; if first paths are too slow, along those of their fastest reshaped moves."""
     timings = [work.timing(leg) for leg in legs]
-    try:
-        _shortest(job, legs, timings)
-    except Infeasible:
-        pairs = list(map(work.quickest, legs, timings))
-        return tuple(leg for leg, _ in pairs), [timing for _, timing in pairs]
+    durations = [max(timing.duration, leg.least) for leg, timing in zip(legs, timings, strict=True)]
+    late = sum(durations) > job.cycle_time - job.waiting
+    for k, (leg, duration) in enumerate(zip(legs, durations, strict=True)):
+        if late or duration > leg.most:
+            quick, timings[k] = work.quickest(leg, timings[k])
+            legs = (*legs[:k], quick, *legs[k + 1 :])
     return legs, timings
 
 

@@ -26,7 +26,7 @@ from energy_opt.measured.importing import Imported, import_files
 from energy_opt.measured.meter_names import AMPERE, POWER, SINGLE, VOLT, power_column, product_columns
 from energy_opt.measured.names import UNITS, cut, unit_in
 from energy_opt.requests.verbs import ImportRequest
-from energy_opt.results import Found
+from energy_opt.results import FoundSet
 
 STATES = ("sensor_msgs/msg/JointState",)
 BATTERY = "sensor_msgs/msg/BatteryState"
@@ -200,7 +200,7 @@ def _rising(samples: Sequence[tuple[float, Any]]) -> tuple[np.ndarray, list[Any]
 
 
 @dataclass(frozen=True, repr=False)
-class Set(Found):
+class Set(FoundSet):
     """A measured set that was written, with its folder and its sources.
 
     Attributes:

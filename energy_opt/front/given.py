@@ -99,11 +99,14 @@ def several(given: AnyModel | Sequence[AnyModel] | None) -> list[AnyModel]:
 def source_model(robot: AnyRobot = "panda", method: int = 2) -> PowerModel:
     """The power model of Petrichenko et al. 2024 (arXiv 2411.03194), applied to any robot.
 
+    Values are published ones if there are any (`panda`; copper loss of `ur5e`), else scaled from the robot's limits.
+
     Args:
-        robot: loaded, or by name. method: 1 or 2.
+        robot: loaded, or by name.
+        method: 1 (standby alone) or 2 (standby [W] and copper loss [W/(N m)^2]).
 
     Raises:
-        BadInput: another method.
+        BadInput: another method, or an unknown robot.
     """
     name = f"source-method-{method}"
     if not is_named(name):

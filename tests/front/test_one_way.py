@@ -282,6 +282,7 @@ front = eo.tradeoff("z1", [model, "careful"], start=ends[0], goal=ends[1], durat
 front.save("out")
 again = eo.Planner(robot, model).solve(Move(list(ends[0]), list(ends[1]), duration=2.0, via=[list(ends[0])]))
 limit: type[eo.conditions.Limit] = eo.conditions.Limit
+scene = eo.load_scene("scene.yaml", floor=0.0)
 """
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 

@@ -148,7 +148,7 @@ def _power(bag: Bag, path: Path, near: str) -> tuple[Series, list[str]]:
         if not np.isfinite(power).all():
             raise BadInput(f"{path}: {topic}: voltage or current is not a number in some messages")
         drawn = "below" if power.mean() < 0 else "above"
-        said = f"{path}: power is voltage times current of {topic}, what is drawn is {drawn} zero there"
+        said = f"{path}: power is voltage times current of {topic}; power that the robot draws is {drawn} zero there"
         return (time, -power if drawn == "below" else power), [said, *_others(batteries, topic, path)]
     pair = product_columns(beside) or product_columns(numeric) or (_only(numeric, VOLT), _only(numeric, AMPERE))
     volt, ampere = pair

@@ -15,8 +15,13 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from energy_opt.errors import BadInput, one_line_of
-from energy_opt.motion.limits.base import State as State
+from energy_opt.motion.limits.base import State
 from energy_opt.motion.limits.own import OwnLimit as Limit
+
+__all__ = [
+    "Condition", "KeepLine", "KeepOrientation", "KeepUpright", "Limit", "MaxPower", "State", "ToolAcceleration",
+    "ToolSpeed", "Tube", "load_file", "options_and_limits",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
 from html import escape
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from energy_opt.files import to_json
+from energy_opt.folders import written_whole
 
 
 def exit_of(interrupted: bool, good: bool) -> int:
@@ -40,7 +42,10 @@ class Found:
         return ""
 
     def save(self, out: str | PathLike[str]) -> Path:
-        """Write all files of the result into the folder `out`, or none on an error; return the folder."""
+        """Write all files of the result into the folder `out`, or none on an error; return the folder.
+
+        Results that only show something (`check`, `robots`) have no files: nothing is written.
+        """
         self.kept(Path(out))
         return Path(out)
 
@@ -51,6 +56,19 @@ class Found:
     def _repr_html_(self) -> str:
         lines = self.text(Path(".")).splitlines() or str(self).splitlines()
         return f"<pre>{escape(chr(10).join(line for line in lines if line != 'files in .'))}</pre>"
+
+
+class FoundSet(Found):
+    """A measured set that its verb wrote into the folder `out`; `save` copies it."""
+
+    out: Path
+
+    def kept(self, out: Path) -> Self:
+        """Copy the folder, except hidden files."""
+        if out.resolve() != self.out.resolve():
+            with written_whole(out, "log.toml") as aside:
+                shutil.copytree(self.out, aside, ignore=shutil.ignore_patterns(".*"), dirs_exist_ok=True)
+        return self
 
 
 @dataclass(frozen=True)

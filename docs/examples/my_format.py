@@ -1,4 +1,4 @@
-"""A format of one's own: positions as plain text, one row a line, values separated by blanks, names in the first."""
+"""A format of your own: plain text with the joints' names in the first line, then the positions of one row a line."""
 
 from pathlib import Path
 

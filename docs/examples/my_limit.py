@@ -1,4 +1,4 @@
-"""A limit of one's own: the mechanical power of each joint's drive stays at or below 25 W.
+"""A limit of your own: the mechanical power of each joint's drive stays at or below 25 W.
 
 From Python, `python my_limit.py`; from the command line `energy-opt optimize --conditions my_limit.py ...`.
 """
@@ -17,7 +17,7 @@ class DrivePower(eo.conditions.Limit):
     bound = 25.0  # [W]
 
     def value(self, x: eo.conditions.State) -> ca.SX:
-        """The limited value (n, 1) at a state: q, v, a, effort (n, 1); power and t (1, 1)."""
+        """The limited value (n, 1) at a state with q, v, a, effort (n, 1), power and t (1, 1)."""
         return x.effort * x.v
 
 
@@ -32,4 +32,6 @@ if __name__ == "__main__":
         controls=16,
     )
     print(result)
-    print(f"drive power uses {100 * (1 + result.certificate.max_violation['drive_power']):.1f} % of its bound")
+    used = result.certificate.max_violation["drive_power"]  # a fraction of the bound, 0 at the bound
+    if used is not None:
+        print(f"drive power uses {100 * (1 + used):.1f} % of its bound")

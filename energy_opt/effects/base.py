@@ -39,7 +39,7 @@ class Signals:
     """The state at one instant, as CasADi columns: q [rad], v [rad/s], a [rad/s^2], tau [N m] (rigid body), t [s].
 
     Signals of the past or the recording are None if unknown, as in planning: `temperature` (n, 1) [degC] of each joint;
-    `warmth` (n, 1) how far that has come from the set's first to its highest, 0 to 1; `idle` [s] the time since the
+    `warmth` (n, 1) 0 at the set's first temperature and 1 at its highest; `idle` [s] the time since the
     last motion ended (negative while moving and before any motion); `returned` [W] what a store gives back at this
     instant; `run` the index of the run; `dwell` how many standstills between motions the run has had; `day` [s] time
     since the set's first sample, in a set of some hours; `heated` (n, 1) [W] recent heat of each joint, with

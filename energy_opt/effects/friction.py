@@ -105,8 +105,8 @@ class GearEfficiency(TorqueEffect):
 class AsymmetricFriction(TorqueEffect):
     """tau_plus where v > 0, -tau_minus where v < 0: dry friction that differs by direction.
 
-    Written as m s + d s^2 with s = sign(v), m the mean and d half the difference: nothing at rest. Convex in retiming,
-    as Coulomb friction is.
+    The law is m s + d s^2 with s = sign(v), m the mean and d half the difference, so it is 0 at rest. Retiming stays
+    convex, as with Coulomb friction.
     """
 
     name = "asymmetric_friction"
@@ -143,8 +143,8 @@ class PowerLawFriction(TorqueEffect):
 class ThermalViscous(TorqueEffect):
     """b * v * (1 - share * warm): viscous friction that falls as the grease warms.
 
-    warm = 1 - exp(-t / time_constant), t since the set's first sample; where the joint's temperature is logged, how far
-    it has come from the set's first value to its highest.
+    warm = 1 - exp(-t / time_constant), with t since the set's first sample. If the joint's temperature is logged, warm
+    is 0 at the set's first temperature and 1 at its highest, linear between them.
     """
 
     name = "thermal_viscous"
@@ -168,7 +168,8 @@ class SigmoidFriction(TorqueEffect):
     """a / (1 + exp(-k (v + c))) - a / (1 + exp(-k c)): friction that rises smoothly from 0 and levels off.
 
     The form in which the Panda's friction is published (Gaz, Cognetti, Oliva, Robuffo Giordano and De Luca, IEEE RA-L
-    4(4), 2019). A level friction of a (1 +- tanh(k c / 2)) / 2 by direction; k / 2 is how steep it is about v = -c.
+    4(4), 2019). At high speed its magnitude is a (1 - tanh(k c / 2)) / 2 forwards and a (1 + tanh(k c / 2)) / 2
+    backwards. Its slope at v = -c is a k / 4.
     """
 
     name = "sigmoid_friction"
@@ -196,8 +197,8 @@ AT_WORK = 40.0  # [degC] temperature of a cobot's joint at work, as in UR's own 
 class TemperatureFriction(TorqueEffect):
     """(tau_c * sign(v) + b * v) * exp(-rate * (T - reference)): friction that falls as the joint warms.
 
-    Reynolds' law of a lubricant's viscosity. T is the joint's logged temperature; where none is known, as in a plan, it
-    is the reference. It is sought where `<joint>.temperature` is logged.
+    Reynolds' law of a lubricant's viscosity. T is the joint's logged temperature; if it is unknown, as in a plan, T is
+    the reference. `diagnose` tries this effect if `<joint>.temperature` is logged.
     """
 
     name = "temperature_friction"
@@ -222,8 +223,8 @@ class TemperatureFriction(TorqueEffect):
 class DailyFriction(TorqueEffect):
     """(tau_c * sign(v) + b * v) * (1 + share * cos(2 pi (t - peak) / 24 h)): friction that follows the time of day.
 
-    t counts from the set's first sample, `peak` is when friction is largest, as in a hall that is cold at night. A plan
-    counts with the day's mean. It is sought in sets that last four hours or more.
+    t counts from the set's first sample. `peak` is the time at which friction is largest, for example at night in a
+    cold hall. A plan uses the day's mean. `diagnose` tries this effect in sets that last four hours or more.
     """
 
     name = "daily_friction"

@@ -26,9 +26,9 @@ EDGE = 0.02  # [s] half-width of the smoothed end of a hold
 class DcLink(StoreEffect):
     """Negative power of the bus is stored up to `capacity` J (nothing at first) and used first; the rest is lost.
 
-    With e the stored energy and x the sum of the joints' drive power: where x < 0, e grows by -x dt up to the capacity
-    and the supply gives nothing; where x > 0, what is stored is used before the supply gives. From `ENDLESS` J on,
-    negative power counts in full.
+    Let e be the stored energy and x the sum of the joints' drive power. If x < 0, e grows by -x dt up to the capacity,
+    and the supply gives nothing. If x > 0, the stored energy is used first, then the supply. From a capacity of
+    `ENDLESS` J on, negative power counts in full.
     """
 
     name = "dc_link"
@@ -114,11 +114,11 @@ LOGGED = "signal."  # prefix of a logged signal's name among the signals of a re
 
 
 class SignalPower(PowerEffect):
-    """sum of power * s, s the logged signals named in `signal`: 0 or 1 of a digital output, or any number.
+    """Sum of power * s over the logged signals s that `signal` names; a signal is 0 or 1, or any number.
 
-    In a model file `signal = "gripper"`, or several with commas between, "gripper,brake", and a power for each. A log
-    offers them as columns `signal.<name>`; columns that hold nothing but 0 and 1 are taken too. Where signals are not
-    known, as in a plan, they count as 0.
+    In a model file, write `signal = "gripper"`, or several names with commas ("gripper,brake") and a power for each.
+    A log has signals as columns `signal.<name>`; other columns with only 0 and 1 are read as signals, too. If a signal
+    is unknown, as in a plan, it counts as 0.
     """
 
     name = "signal_power"

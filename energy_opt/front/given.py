@@ -99,11 +99,14 @@ def several(given: AnyModel | Sequence[AnyModel] | None) -> list[AnyModel]:
 def source_model(robot: AnyRobot = "panda", method: int = 2) -> PowerModel:
     """The power model of Petrichenko et al. 2024 (arXiv 2411.03194), applied to any robot.
 
+    Values are published ones if there are any (`panda`; copper loss of `ur5e`), else scaled from the robot's limits.
+
     Args:
-        robot: loaded, or by name. method: 1 or 2.
+        robot: loaded, or by name.
+        method: 1 (standby alone) or 2 (standby [W] and copper loss [W/(N m)^2]).
 
     Raises:
-        BadInput: another method.
+        BadInput: another method, or an unknown robot.
     """
     name = f"source-method-{method}"
     if not is_named(name):
@@ -122,8 +125,8 @@ def carried(given: Any, robot: Robot) -> Payload:
     own = sum(link.mass for link in robot.body.tree())
     if mass > HEAVIEST * own:
         raise BadInput(
-            f"--payload: {mass:g} kg, where {robot.name} moves {own:.3g} kg of itself; expected kg (are these grams? "
-            f"{mass / 1000:g} kg then)"
+            f"--payload: {mass:g} kg is too much: the links of {robot.name} have {own:.3g} kg; expected kg (are these "
+            f"grams? then {mass / 1000:g} kg)"
         )
     return payload
 
@@ -212,7 +215,7 @@ def positions(given: Any, robot: Robot, name: str, srdf: Path | None = None) -> 
     except (TypeError, ValueError):
         raise BadInput(f"--{name}: {given!r} is not {robot.n} numbers [rad]") from None
     if q.shape != (robot.n,):
-        hint = "; several goals are eo.AnyOf([...])" if name == "goal" and q.ndim == 2 else ""
+        hint = "; for several goals give eo.AnyOf([...])" if name == "goal" and q.ndim == 2 else ""
         raise BadInput(f"--{name}: shape {q.shape}; {robot.name} has {robot.n} joints: {', '.join(robot.joints)}{hint}")
     if not np.isfinite(q).all():
         raise BadInput(f"--{name}: expected finite joint positions [rad]")

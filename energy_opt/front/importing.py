@@ -26,7 +26,7 @@ from energy_opt.measured.importing import Imported, import_files
 from energy_opt.measured.meter_names import AMPERE, POWER, SINGLE, VOLT, power_column, product_columns
 from energy_opt.measured.names import UNITS, cut, unit_in
 from energy_opt.requests.verbs import ImportRequest
-from energy_opt.results import Found
+from energy_opt.results import FoundSet
 
 STATES = ("sensor_msgs/msg/JointState",)
 BATTERY = "sensor_msgs/msg/BatteryState"
@@ -148,7 +148,7 @@ def _power(bag: Bag, path: Path, near: str) -> tuple[Series, list[str]]:
         if not np.isfinite(power).all():
             raise BadInput(f"{path}: {topic}: voltage or current is not a number in some messages")
         drawn = "below" if power.mean() < 0 else "above"
-        said = f"{path}: power is voltage times current of {topic}, what is drawn is {drawn} zero there"
+        said = f"{path}: power is voltage times current of {topic}; power that the robot draws is {drawn} zero there"
         return (time, -power if drawn == "below" else power), [said, *_others(batteries, topic, path)]
     pair = product_columns(beside) or product_columns(numeric) or (_only(numeric, VOLT), _only(numeric, AMPERE))
     volt, ampere = pair
@@ -200,7 +200,7 @@ def _rising(samples: Sequence[tuple[float, Any]]) -> tuple[np.ndarray, list[Any]
 
 
 @dataclass(frozen=True, repr=False)
-class Set(Found):
+class Set(FoundSet):
     """A measured set that was written, with its folder and its sources.
 
     Attributes:

@@ -38,7 +38,7 @@ def run(request: JobRequest, desk: Desk) -> JobAnswer:
     if content_of(request)[0].get("format") == WORKCELL:
         return run_workcell_job(request, desk)
     if request.jitter is not None:
-        raise BadInput("--jitter is of several robots (format = 'energy-opt/job/2')")
+        raise BadInput("--jitter belongs to a job of several robots (format = 'energy-opt/job/2')")
     job, _ = job_from(request), request.worth
     rivals, kind = rivals_of(request, job.robot, desk)
     job = loaded(request, job, rivals, desk)
@@ -98,10 +98,10 @@ def run_workcell_job(request: JobRequest, desk: Desk) -> JobAnswer:
     content, path = content_of(request)
     given = next((name for name in OF_ONE_ROBOT if getattr(request, name) is not None), None)
     if given is not None:
-        raise BadInput(f"--{given} is of one robot; in a job of several, [[robot]] has its own")
+        raise BadInput(f"--{given} belongs to a job of one robot; in a job of several, give it in each [[robot]]")
     if request.robust not in (None, "mean"):
         raise BadInput(
-            f"--robust {request.robust} is of one robot; a job of several is planned under the mean of the models"
+            f"--robust {request.robust} belongs to a job of one robot; a job of several takes the mean of the models"
         )
     kind = None if request.robust is None else "mean"
     cell = workcell_of(content if request.jitter is None else {**content, "jitter": request.jitter}, path)

@@ -26,7 +26,7 @@ from energy_opt.front.given import (
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power.variants import of_joints
 from energy_opt.requests.verbs import SimulateRequest
-from energy_opt.results import Found
+from energy_opt.results import FoundSet
 from energy_opt.robot import Robot, robot_named
 from energy_opt.virtual_arm.plant import Plant, load_plant
 from energy_opt.virtual_arm.simulate import Instruments, Reference, Run, pose, reference_of
@@ -38,7 +38,7 @@ MOST_SECONDS = 3600.0  # [s] longest motion: 4 million steps, some minutes and 2
 
 
 @dataclass(frozen=True, repr=False)
-class Simulation(Found):
+class Simulation(FoundSet):
     """A measured set of a virtual arm, in a folder.
 
     Attributes:

@@ -201,7 +201,7 @@ class Worker:
                 return Answer(motion, blind.score(motion), "sketch", "not_converged")
         motion = blind.solve(replace(move, mode="retime", path=leg.path, via=())).trajectory
         if _touching(cell, motion):
-            raise Infeasible(f"{leg.name}: a motion of {duration:.4g} s that is looked for roughly touches something")
+            raise Infeasible(f"{leg.name}: the motion of {duration:.4g} s that a rough search found touches something")
         return Answer(motion, blind.score(motion), "retime", "not_converged")
 
     def _slowed_or(self, error: Infeasible, leg: Leg, timing: Timing, duration: float) -> Answer:

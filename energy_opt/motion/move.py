@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, is_dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -33,7 +34,7 @@ class Move:
     """A joint move between fixed ends.
 
     Attributes:
-        start, goal: (n,) [rad].
+        start, goal: (n,) [rad]; any sequence of numbers is accepted.
         mode: "retime" keeps the path, "reshape" is free to change it.
         duration: exactly this long [s], to the nanosecond; max_duration: at most; neither: free.
         path: the path to follow (retime) or to start from (reshape); a straight line in joint space by default.
@@ -50,8 +51,16 @@ class Move:
     via: tuple[np.ndarray, ...] = ()
     input: Trajectory | None = None
 
+    if TYPE_CHECKING:  # what may be given; `__post_init__` makes arrays of it
+
+        def __init__(
+            self, start: Sequence[float] | np.ndarray, goal: Sequence[float] | np.ndarray, mode: Mode = "reshape",
+            duration: float | None = None, max_duration: float | None = None, path: JointPath | None = None,
+            via: Sequence[Sequence[float] | np.ndarray] = (), input: Trajectory | None = None,
+        ) -> None: ...  # fmt: skip
+
     def __post_init__(self) -> None:
-        for name in ("start", "goal"):  # any sequence is accepted
+        for name in ("start", "goal"):
             object.__setattr__(self, name, _vector(getattr(self, name), name))
         object.__setattr__(self, "via", tuple(_vector(q, "via") for q in self.via))
         if self.mode not in ("retime", "reshape"):

@@ -102,7 +102,11 @@ class Result:
         status: "solved", or "not_converged" if a solver gave up or was interrupted: then the trajectory is the best
             known feasible one, and `message` says why.
         chosen: the source of the trajectory: "reshape", "retime", or the name of a baseline if nothing is better.
-        trajectory: with effort and power.
+        trajectory: with effort [N m] and power [W].
+        energy: total, standby, stored and loss [J], and the total by effect; under the (first) model.
+        baselines: other timings of the first path, with their energies: "toppra", "scaled" and, if given, "input".
+        certificate: how much of each limit is used, and the clearance; recomputed from the samples.
+        optimality: a lower bound [J], if there is one. solver: its name, iterations and times [s].
         first_path: the source of the path that it starts from.
         moves: data of the standard moves that it consists of; None for a free trajectory.
         models: its energies under each of several models: name, total and loss [J], share of the loss saved [%].

@@ -65,7 +65,8 @@ def _places(factor: int) -> np.ndarray:
 class Trajectory:
     """Samples of a motion: time (N,) [s]; position, velocity, acceleration (N, n) [rad, rad/s, rad/s^2].
 
-    effort (N, n) [N m] (the motors' torque) and power (N,) [W] are set once a model has been applied.
+    The columns are in the order of `joints`; joints that slide have m in place of rad. effort (N, n) [N m] (the motors'
+    torque) and power (N,) [W] are set once a model has been applied; until then they are None.
     """
 
     joints: tuple[str, ...]

@@ -47,7 +47,11 @@ class Passport(Found):
             return f"{len(real)} of {len(self.changes)} quantities really changed, most of all {worst}."
         if any(change.real is not None for change in self.changes):
             return "No change is outside of the intervals."
-        return "Differences are listed; without the covariances of both models, it is unknown whether they are real."
+        differing = sum(change.difference != 0 for change in self.changes)
+        return (
+            f"{differing} of {len(self.changes)} quantities differ; without the covariances of both models, it is "
+            "unknown whether these changes are real."
+        )
 
     def document(self) -> dict[str, Any]:
         """The content of passport.json."""
@@ -70,10 +74,10 @@ class Passport(Found):
         lines = [self.headline]
         for arm in self.arms:
             lines += _in_words(arm)
-        real = [change for change in self.changes if change.real]
-        lines += [f"changed: {change}" for change in real]
-        if len(real) < len(self.changes):
-            lines.append(f"{len(self.changes) - len(real)} other quantities are in report.html")
+        found = [c for c in self.changes if c.real or (c.real is None and c.difference)]
+        lines += [f"changed: {change}" for change in found]
+        if len(found) < len(self.changes):
+            lines.append(f"{len(self.changes) - len(found)} other quantities are in report.html")
         return "\n".join(lines)
 
     def __repr__(self) -> str:

@@ -234,7 +234,7 @@ def write(placement: Placement, request: Mapping[str, Any], out: Path) -> dict[s
     report.section("Placements at which the job was solved").table(
         ["", "x [m]", "y [m]", "z [m]", "roll [rad]", "pitch [rad]", "yaw [rad]", "energy [J]"], records
     )
-    report.section("The job at the answer").text("Its own report is job/report.html.").command(request)
+    report.section("The job at the answer").text("job/report.html is the report of this job.").command(request)
     report.write(Path(out) / "report.html")
     write_json(Path(out) / "place.json", found)
     return found

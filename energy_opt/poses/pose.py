@@ -103,7 +103,10 @@ class Pose:
 
 
 class AnyOf(tuple[object, ...]):
-    """Alternative goals: `AnyOf([pose, positions, ...])`."""
+    """Alternative goals: `AnyOf([pose, positions, ...])`; the move goes to the cheapest one.
+
+    Each goal is a `Pose`, a sequence (n,) of joint positions [rad, m], or a mapping from joint names to positions.
+    """
 
 
 def pose_from(
@@ -115,8 +118,11 @@ def pose_from(
     """A pose from text or from the arguments of `Pose`; a `Pose` is returned unchanged.
 
     Args:
-        given: text, six or seven numbers, or a matrix (4, 4). free: axes.
-        tolerance: text, or distance [m] and angle [rad]. name: of the argument, for messages.
+        given: x, y, z [m] and roll, pitch, yaw [rad], or x, y, z and a quaternion x, y, z, w, as numbers or as text
+            with commas; or a matrix (4, 4). All in the robot's base frame.
+        free: axes of the tool's frame that are free, such as "rz" or "rz:-30:30" [deg], "z:-5:5" [mm].
+        tolerance: "1mm,1deg", or a distance [m] and an angle [rad].
+        name: of the argument, for messages.
 
     Raises:
         BadInput: another count of numbers, or no pose.

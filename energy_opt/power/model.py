@@ -330,7 +330,9 @@ def names_of(model: PowerModel) -> list[str]:
 
 
 def load_model(path: str | PathLike[str]) -> PowerModel:
-    """Read a model file (TOML, format energy-opt/model/1).
+    """Read a model file (TOML, format energy-opt/model/1; `energy-opt --example model` prints one).
+
+    Its values are in SI units: W, N m, W/(N m)^2. A list has one value for each joint, in the robot's order.
 
     Raises:
         BadInput: names the file, the effect and the parameter at fault.

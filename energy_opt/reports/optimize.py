@@ -54,15 +54,15 @@ def page(
     assumed(report, document)
     _certificate(report, document, robot)
     report.section("Search")
-    optimality, solver = document["optimality"], document["solver"]
+    optimality, solver, robust = document["optimality"], document["solver"], document.get("robust")
     first = document.get("first_path")
     found = {"first path": first["source"], "found in [s]": first["seconds"]} if first else {}
     report.facts({"taken from": document.get("chosen"), **found, **_named(solver, "s", "seconds")})
     report.facts(
         {
+            "minimised": f"the {robust['kind']} of the models' energies" if robust else None,
             "optimum": optimality["kind"],
-            "lower bound [J]": document.get("robust", optimality)["lower_bound"],
-            **({"of the models' energies, the": document["robust"]["kind"]} if "robust" in document else {}),
+            "lower bound [J]": (robust or optimality)["lower_bound"],
             "gap to it [%]": optimality["gap_percent"],
         }
     )

@@ -66,7 +66,7 @@ def limits_words(certificate: Mapping[str, Any], unit: Callable[[str, str], str]
     if excess <= -1:
         return "all limits kept"
     if worst["limit"] == "position":
-        used = f"{-100 * min(excess, 0.0):.2g} % of its range left"
+        used = f"{100 * max(0.0, -excess):.2g} % of its range left"
     else:
         used = f"{floored(100 * (1 + excess), 4)} % used"
     return f"all limits kept; tightest: {place}, {used} at {worst['time']:.4g} s"

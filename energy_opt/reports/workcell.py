@@ -101,13 +101,15 @@ def page(
 
 
 def headline(document: Mapping[str, Any]) -> str:
-    """One sentence: energy, bound, and saving."""
-    total, first = document["energy_total"], document["levers"][0]["energy_total"]
+    """One sentence: energy, bound, and saving against the first lever."""
+    lever = document["levers"][0]
+    total, first = document["energy_total"], lever["energy_total"]
+    against = "the cycle as it is" if lever["name"] == "as_is" else f"with the lever {lever['name']} alone"
     gap = document["optimality"]["gap_percent"]
     text = f"{total:.6g} J a cycle"
     if gap is not None:
         text += f", at most {gap:.2g} % above the least of these curves"
-    return f"{text}; {100 * (1 - total / first):.3g} % less than at full speed." if total < first else f"{text}."
+    return f"{text}; {100 * (1 - total / first):.3g} % less than {against}." if total < first else f"{text}."
 
 
 def _value_text(lever: Mapping[str, Any]) -> str:

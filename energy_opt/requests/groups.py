@@ -195,14 +195,14 @@ class ConditionGroup(Request):
         None, "largest acceleration of the tool's origin [m/s^2] (none)", "A", kind=float
     )
     keep: str | Sequence[str] = option(
-        (), "keep the tool upright[:DEG] (5), its orientation[:DEG] (2) or it on a line[:MM] (1) (repeatable)", "WHAT",
-        many=True,
+        (), "keep the tool upright[:DEG] (5), in its start orientation[:DEG] (2), or on a line[:MM] (1) (repeatable)",
+        "WHAT", many=True,
     )  # fmt: skip
     tube: str | None = option(None, "largest distance from --path: 0.1rad (each joint) or 0.02m (tool) (none)", "WIDTH")
     conditions: Sequence[Condition | Limit | str | PathLike[str]] = option(
         (), "Python file that defines your own limits (repeatable)", "FILE.py", many=True
     )
-    own_limits: Sequence[Limit] = option((), "limits of one's own", internal=True, written=False, many=True)
+    own_limits: Sequence[Limit] = option((), "your own limits", internal=True, written=False, many=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -227,7 +227,9 @@ class ConditionGroup(Request):
 class SolvingGroup(Request):
     """solving"""
 
-    solver: str = option("ipopt", "sqp: search alone; ipopt: IPOPT follows where it does not converge (ipopt)", "NAME")
+    solver: str = option(
+        "ipopt", "sqp: the search alone; ipopt: IPOPT continues if it does not converge (ipopt)", "NAME"
+    )
     starts: int | None = option(None, "largest number of starting points with --mode reshape (24)", "N", kind=int)
     initial_paths: int | None = option(
         None, "number of collision-free initial paths (1; 0 if a --path without collision is given)", "N", kind=int,
@@ -283,7 +285,7 @@ class CellGroup(Request):
     planner: str | None = option("auto", "planner of the first path; not used by this verb", "NAME", hidden=True)
     allow_outside: bool = option(False, "allow a file to name files outside of its own folder", kind=bool)
     allow_large: bool = option(False, "also read files and meshes above the usual size limits", kind=bool)
-    cell: CellRequest | None = option(None, "all of these as one object", internal=True, written=False)
+    cell: CellRequest | None = option(None, "all options of body and cell as one object", internal=True, written=False)
 
     def __post_init__(self) -> None:
         if self.cell is not None:
@@ -326,7 +328,7 @@ class WorthGroup(Request):
     cycles_per_year: float | None = option(None, "cycles in a year: also state the saving in a year", "N", kind=float)
     price: float | None = option(None, "price of one kWh, in any currency", "PER_KWH", kind=float)
     co2: float | None = option(None, "carbon dioxide of one kWh [kg]", "KG_PER_KWH", kind=float)
-    per_year: PerYear | None = option(None, "all of these as one object", internal=True, written=False)
+    per_year: PerYear | None = option(None, "the last three as one object", internal=True, written=False)
 
     def __post_init__(self) -> None:
         if self.per_year is not None:

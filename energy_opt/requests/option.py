@@ -102,7 +102,9 @@ class Request:
     printed: ClassVar[bool] = False
     always: ClassVar[tuple[str, ...]] = ()  # fields that the document always contains
 
-    stopped: Callable[[], bool] | None = option(None, "ends the work early", internal=True, written=False)
+    stopped: Callable[[], bool] | None = option(
+        None, "a function; if it returns True, the work ends with the best result so far", internal=True, written=False
+    )
 
     def __post_init__(self) -> None:
         for name, (declared, spelled) in options_of(type(self)).items():

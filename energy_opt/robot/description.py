@@ -190,7 +190,7 @@ def _inertial(at: str, where: str, inertial: Element) -> Inertial:
         raise BadInput(f"{where}, mass: value={value:g} kg is negative")
     moments = tuple(number_in(f"{where}, inertia", inertia, moment) for moment in MOMENTS)
     if max(value, *map(abs, moments)) > HEAVIEST:
-        raise BadInput(f"{where}, inertial: a mass or moment above {HEAVIEST:g} kg or kg m^2 is no robot's")
+        raise BadInput(f"{where}, inertial: expected a mass and moments of at most {HEAVIEST:g} kg, kg m^2")
     return Inertial(value, pose, moments)
 
 

@@ -191,12 +191,15 @@ def load_robot(
     lock: Mapping[str, float] | None = None,
     prefix: str = "",
 ) -> Robot:
-    """A robot by name (`known_robots()`) or by the path of a URDF file.
+    """Load a robot by its name or by the path of a URDF file.
+
+    `eo.robots()` lists the names. The robot's joints (n of them) are the order of every vector of positions.
 
     Args:
+        name_or_urdf: "panda", for example, or a path.
         limits: a MoveIt joint_limits.yaml that overrides URDF and published limits.
         lock: joints that do not take part, with their positions [rad or m].
-        prefix: what is before the joints' names in the limits file.
+        prefix: text before the joints' names in the limits file.
 
     Raises:
         BadInput: unknown name, unreadable file, unknown joint, a joint locked outside its limits.
@@ -209,7 +212,9 @@ def load_robot(
         path = Path(name_or_urdf)
         if not path.is_file():
             hint = suggest(name_or_urdf, CATALOG)
-            raise BadInput(f"{name_or_urdf!r} is neither a URDF file nor a robot by name{hint}: {', '.join(CATALOG)}")
+            raise BadInput(
+                f"{name_or_urdf!r} is neither a URDF file nor the name of a robot ({', '.join(CATALOG)}){hint}"
+            )
         name, published, usual = path.stem, None, {}
     else:
         path, name = urdf_of(entry), name_or_urdf

@@ -122,5 +122,5 @@ def test_a_payload_in_grams_is_refused_by_every_verb_of_measured_data(tmp_path, 
     }
     out = [] if verb == "check" else ["--out", str(tmp_path / "out")]
     assert main([verb, *words.get(verb, [str(tmp_path)]), *out, "--payload", "500"]) == 2
-    assert "are these grams? 0.5 kg then" in capsys.readouterr().err
+    assert "are these grams? then 0.5 kg" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

@@ -1,8 +1,9 @@
-"""What the documentation shows of limits and formats of one's own works as it stands there."""
+"""What the documentation shows in Python, and of limits and formats of your own, works as it stands there."""
 
 from __future__ import annotations
 
 import importlib.util
+import re
 from pathlib import Path
 from time import process_time
 
@@ -128,6 +129,19 @@ def test_a_limit_of_ones_own_that_cannot_be_judged_is_refused(tmp_path, capsys, 
     assert main([*words, "--self-collision", "off", "--conditions", str(file), "--out", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err
     assert says in said and said.count("\n") == 1
+
+
+@pytest.mark.slow
+def test_the_python_page_runs_as_it_stands(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = (EXAMPLES.parent / "python.md").read_text(encoding="utf-8")
+    names: dict[str, object] = {}
+    for block in re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL):
+        exec(block, names)
+        assert names["result"].status == "solved"
+    request = tmp_path / "request.json"
+    request.write_text(re.search(r"^```json\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)[1])
+    assert main(["run", str(request), "--out", str(tmp_path / "again"), "--quiet"]) == 0
 
 
 def test_examples_are_short():

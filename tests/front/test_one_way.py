@@ -270,6 +270,7 @@ def test_an_example_job_is_read_from_its_request(tmp_path: Path) -> None:
 
 SCRIPT = """import numpy as np
 import energy_opt as eo
+from energy_opt.motion import Move
 
 robot = eo.load_robot("z1")
 model = eo.source_model(robot) + eo.effects.CoulombFriction(tau_c=[0.1] * 6)
@@ -279,13 +280,20 @@ result = eo.optimize(robot, model, start=list(ends[0]), goal=np.array(ends[1]), 
 text: str = result.status
 front = eo.tradeoff("z1", [model, "careful"], start=ends[0], goal=ends[1], durations=[1.0, 2.0])
 front.save("out")
+again = eo.Planner(robot, model).solve(Move(list(ends[0]), list(ends[1]), duration=2.0, via=[list(ends[0])]))
+limit: type[eo.conditions.Limit] = eo.conditions.Limit
+scene = eo.load_scene("scene.yaml", floor=0.0)
 """
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 
 
 @pytest.mark.slow
-def test_a_script_that_hands_in_lists_is_well_typed(tmp_path: Path) -> None:
+def test_a_script_that_hands_in_lists_and_the_examples_are_well_typed(tmp_path: Path) -> None:
     (tmp_path / "script.py").write_text(SCRIPT)
-    words = [sys.executable, "-m", "mypy", "--strict", "--follow-imports=silent", "script.py"]
+    for path in EXAMPLES.glob("my_*.py"):
+        (tmp_path / path.name).write_text(path.read_text())
+    files = sorted(path.name for path in tmp_path.glob("*.py"))
+    words = [sys.executable, "-m", "mypy", "--strict", "--follow-imports=silent", *files]
     root = Path(eo.__file__).parents[1]  # mypy finds an installed package by itself, and refuses its folder in MYPYPATH
     found = {"PYTHONPATH": str(root), "MYPYPATH": str(root)} if (root / "pyproject.toml").is_file() else {}
     done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, env={"PATH": "/usr/bin:/bin"} | found)

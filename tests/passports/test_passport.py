@@ -98,6 +98,27 @@ def test_without_intervals_nobody_says_that_a_change_is_real():
     assert "it is unknown" in made.headline
 
 
+def test_a_change_without_intervals_is_in_the_text_that_the_terminal_shows(tmp_path, capsys):
+    for name, power in (("march", 88.0), ("november", 91.0)):
+        (tmp_path / f"{name}.toml").write_text(MODEL.format(power=power))
+    words = [str(tmp_path / f"{name}.toml") for name in ("march", "november")]
+    assert main(["passport", *words, "--out", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr().err
+    assert "1 of 8 quantities differ" in said and "7 other quantities are in report.html" in said
+    assert "changed: standby: 88 → 91 W (+3 %): no interval is stated" in said
+
+
+MODEL = """format = "energy-opt/model/1"
+robot = "panda"
+[[effect]]
+name = "standby"
+power = {power}
+[[effect]]
+name = "copper_loss"
+r_over_kt2 = 0.0036
+"""
+
+
 def test_what_has_changed_since_names_only_what_differs():
     robot = eo.load_robot("ur5")
     found = changes_since(model(spread=0.05), model(DRY * [1, 1.3, 1, 1, 1, 1], spread=0.05), robot)

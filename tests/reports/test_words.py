@@ -117,3 +117,11 @@ def test_a_timeline_shows_each_step_where_it_is():
         ("standby", "rest", 4.0, 1.0),
         ("payload", "1.5 kg", 2.0, 2.0),
     ]
+
+
+def test_a_position_at_its_bound_has_nothing_left_of_its_range():
+    worst = {"limit": "position", "joint": "j2", "time": 2.0, "value": -1.7628, "bound": -1.7628}
+    for excess in (0.0, 1e-8):
+        certificate = {"worst": worst, "max_violation": {"velocity": -0.5, "position": excess}}
+        said = limits_words(certificate, lambda limit, joint: "rad")
+        assert said == "all limits kept; tightest: j2 position, 0 % of its range left at 2 s"

@@ -218,7 +218,7 @@ def test_locked_joints_take_no_part(tmp_path: Path) -> None:
 
 
 def test_bad_robots_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="nor a robot by name"):
+    with pytest.raises(BadInput, match="nor the name of a robot"):
         load_robot("r2d2")
     with pytest.raises(BadInput, match="cannot lock 'third'"):
         load_robot(two_joints(tmp_path), lock={"third": 0.0})

@@ -130,6 +130,16 @@ def test_simulate_command(move: Path, tmp_path: Path, capsys: pytest.CaptureFixt
     assert load_model(out / "declared.toml").to_document() == base_model("z1").to_document()
 
 
+def test_a_set_that_is_saved_elsewhere_is_a_copy(move: Path, tmp_path: Path) -> None:
+    base_model("z1").save(tmp_path / "plant.toml")
+    made = eo.simulate(move, tmp_path / "plant.toml", tmp_path / "set", static=1.0, self_collision=False)
+    assert made.save(tmp_path / "copy") == tmp_path / "copy"
+    files = [sorted(f.name for f in (tmp_path / name).iterdir()) for name in ("set", "copy")]
+    assert files[0] == files[1]
+    assert len(read_set(tmp_path / "copy").runs) == len(made.runs)
+    assert made.save(tmp_path / "set") == tmp_path / "set" and len(read_set(tmp_path / "set").runs) == len(made.runs)
+
+
 def test_a_simulated_arm_on_a_wall_bears_its_own_weight(move: Path, tmp_path: Path) -> None:
     """The tilt of --base was left out of a simulation."""
     plant, robot = tmp_path / "plant.toml", arm("z1")

@@ -142,7 +142,7 @@ def test_options_of_one_robot_are_refused(
     option: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(tmp_path, two_robots(), *option)[0] == 2
-    assert f"{option[0]} is of one robot" in capsys.readouterr().err
+    assert f"{option[0]} belongs to a job of one robot" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from energy_opt.reports.motion import Solid, cell_player
-from energy_opt.reports.workcell import gantt
+from energy_opt.reports.workcell import gantt, headline
 from energy_opt.robot import load_robot
 from energy_opt.robot.kinematics import Kinematics
 
@@ -23,6 +23,16 @@ def test_a_gantt_chart_wraps_what_passes_the_end_of_the_cycle() -> None:
         ("a", "rest", 3.0, 7.0, "waits: brakes"),
         ("a", "rest", 0.0, 1.0, "waits: brakes"),
     ]
+
+
+def test_the_headline_compares_with_the_first_lever() -> None:
+    for name, against in (("as_is", "the cycle as it is"), ("speeds", "with the lever speeds alone")):
+        document = {
+            "energy_total": 90.0,
+            "levers": [{"name": name, "energy_total": 100.0}],
+            "optimality": {"gap_percent": None},
+        }
+        assert headline(document) == f"90 J a cycle; 10 % less than {against}."
 
 
 def test_all_arms_are_in_one_scene() -> None:

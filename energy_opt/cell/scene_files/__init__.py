@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +18,12 @@ SUFFIXES = (".scene", ".yaml", ".yml", ".json")
 
 
 def read_scene(
-    path: Path, *, floor: float | None = None, allow_outside: bool = False, allow_large: bool = False
+    path: str | PathLike[str], *, floor: float | None = None, allow_outside: bool = False, allow_large: bool = False
 ) -> Scene:
-    """A scene from a file.
+    """Read a scene from a file: MoveIt's PlanningScene (YAML, JSON), `.scene` text, or the short YAML form.
 
     Args:
-        floor: everything below this height of the scene's frame is solid [m].
+        path: the file. floor: everything below this height of the scene's frame is solid [m]; None for no floor.
         allow_outside: mesh files may lie outside of the scene's folder.
         allow_large: no bound on sizes and counts.
 

@@ -40,6 +40,7 @@ class OwnLimit(Limit):
     """
 
     binds: ClassVar[str] = "joint"
+    bound: float | Sequence[float] | np.ndarray  # type: ignore[assignment]  # as the user writes it
     local = True
     _joints = 0
 

@@ -62,6 +62,7 @@ class Planner:
     `under` and `around` give planners for another model and another cell that share it too.
 
     Args:
+        robot, model, settings: BadInput is raised where they do not fit each other; no settings are the defaults.
         cell: the arm's body and the bodies around it, to be kept clear of; None for nothing.
         stopped: called between solves; True ends the work with the best result so far.
     """

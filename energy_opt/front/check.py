@@ -152,10 +152,11 @@ def _toml(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
     kind = str(document.get("format", ""))
     if kind.startswith("energy-opt/model/"):
         model = model_from_document(document, str(file))
-        name = request.robot or (model.robot if model.robot in known_robots() else None)
-        if name is not None:
+        known = model.robot if model.robot in known_robots() else None
+        if request.robot is not None or known is not None:
+            its_robot = robot_of(request, known)
             try:
-                model.check((name if isinstance(name, Robot) else load_robot(name)).n)
+                model_from(model, its_robot)
             except BadInput as error:
                 return [f"{file}: {error}"]
         return []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 from itertools import product
 from types import SimpleNamespace
@@ -23,6 +24,7 @@ from energy_opt.effects.stages import (
     TorqueEffect,
     WindingEffect,
 )
+from energy_opt.errors import BadInput, one_line_of
 
 SAMPLES = 60
 CLOSE = 1e-4  # relative tolerance of derivatives and of recovered parameters
@@ -160,13 +162,17 @@ def _law(kind: type[Effect], joints: int, rng: np.random.Generator) -> SimpleNam
     )
 
 
+def _each_option(kind: type[Effect]) -> list[dict[str, str]]:
+    """All combinations of an effect's options."""
+    return [dict(zip(kind.options, words, strict=True)) for words in product(*kind.options.values())]
+
+
 def _expressions(kind: type[Effect], x: Signals, p: ca.SX, joints: int, kinks: Kinks) -> tuple[ca.SX, ca.SX]:
     """What an effect adds (to torque, power, heat or gravity), and the power that it takes away, W.
 
     For an effect with options, the expressions for all combinations, one below the other.
     """
-    each = [dict(zip(kind.options, words, strict=True)) for words in product(*kind.options.values())]
-    both = [_law_of(kind.neutral(joints, **words), x, p, joints, kinks) for words in each]
+    both = [_law_of(kind.neutral(joints, **words), x, p, joints, kinks) for words in _each_option(kind)]
     return ca.vertcat(*(added for added, _ in both)), ca.vertcat(*(given for _, given in both))
 
 
@@ -174,39 +180,67 @@ def _law_of(effect: Effect, x: Signals, vector: ca.SX, joints: int, kinks: Kinks
     """What one effect adds (M, 1), and the power [W] that it takes away; both as expressions in x and `vector`
     (as `full`).
     """
-    p, power = effect.named(vector, joints), ca.dot(x.tau, x.v)
+    added = _added(effect, x, effect.named(vector, joints), joints, kinks)
     if isinstance(effect, TorqueEffect):
-        torque = effect.torque(x, p, kinks)
-        return torque, ca.dot(torque, x.v)
+        return added, ca.dot(added, x.v)
+    return added, ca.SX(0) if isinstance(effect, RigidEffect) else added
+
+
+def _added(effect: Effect, x: Signals, p: SimpleNamespace, joints: int, kinks: Kinks) -> ca.SX:
+    """What one effect adds (M, 1), as its law states it."""
+    power = ca.dot(x.tau, x.v)
+    if isinstance(effect, TorqueEffect):
+        return effect.torque(x, p, kinks)
     if isinstance(effect, PowerEffect):
-        added = effect.power(x, x.tau, p, kinks)
-        return added, added
+        return effect.power(x, x.tau, p, kinks)
     if isinstance(effect, HeatEffect):
-        heat = effect.heat(x, x.tau, p, kinks)
-        return heat, heat
+        return effect.heat(x, x.tau, p, kinks)
     if isinstance(effect, WindingEffect):
-        more = effect.factor(x, p) - 1
-        return more, more
+        return effect.factor(x, p) - 1
     if isinstance(effect, DriveEffect):
-        more = effect.drawn(x.tau * x.v, p, kinks) - power
-        return more, more
+        return effect.drawn(x.tau * x.v, p, kinks) - power
     if isinstance(effect, SupplyEffect):
         drawn = 100 + power**2
-        more = effect.at_meter(drawn, p, kinks) - drawn
-        return more, more
+        return effect.at_meter(drawn, p, kinks) - drawn
     if isinstance(effect, RigidEffect):
         links = effect.links([LINK] * joints, p)
         if links is not None:
-            return ca.vertcat(*(ca.vertcat(m - LINK[0], c - LINK[1], ca.vec(i - LINK[2])) for m, c, i in links)), ca.SX(
-                0
-            )
+            return ca.vertcat(*(ca.vertcat(m - LINK[0], c - LINK[1], ca.vec(i - LINK[2])) for m, c, i in links))
         mass, place = effect.point_mass(p) or (ca.SX(0), ca.SX.zeros(3))
         held = effect.changing_mass(x, p)
         if held is not None:
             mass, place = held[0] * held[2], held[1]
         changed = effect.gravity(ca.SX(GRAVITY), p) - GRAVITY
-        return ca.vertcat(mass, mass * place, ca.vec(mass * place @ place.T), changed), ca.SX(0)
+        return ca.vertcat(mass, mass * place, ca.vec(mass * place @ place.T), changed)
     raise NotImplementedError(f"{effect.name}: no check for an effect of stage {effect.stage!r}")
+
+
+def refuse_unusable(kind: type[Effect], joints: int = 2) -> None:
+    """Evaluate a law once, as a plan does; laws that follow signals of a recording are not tried.
+
+    Raises:
+        BadInput: it fails, has another shape than its stage needs, or is not finite at rest or in motion.
+    """
+    if issubclass(kind, MeterEffect) or kind.follows:
+        return
+    q, v, a, tau, t = (ca.SX.sym(name, size) for name, size in zip("qvaft", (joints,) * 4 + (1,), strict=True))
+    for words in _each_option(kind):
+        effect = kind.neutral(joints, **words)
+        values = effect.full(joints)
+        p = ca.SX.sym("p", len(values))
+        try:
+            found = ca.SX(_added(effect, Signals(q, v, a, tau, t), effect.named(p, joints), joints, EXACT))
+            law = ca.Function("law", [ca.vertcat(q, v, a, tau, t), p], [ca.densify(found)])
+        except Exception as fault:
+            raise BadInput(f"effect {kind.name}: {one_line_of(fault, inspect.getfile(kind))}") from None
+        sizes = {"torque": (joints,), "heat": (joints,), "winding": (1, joints), "rigid": (found.shape[0],)}
+        lengths = sizes.get(kind.stage, (1,))
+        if found.shape not in [(length, 1) for length in lengths]:
+            expected = f"({lengths[0]}, 1) on an arm of {joints} joints"
+            raise BadInput(f"effect {kind.name}: its law has shape {found.shape}; expected {expected}")
+        for speed in (0.0, 0.3):
+            if not np.isfinite(np.array(law(np.full(4 * joints + 1, speed), values))).all():
+                raise BadInput(f"effect {kind.name}: its law is not finite {'in motion' if speed else 'at rest'}")
 
 
 def _law_over_time(

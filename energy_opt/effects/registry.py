@@ -19,6 +19,7 @@ from typing import Any, TypeVar
 
 from energy_opt.effects import electrics, friction, mechanics, meter, recorded, stages
 from energy_opt.effects.base import Effect, described
+from energy_opt.effects.check import refuse_unusable
 from energy_opt.effects.parameter import Parameter
 from energy_opt.errors import BadInput, one_line_of, suggest
 from energy_opt.files import read_text
@@ -93,6 +94,7 @@ LAWS: dict[type[Effect], tuple[str, ...]] = {
 }
 
 _added: dict[str, type[Effect]] = {}
+_versions: dict[str, int] = {}  # the last version of each name, also of those that are no longer registered
 _sources: dict[str, tuple[str, str]] = {}  # digest of a file of effects -> its text and path
 
 Kind = TypeVar("Kind", bound=type[Effect])
@@ -113,7 +115,7 @@ def register(kind: Kind) -> Kind:
             f"effect {kind.name!r} of {kind.__module__}: the name is taken by {held.__module__}.{held.__qualname__}"
         )
     if held is not kind:
-        kind.version = 0 if held is None else held.version + 1
+        kind.version = _versions[kind.name] = _versions.get(kind.name, -1 if held is None else held.version) + 1
         _added[kind.name] = kind
     return kind
 
@@ -230,7 +232,7 @@ def _installed() -> None:
 
 
 def _check(kind: Any) -> None:
-    """Refuse a class that cannot be an effect: base class, name, parameters and laws must be there.
+    """Refuse a class that cannot be an effect: base class, name, parameters and laws must be there, the law usable.
 
     Raises:
         BadInput: states what is missing.
@@ -255,3 +257,4 @@ def _check(kind: Any) -> None:
         raise BadInput(f"{where}: defines no law: {' or '.join(laws)}, as {bases[0].__name__} describes")
     if kind.stores and kind.stored.__func__ is Effect.stored.__func__:  # type: ignore[attr-defined]
         raise BadInput(f"{where}: stores energy, but does not define stored(q, v, p)")
+    refuse_unusable(kind)

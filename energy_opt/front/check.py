@@ -152,10 +152,11 @@ def _toml(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
     kind = str(document.get("format", ""))
     if kind.startswith("energy-opt/model/"):
         model = model_from_document(document, str(file))
-        name = request.robot or (model.robot if model.robot in known_robots() else None)
-        if name is not None:
+        known = model.robot if model.robot in known_robots() else None
+        if request.robot is not None or known is not None:
+            its_robot = robot_of(request, known)
             try:
-                model.check((name if isinstance(name, Robot) else load_robot(name)).n)
+                model_from(model, its_robot)
             except BadInput as error:
                 return [f"{file}: {error}"]
         return []
@@ -211,10 +212,11 @@ def _trajectory(file: Path, request: CheckRequest, notes: list[str]) -> list[str
     for found in certificate.found:
         excess = np.inf if found.excess is None else found.excess
         if excess > ALLOWED:
-            row = np.searchsorted(samples.time, found.time, side="right")
+            before = int(np.searchsorted(samples.time - samples.time[0], found.time, side="right"))
+            place = f"row {before + 1}" if file.suffix == ".csv" else f"points[{before - 1}]"  # the header is row 1
             faults.append(
-                f"{file}: {found.limit} of {found.where} is {found.value:.6g} at {found.time:.4g} s (row {row}), "
-                f"beyond its bound {found.bound:.6g} by {excess:.2e} of it"
+                f"{file}: {found.limit} of {found.where} is {found.value:.6g} at {samples.time[0] + found.time:.4f} s "
+                f"({place}), beyond its bound {found.bound:.6g} by {excess:.2e} of it"
             )
     return faults
 

@@ -22,6 +22,7 @@ from energy_opt.measured import read_log
 from energy_opt.measured.sets import robot_of as robot_of_log
 from energy_opt.power import PowerModel
 from energy_opt.power.known import is_named, model_of, named_model
+from energy_opt.power.law import body_of
 from energy_opt.power.model import model_from_document
 from energy_opt.power.variants import of_joints
 from energy_opt.requests.groups import CellGroup, RobotGroup
@@ -71,16 +72,21 @@ def model_from(given: AnyModel | None, robot: Robot) -> PowerModel:
     """A model, or the one of a name, a model file or its document; the source paper's Method 2 where None is given.
 
     Raises:
-        BadInput: no such name or file, or a model of another number of joints.
+        BadInput: no such name or file, a model of another number of joints, or links that no body has.
     """
+    where = f"{given}: " if isinstance(given, (str, PathLike)) else ""
     if isinstance(given, PowerModel):
         model = given
     elif isinstance(given, Mapping):
         model = model_from_document({key: value for key, value in given.items() if key != "name"}, "model")
     else:
         model = model_of(DEFAULT if given is None else given, robot)
-    model = of_joints(model, robot)
-    model.check(robot.n)
+    try:
+        model = of_joints(model, robot)
+        model.check(robot.n)
+        body_of(model, robot.body)
+    except BadInput as error:
+        raise BadInput(f"{where}{error}") from None
     return model
 
 

@@ -207,7 +207,7 @@ def believed_efforts(
     for j, joint in enumerate(joints):
         unit = unit_of("effort", slides[j])
         stated, times = f"{joint}: effort limit {effort[j]:g} {unit}", effort[j] / max(holding, SMALLEST)
-        large = f"{stated}, {times:.0f} times what holds the arm out straight"
+        large = f"{stated}, {times:.4g} times what holds the arm out straight"
         alike = same and bool(turning[j]) and effort[j] >= EQUAL * most
         weak = float(short[j])
         if not np.isfinite(effort[j]) or effort[j] < SMALLEST:
@@ -216,7 +216,7 @@ def believed_efforts(
             continue
         elif alike:
             said.append(
-                f"{stated}, the same on all joints and {effort[j] / most:.0f} times what gravity takes at most: a "
+                f"{stated}, the same on all joints and {effort[j] / most:.4g} times what gravity takes at most: a "
                 f"placeholder; assumed: none; {REMEDY}"
             )
         elif holding > 0 and times >= ABSURD:

@@ -6,7 +6,7 @@ itself, or where ROS parameters have it (robot_description_planning, ros__parame
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
@@ -48,6 +48,8 @@ SMALLEST = 1e-6  # least usable limit, in SI units
 PLACEHOLDER = 1e4  # a velocity limit of this size or more counts as none
 DOUBTFUL_VELOCITY = 100.0  # [rad/s] a limit from here on causes a warning, but is used
 TURNS = 50.0  # [rad, m] largest plausible position of a joint: eight turns
+Factors = Mapping[str, float]  # by which all limits on "velocity" and "acceleration" are multiplied
+UNSCALED: Factors = {"velocity": 1.0, "acceleration": 1.0}
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,14 @@ class Limits:
     def replace(self, **bounds: np.ndarray) -> Limits:
         """The same limits with some of them changed."""
         return dataclasses.replace(self, **bounds)
+
+    def scaled(self, factors: Factors, assumed_jerk: np.ndarray) -> Limits:
+        """The same limits times `factors`; jerks that are assumed (n,) stay in proportion to the accelerations."""
+        by = factors["acceleration"]
+        jerk = np.where(assumed_jerk, by * self.jerk, self.jerk)
+        return self.replace(
+            velocity=factors["velocity"] * self.velocity, acceleration=by * self.acceleration, jerk=jerk
+        )
 
 
 def look_like_degrees(
@@ -238,8 +248,10 @@ class LimitsTable(Table):
 
 def overlay(
     limits: Limits, joints: Sequence[str], path: Path, prefix: str = "", others: Collection[str] = ()
-) -> tuple[Limits, list[str]]:
-    """`limits` with those of a joint_limits.yaml instead, and a warning for each factor that scales them.
+) -> tuple[Limits, Factors, list[str]]:
+    """`limits` with those of a joint_limits.yaml instead, its factors, and a warning for each that is not 1.
+
+    The factors are for the complete limits: they scale assumed ones, too.
 
     Args:
         limits: to start from. joints: names in the order of the limits. path: the file.
@@ -266,14 +278,13 @@ def overlay(
         if name in table:
             where = f"{path}: joint_limits.{name}"
             _apply(arrays, j, parse(JointTable, table[name], where), where)
-    warnings = []
-    for kind in ("velocity", "acceleration"):
+    factors, warnings = {}, []
+    for kind in UNSCALED:
         key = f"default_{kind}_scaling_factor"
-        factor = getattr(document, key) or 1.0
-        arrays[kind] *= factor
+        factors[kind] = factor = getattr(document, key) or 1.0
         if factor != 1:
             warnings.append(f"{path.name}: {key} {factor:g}: all limits on {kind} are multiplied by it")
-    return Limits(**arrays), warnings
+    return Limits(**arrays), factors, warnings
 
 
 def _misspelt(name: str, joints: Sequence[str]) -> str | None:

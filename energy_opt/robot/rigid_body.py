@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from energy_opt.errors import BadInput, suggest
-from energy_opt.robot.checks import inertia_matrix, placed
+from energy_opt.robot.checks import NOISE, inertia_matrix, placed
 from energy_opt.robot.description import MOVING, Description
 from energy_opt.robot.kinematics import Coupling, Follows, Link, PointMass, outermost
 
@@ -26,6 +26,13 @@ ONE_JOINT = (
     '<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="{}"><parent link="a"/><child link="b"/>'
     '<axis xyz="{}"/><limit lower="0" upper="0" velocity="0" effort="0"/></joint></robot>'
 )
+
+
+def _inertia(mass: float, lever: np.ndarray, inertia: np.ndarray) -> pin.Inertia:
+    """Pinocchio's inertia of a link, also of an impossible one, which its constructor refuses."""
+    body = pin.Inertia.Zero()
+    body.mass, body.lever, body.inertia = mass, lever, inertia
+    return body
 
 
 def _built(description: Description, lock: Mapping[str, float]) -> pin.Model:
@@ -50,10 +57,9 @@ def _built(description: Description, lock: Mapping[str, float]) -> pin.Model:
         model.addBodyFrame(link, on, at, 0)
         given = description.links[link].inertial
         if given is not None:
-            turn, body = placed(given.pose)[:3, :3], pin.Inertia.Zero()  # it accepts impossible inertias, too
-            body.mass, body.lever = given.mass, np.array(given.pose.xyz)
-            body.inertia = turn @ inertia_matrix(given.moments) @ turn.T
-            model.appendBodyToJoint(on, body, at)
+            turn = placed(given.pose)[:3, :3]
+            inertia = turn @ inertia_matrix(given.moments) @ turn.T
+            model.appendBodyToJoint(on, _inertia(given.mass, np.array(given.pose.xyz), inertia), at)
         ahead.extend((name, on, at) for name in reversed(children.get(link, [])))
 
     hang(description.base, 0, pin.SE3.Identity())
@@ -215,10 +221,19 @@ class RigidBody:
         """The same tree with other links: mass (n,) [kg], centre (n, 3) [m], inertia (n, 3, 3) [kg m^2] about it.
 
         Links are those of the independent joints; links of followers stay the same.
+
+        Raises:
+            BadInput: a mass or a principal moment is negative, and that of the URDF is not.
         """
         model = pin.Model(self._model)
-        for j, k in enumerate(self.coupling.own.tolist()):
-            model.inertias[k + 1] = pin.Inertia(float(mass[j]), np.array(lever[j]), np.array(inertia[j]))
+        for j, (k, own) in enumerate(zip(self.coupling.own.tolist(), self.own_links(), strict=True)):
+            least, usual = (float(np.linalg.eigvalsh(i)[0]) for i in (inertia[j], own.inertia))
+            if mass[j] < -NOISE or least < min(usual, 0.0) - NOISE:
+                raise BadInput(
+                    f"the link of {own.name} would have {mass[j]:.4g} kg and a least principal moment of {least:.4g} "
+                    f"kg m^2; the URDF's has {own.mass:.4g} kg and {usual:.4g} kg m^2; expected 0 or more of both"
+                )
+            model.inertias[k + 1] = _inertia(float(mass[j]), np.array(lever[j]), np.array(inertia[j]))
         out = RigidBody(model, self._follows)
         out.plain = self.plain
         return out

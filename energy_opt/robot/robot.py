@@ -23,6 +23,8 @@ from energy_opt.robot.kinematics import Link
 from energy_opt.robot.limits import (
     ASSUMED_VELOCITY,
     DOUBTFUL_VELOCITY,
+    UNSCALED,
+    Factors,
     Limits,
     overlay,
     postures,
@@ -226,20 +228,21 @@ def load_robot(
     links = body.tree()
     merged = _stated(description, links)
     doubtful = check_masses(description, locked, links)
-    steps, scaled = [merged], []
+    steps, factors, scaled = [merged], UNSCALED, []
     for file, before in ((published, ""), (limits, prefix)):
         said: list[str] = []
         if file is not None and (file is limits or file.is_file()):
-            merged, said = overlay(merged, [link.name for link in links], file, before, locked)
+            merged, factors, said = overlay(merged, [link.name for link in links], file, before, locked)
         steps.append(merged)
         scaled += said
     led = leaders_limits(merged, links)[1]
     reduced = [leaders_limits(step, links)[0] for step in steps]
     known = [_completed(step, reduced[0].effort, body) for step in reduced[1:]]
-    held, warnings = known[1]
+    full, warnings = known[1]
     own = known[0][0]
-    rated = rating_of(own, own.velocity == reduced[1].velocity, held, body)
-    sources = _sources([*reduced, held])
+    rated = rating_of(own, own.velocity == reduced[1].velocity, full, body)
+    sources = _sources([*reduced, full], factors)
+    held = full.scaled(factors, np.isinf(reduced[-1].jerk))
     if entry is None:  # what is known of the arms by name takes these values' place
         doubtful += unused_values(description, body.joints, held)
     return Robot(name, held, body, description, rated, sources, locked, (*scaled, *led, *warnings, *doubtful), unlocked)
@@ -258,14 +261,17 @@ def _stated(description: Description, links: Sequence[Link]) -> Limits:
     return Limits(lower, upper, velocity, np.minimum(acceleration, deceleration), jerk, effort)
 
 
-def _sources(steps: Sequence[Limits]) -> dict[str, tuple[str, ...]]:
-    """Source of each joint's limits: the last of `steps` (URDF, published, the user's, assumed) that changes them."""
+def _sources(steps: Sequence[Limits], factors: Factors) -> dict[str, tuple[str, ...]]:
+    """Source of each joint's limits: the last of `steps` (URDF, published, the user's, assumed) that changes them.
+
+    The user's `factors` change those that are not assumed.
+    """
     out = {}
     for kind in ("velocity", "acceleration", "jerk", "effort"):
         values = [getattr(step, kind) for step in steps]
         names = np.full(len(values[0]), "urdf", dtype=object)
         for source, (before, after) in zip(("published", "limits", "assumed"), pairwise(values), strict=True):
-            names[before != after] = source
+            names[(before != after) | (source == "limits" and factors.get(kind, 1.0) != 1)] = source
         out[kind] = tuple(names.tolist())
     return out
 

@@ -1,5 +1,6 @@
 """Options that mean the same wherever a motion is made or judged: tool, payload, base, locks, models."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -102,6 +103,20 @@ def test_check_names_every_limit_that_is_broken(
     said = capsys.readouterr().err
     assert all(f": {limit} of panda_joint" in said for limit in ("velocity", "acceleration", "jerk", "effort"))
     assert "(row " in said
+
+
+@pytest.mark.parametrize("begin", [0.0, 100.0, -100.0])
+def test_check_names_the_row_and_the_time_of_the_file(
+    panda: Robot, tmp_path: Path, capsys: pytest.CaptureFixture[str], begin: float
+) -> None:
+    """The header is row 1, as in all messages on tables; times are the file's own, wherever they begin."""
+    motion = slow(panda, 1.0)
+    motion = replace(motion, time=begin + motion.time, velocity=motion.velocity.copy())
+    motion.velocity[5, 0] = 4.0
+    write(motion, tmp_path / "t.csv")
+    assert main(["check", str(tmp_path / "t.csv"), "--robot", "panda"]) == 2
+    (said,) = (line for line in capsys.readouterr().err.splitlines() if "velocity of panda_joint1" in line)
+    assert f"is 4 at {motion.time[5]:.4f} s (row 7)" in said
 
 
 @pytest.mark.slow

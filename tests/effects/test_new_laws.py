@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+import energy_opt as eo
 from energy_opt.effects import (
     BY_NAME,
     EXACT,
@@ -164,6 +165,27 @@ def test_links_are_those_of_another_urdf(tmp_path):
     assert replace(robot, body=robot.body).body.with_links(
         *(np.stack([getattr(link, k) for link in plain]) for k in ("mass", "lever", "inertia"))
     ).plain is robot.body  # fmt: skip
+
+
+def test_a_urdf_with_an_impossible_inertia_takes_deviations_of_its_links() -> None:
+    """Such an inertia is used unchanged; a model of diagnose deviates from it."""
+    panda = load_robot("panda").body
+    mass, lever, inertia = (np.stack([getattr(x, k) for x in panda.tree()]) for k in ("mass", "lever", "inertia"))
+    inertia[-1] = np.diag([-1e-10, 1e-3, 1e-3])
+    odd = panda.with_links(mass, lever, inertia)
+    np.testing.assert_array_equal(odd.tree()[-1].inertia, inertia[-1])
+
+
+@pytest.mark.parametrize(("mass", "moment"), [(-100.0, 0.0), (0.0, -50.0)])
+def test_links_that_no_body_has_are_refused(tmp_path, mass: float, moment: float) -> None:
+    """By the plan and by check, with the file and the link: a negative mass would give energy."""
+    path = tmp_path / "model.toml"
+    links = LinkInertia(mass=mass, com=[np.zeros(3)], inertia=[[moment, 0, moment, 0, 0, moment]])
+    PowerModel("z1", (links,)).save(path)
+    with pytest.raises(BadInput, match=r"model.toml: the link of joint1 would have .* kg m\^2; expected 0 or more"):
+        eo.optimize("z1", path, start=[0, 0.5, -0.5, 0, 0, 0], goal=[0.2, 0.5, -0.5, 0, 0, 0])
+    (faults,) = eo.check(path).faults.values()
+    assert "the link of joint1 would have" in faults[0]
 
 
 def test_files_hold_them_all(tmp_path):

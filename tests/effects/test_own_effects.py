@@ -52,6 +52,49 @@ def test_effects_of_the_documentation_pass_the_check(own):
         assert check_effect(kind) == []
 
 
+LAW = """from energy_opt.effects import Parameter, {base}
+class Mine({base}):
+    name = "mine"
+    parameters = (Parameter("p", "1", 0.0, 0.0, 10.0),)
+    @classmethod
+    def {law}:
+        return {value}
+"""
+POWER, TORQUE = ("PowerEffect", "power(cls, x, tau_m, p, k)"), ("TorqueEffect", "torque(cls, x, p, k)")
+
+
+@pytest.mark.parametrize(
+    ("stage", "value", "says"),
+    [
+        (POWER, "p.p * x.v", r"shape \(2, 1\); expected \(1, 1\)"),
+        (TORQUE, "p.p * x.v[0]", r"shape \(1, 1\); expected \(2, 1\) on an arm of 2 joints"),
+        (POWER, "p.p * x.speed", r"no attribute 'speed' \(line 7\)"),
+        (POWER, "p.p / x.v[0]", "its law is not finite at rest"),
+        (POWER, "p.p + (x.v[0] - 1) ** 0.5", "its law is not finite at rest"),
+        (POWER, "None", "NotImplementedError"),
+    ],
+)
+def test_laws_that_no_plan_can_use_are_refused(tmp_path: Path, stage: tuple[str, str], value: str, says: str) -> None:
+    """With the file and the effect, where the file is read; not as a fault of the program while planning."""
+    path = tmp_path / "laws.py"
+    path.write_text(LAW.format(base=stage[0], law=stage[1], value=value))
+    with pytest.raises(BadInput, match=f"laws.py: effect mine: .*{says}"):
+        load_file(path)
+    assert "mine" not in known_effects()
+
+
+def test_an_effect_that_takes_the_place_of_an_earlier_one_has_its_own_form(tmp_path: Path) -> None:
+    """Functions are kept by form: with the form of the earlier one, an energy would be that of its law."""
+    forms = []
+    for value in ("p.p", "2 * p.p"):
+        path = tmp_path / "laws.py"
+        path.write_text(LAW.format(base=POWER[0], law=POWER[1], value=value))
+        (kind,) = load_file(path)
+        forms.append(kind(p=1.0).form)
+        unregister("mine")
+    assert forms[0] != forms[1]
+
+
 def test_other_processes_get_only_registered_effects():
     kinds = load_file(OWN)
     assert [where for _, where in loaded_sources()] == [str(OWN)]

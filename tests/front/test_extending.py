@@ -118,6 +118,7 @@ class Own(eo.conditions.Limit):
         ({"value": "float(x.v[0]) * x.v"}, "drive: its value is not a number"),
         ({"bound": "float('inf')"}, "drive: bound inf; expected one number above 0"),
         ({"bound": "'250 W'"}, "drive: bound '250 W'; expected one number above 0"),
+        ({"bound": "'250'"}, "drive: bound '250'; expected one number above 0"),
         ({"name": "'velocity'"}, "two limits are named 'velocity'"),
         ({"name": "'a/b'"}, "Own: name = 'a/b'; expected letters, digits and _"),
     ],

@@ -132,3 +132,9 @@ def test_a_long_link_without_mass_is_named_also_inside_the_arm(tmp_path: Path) -
         path = tmp_path / f"arm{offset}.urdf"
         path.write_text(f'<robot name="arm">{links}{joints}</robot>')
         assert [w.split(":")[0] for w in load_robot(path).warnings if "no mass" in w] == named
+
+
+def test_an_absurd_limit_is_named_in_a_short_line(tmp_path: Path) -> None:
+    robot = load_robot(two_joints(tmp_path, effort="1e300"))
+    assert any("effort limit 1e+300 N m" in line for line in robot.warnings)
+    assert all(len(line) < 200 for line in robot.warnings)

@@ -164,12 +164,27 @@ def test_every_key_of_a_limits_file_counts(tmp_path: Path) -> None:
     )
     robot = load_robot(two_joints(tmp_path), limits=path, prefix="l_")
     stated = load_robot(two_joints(tmp_path)).limits
-    np.testing.assert_allclose(robot.limits.velocity, [0.5, np.pi])  # no limit at all: the assumed one
+    np.testing.assert_allclose(robot.limits.velocity, [0.5, np.pi / 2])  # no limit at all: the assumed one, scaled
     np.testing.assert_allclose(robot.limits.acceleration, [0.8, 3.0])
     np.testing.assert_allclose(robot.limits.lower, [-0.5, stated.lower[1]])
     np.testing.assert_allclose(robot.limits.upper, stated.upper)
     np.testing.assert_allclose(robot.limits.jerk, [80, 300])  # none is given
     assert sum("scaling_factor" in w for w in robot.warnings) == 2
+
+
+def test_factors_of_a_limits_file_also_scale_assumed_limits(tmp_path: Path) -> None:
+    """A URDF has no accelerations: a factor that leaves the assumed ones as they are would slow nothing."""
+    path, urdf = tmp_path / "joint_limits.yaml", two_joints(tmp_path, velocity="1e4")  # a placeholder stays one
+    path.write_text("joint_limits: {second: {max_velocity: 0.8}}\n")
+    whole = load_robot(urdf, limits=path)
+    factors = "default_velocity_scaling_factor: 0.5\ndefault_acceleration_scaling_factor: 0.1\n"
+    path.write_text(path.read_text() + factors)
+    slowed = load_robot(urdf, limits=path)
+    np.testing.assert_allclose(slowed.limits.velocity, 0.5 * whole.limits.velocity)
+    np.testing.assert_allclose(slowed.limits.acceleration, 0.1 * whole.limits.acceleration)
+    np.testing.assert_allclose(slowed.limits.jerk, 0.1 * whole.limits.jerk)
+    assert slowed.sources == whole.sources
+    np.testing.assert_array_equal(slowed.rated.velocity, whole.rated.velocity)  # a slowed arm has the same motors
 
 
 @pytest.mark.parametrize(

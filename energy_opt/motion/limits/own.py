@@ -67,9 +67,10 @@ class OwnLimit(Limit):
             raise BadInput(f"{self.name}: binds {self.binds!r}; expected 'joint' or 'arm'")
         count = robot.n if self.binds == "joint" else 1
         try:
-            bound = np.asarray(self.bound, dtype=float)
+            bound = np.asarray(self.bound)
         except (TypeError, ValueError):
             bound = np.zeros(0)
+        bound = bound.astype(float) if bound.dtype.kind in "iuf" else np.zeros(0)  # text is no number
         if bound.shape not in ((), (count,)) or not ((bound > 0) & np.isfinite(bound)).all():
             raise BadInput(f"{self.name}: bound {self.bound!r}; expected one number above 0, or {count} of them")
         out = copy.copy(self)

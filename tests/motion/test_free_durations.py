@@ -1,12 +1,15 @@
-"""Free durations where only losses cost: the rounding of clamps must not reward slow motions."""
+"""Durations: free ones where only losses cost, and the shortest one that a refusal names."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import energy_opt as eo
 from energy_opt.effects import CoulombFriction, Regeneration, Smooth
+from energy_opt.errors import Infeasible
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.robot import load_robot
 
@@ -25,3 +28,19 @@ def test_a_free_duration_is_not_too_long() -> None:
     start, goal = np.array([0.5, 0.4, -1.4, 0.0, 0.3, 0.4]), np.array([-0.6, 1.2, -0.6, -0.5, 0.5, -0.3])
     free = planner.solve(Move(start, goal))
     assert free.energy.total <= min(planner.solve(Move(start, goal, duration=d)).energy.total for d in (2.0, 3.0))
+
+
+WHEEL = """<robot name="wheel"><link name="base"/><link name="wheel">
+  <inertial><mass value="1"/><origin xyz="0.1 0 0"/>
+    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial></link>
+  <joint name="turn" type="revolute"><parent link="base"/><child link="wheel"/><axis xyz="0 0 1"/>
+    <limit lower="-1" upper="2" effort="10" velocity="1"/></joint></robot>"""
+
+
+def test_the_shortest_duration_that_is_named_is_at_most_that_of_the_first_path(tmp_path: Path) -> None:
+    (tmp_path / "wheel.urdf").write_text(WHEEL)
+    planner = Planner(load_robot(str(tmp_path / "wheel.urdf")), eo.source_model("panda", 1), Settings(compile="never"))
+    least = planner.minimum_time(Move([-0.5], [0.6]))
+    with pytest.raises(Infeasible, match="the shortest found") as caught:
+        planner.solve(Move([-0.5], [0.6], "reshape", 0.99 * least))
+    assert caught.value.shortest_duration == pytest.approx(least, rel=1e-4)

@@ -267,7 +267,7 @@ def reshaped(
     spent += more
     if free_time and move.duration is not None:
         if trajectory.duration > move.duration * (1 + 1e-9):
-            raise too_short(move, trajectory.duration, certificate)
+            raise too_short(move, *_fastest_of(context, timing, trajectory, certificate))
         trajectory = trajectory_of(replace(best.curve, duration=move.duration), context.robot.joints)
         certificate = context.judge(trajectory).within
     if not certificate.valid:
@@ -290,6 +290,17 @@ def repaired(
         best = reshaper.solved(best.curve, replace(task, limits=limits))
         spent += best.iterations
     return best, trajectory, certificate, spent
+
+
+def _fastest_of(
+    context: Context, timing: Timing | None, trajectory: Trajectory, certificate: Certificate
+) -> tuple[float, Certificate]:
+    """The shorter duration [s] and its certificate: that of the first path's timing, if valid, or of a trajectory."""
+    if timing is not None and timing.duration < trajectory.duration:
+        first = context.judge(timing.trajectory(context.robot.joints)).certificate
+        if first.valid:
+            return timing.duration, first
+    return trajectory.duration, certificate
 
 
 def _from_the_fastest(
@@ -325,7 +336,7 @@ def _from_the_fastest(
     if trajectory.duration > task.durations[1] * (1 + 1e-9):
         if fallback:
             return None, spent
-        raise too_short(move, trajectory.duration, certificate)
+        raise too_short(move, *_fastest_of(context, timing, trajectory, certificate))
     duration = float(np.clip(trajectory.duration, *task.durations))
     start = replace(best.curve, duration=duration)
     found = context.reshaper(context.settings.objective).solved(start, task, context.stopped)

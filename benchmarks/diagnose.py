@@ -28,10 +28,10 @@ from virtual_arms import SIZES
 from virtual_sets import MadeSet, fresh_motions, make_set
 
 from energy_opt.diagnosis import diagnose
-from energy_opt.diagnosis.data import Samples
-from energy_opt.diagnosis.errors import errors
-from energy_opt.diagnosis.predict import predict
-from energy_opt.diagnosis.recordings import take_samples
+from energy_opt.diagnosis.data.predict import predict
+from energy_opt.diagnosis.data.recordings import take_samples
+from energy_opt.diagnosis.data.samples import Samples
+from energy_opt.diagnosis.evidence.errors import errors
 from energy_opt.effects import ALL_EFFECTS, Effect
 from energy_opt.measured import read_set
 from energy_opt.power import PowerModel

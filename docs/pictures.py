@@ -109,7 +109,7 @@ def measured(out: Path, work: Path) -> None:
     axes[1].set(xlabel="time [s]", ylabel="power [W]")
     figure.savefig(out / "simulate.png", dpi=110)
 
-    from energy_opt.diagnosis.predict import predict
+    from energy_opt.diagnosis.data.predict import predict
 
     s = found.samples
     rows = s.slices[next(k for k, kind in enumerate(s.kinds) if kind == "motion")]

@@ -11,17 +11,31 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag
 
-from energy_opt.diagnosis.clusters import excited, parted, split
-from energy_opt.diagnosis.data import Samples
-from energy_opt.diagnosis.errors import errors
-from energy_opt.diagnosis.findings import Finding, Result, evidence_records, findings_of, nuisance_of
-from energy_opt.diagnosis.joint_report import friction_findings, prior_of, side_records, side_remarks, wrong_units
+from energy_opt.diagnosis.data.clusters import excited, parted, split
+from energy_opt.diagnosis.data.recordings import on_time, prepared, take_samples
+from energy_opt.diagnosis.data.samples import Samples
+from energy_opt.diagnosis.evidence.errors import errors
+from energy_opt.diagnosis.evidence.residual import Attribution, goes_with, mode_words, modes_of
 from energy_opt.diagnosis.joint_side import free_runs, joint_side, push_words, pushes
-from energy_opt.diagnosis.recordings import on_time, prepared, take_samples
-from energy_opt.diagnosis.residual import Attribution, goes_with, mode_words, modes_of
-from energy_opt.diagnosis.usable import foreseen_by
-from energy_opt.diagnosis.verdict import Inference, infer, plain_fit
-from energy_opt.diagnosis.words import UNRECORDED, headline, joints_headline, next_step, remarks, speeds_seen, summary
+from energy_opt.diagnosis.report.joint_report import (
+    friction_findings,
+    prior_of,
+    side_records,
+    side_remarks,
+    wrong_units,
+)
+from energy_opt.diagnosis.report.words import (
+    UNRECORDED,
+    headline,
+    joints_headline,
+    next_step,
+    remarks,
+    speeds_seen,
+    summary,
+)
+from energy_opt.diagnosis.verdict.findings import Finding, Result, evidence_records, findings_of, nuisance_of
+from energy_opt.diagnosis.verdict.inference import Inference, infer, plain_fit
+from energy_opt.diagnosis.verdict.usable import foreseen_by
 from energy_opt.effects import LinkInertia, Payload, effect_class
 from energy_opt.errors import BadInput
 from energy_opt.files import write_json
@@ -45,7 +59,7 @@ class Diagnosis(Result):
 
     def save(self, out: str | PathLike[str]) -> Path:
         """Write diagnosis.json, model.toml and report.html into a folder."""
-        from energy_opt.diagnosis.page import page  # plots are slow to import
+        from energy_opt.diagnosis.report.page import page  # plots are slow to import
 
         out = Path(out)
         out.mkdir(parents=True, exist_ok=True)

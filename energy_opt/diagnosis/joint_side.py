@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from energy_opt.diagnosis.hypothesis import ROTOR
-from energy_opt.diagnosis.links import USUAL_SPREAD, deviations_of
+from energy_opt.diagnosis.hypothesis.links import USUAL_SPREAD, deviations_of
+from energy_opt.diagnosis.hypothesis.terms import ROTOR
 from energy_opt.measured import MeasuredSet, Run, choose_smoothing, coarse, kinematics
 from energy_opt.power import PowerModel
 from energy_opt.power.law import body_of, rigid_torque

@@ -12,7 +12,7 @@ from energy_opt.cell.load import load_cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.diagnosis import Diagnosis
 from energy_opt.diagnosis import diagnose as diagnosed
-from energy_opt.diagnosis.words import next_step
+from energy_opt.diagnosis.report.words import next_step
 from energy_opt.effects import CopperLoss, Standby
 from energy_opt.errors import BadInput
 from energy_opt.folders import written_whole

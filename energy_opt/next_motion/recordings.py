@@ -7,13 +7,13 @@ from itertools import permutations
 
 import numpy as np
 
-from energy_opt.diagnosis.claims import RIVAL, RIVAL_DETAIL
-from energy_opt.diagnosis.evidence import SPREADS, Bank
-from energy_opt.diagnosis.fit import Fit
-from energy_opt.diagnosis.noise import repeated, weighted
-from energy_opt.diagnosis.predict import predict
-from energy_opt.diagnosis.search import Search
-from energy_opt.diagnosis.verdict import Inference
+from energy_opt.diagnosis.data.noise import repeated, weighted
+from energy_opt.diagnosis.data.predict import predict
+from energy_opt.diagnosis.evidence.odds import SPREADS, Bank
+from energy_opt.diagnosis.fit.posterior import Fit
+from energy_opt.diagnosis.search.effect_sets import Search
+from energy_opt.diagnosis.verdict.claims import RIVAL, RIVAL_DETAIL
+from energy_opt.diagnosis.verdict.inference import Inference
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.next_motion.rivals import Rival, expected_readings, samples_of, slack_under
 from energy_opt.next_motion.search import SAME

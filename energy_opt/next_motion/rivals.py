@@ -9,12 +9,12 @@ from itertools import combinations
 import numpy as np
 from scipy.linalg import null_space
 
-from energy_opt.diagnosis.data import Samples
-from energy_opt.diagnosis.evidence import SPREADS
-from energy_opt.diagnosis.fit import Fit, Nuisance
-from energy_opt.diagnosis.links import deviations_of
-from energy_opt.diagnosis.predict import predict
-from energy_opt.diagnosis.verdict import Inference
+from energy_opt.diagnosis.data.predict import predict
+from energy_opt.diagnosis.data.samples import Samples
+from energy_opt.diagnosis.evidence.odds import SPREADS
+from energy_opt.diagnosis.fit.posterior import Fit, Nuisance
+from energy_opt.diagnosis.hypothesis.links import deviations_of
+from energy_opt.diagnosis.verdict.inference import Inference
 from energy_opt.effects import Armature, CoulombFriction, ViscousFriction
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel

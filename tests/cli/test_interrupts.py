@@ -60,11 +60,11 @@ def pressed(monkeypatch: pytest.MonkeyPatch, place: str, times: int = 1) -> None
     [
         ("energy_opt.front.diagnose:read_set", 1, False),
         ("energy_opt.diagnosis.diagnosis:take_samples", 1, True),
-        ("energy_opt.diagnosis.search:Search.fitted", 1, True),
-        ("energy_opt.diagnosis.search:Search.fitted", 2, True),
-        ("energy_opt.diagnosis.verdict:left_open", 1, True),
+        ("energy_opt.diagnosis.search.effect_sets:Search.fitted", 1, True),
+        ("energy_opt.diagnosis.search.effect_sets:Search.fitted", 2, True),
+        ("energy_opt.diagnosis.verdict.inference:left_open", 1, True),
         ("energy_opt.diagnosis.diagnosis:errors", 1, True),
-        ("energy_opt.diagnosis.page:page", 1, True),
+        ("energy_opt.diagnosis.report.page:page", 1, True),
     ],
 )
 def test_what_a_diagnosis_knows_is_written(

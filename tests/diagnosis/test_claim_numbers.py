@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from energy_opt.diagnosis.errors import Quality, mostly_explained
-from energy_opt.diagnosis.judge import contradicted
+from energy_opt.diagnosis.evidence.errors import Quality, mostly_explained
+from energy_opt.diagnosis.verdict.judge import contradicted
 
 
 def test_the_ratio_to_the_noise_is_the_worst_of_motion_and_rest():

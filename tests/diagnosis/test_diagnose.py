@@ -12,10 +12,10 @@ from virtual_sets import base_model, make_set
 
 from energy_opt.cli.main import main
 from energy_opt.diagnosis import diagnose
-from energy_opt.diagnosis.evidence import without_steps
-from energy_opt.diagnosis.predict import friction_torque
-from energy_opt.diagnosis.recordings import take_samples
-from energy_opt.diagnosis.words import UNRECORDED, next_step
+from energy_opt.diagnosis.data.predict import friction_torque
+from energy_opt.diagnosis.data.recordings import take_samples
+from energy_opt.diagnosis.evidence.odds import without_steps
+from energy_opt.diagnosis.report.words import UNRECORDED, next_step
 from energy_opt.effects import CoulombFriction, Payload, Regeneration, Standby, StandbyDrift
 from energy_opt.files import read_table, read_toml, write_toml
 from energy_opt.measured import read_set

@@ -10,10 +10,10 @@ import pytest
 from virtual_sets import make_set
 
 from energy_opt.diagnosis import diagnose
-from energy_opt.diagnosis.predict import predict
-from energy_opt.diagnosis.recordings import take_samples
-from energy_opt.diagnosis.residual import follows
-from energy_opt.diagnosis.verdict import infer
+from energy_opt.diagnosis.data.predict import predict
+from energy_opt.diagnosis.data.recordings import take_samples
+from energy_opt.diagnosis.evidence.residual import follows
+from energy_opt.diagnosis.verdict.inference import infer
 from energy_opt.effects import CoulombFriction, GravitySpring
 from energy_opt.files import read_table, read_toml, write_table, write_toml
 from energy_opt.measured import read_set

@@ -17,11 +17,12 @@ import numpy as np
 import pytest
 
 from energy_opt.cli.main import main
-from energy_opt.diagnosis import clusters, diagnose
-from energy_opt.diagnosis.joint_report import friction_findings
+from energy_opt.diagnosis import diagnose
+from energy_opt.diagnosis.data import clusters
+from energy_opt.diagnosis.data.noise import Noise, Shared, Whitener
+from energy_opt.diagnosis.data.recordings import take_samples
 from energy_opt.diagnosis.joint_side import joint_side
-from energy_opt.diagnosis.noise import Noise, Shared, Whitener
-from energy_opt.diagnosis.recordings import take_samples
+from energy_opt.diagnosis.report.joint_report import friction_findings
 from energy_opt.effects import CopperLoss, Standby, WindingTemperature
 from energy_opt.errors import BadInput
 from energy_opt.measured import read_set
@@ -98,7 +99,7 @@ def test_a_misfit_that_repeats_share_is_one_piece_of_evidence():
 def test_noise_without_shared_functions_is_whitened_in_its_own_memory():
     """LAPACK writes beyond an array without columns: the process ended a moment later."""
     code = (
-        "import numpy as np\nfrom energy_opt.diagnosis.noise import Noise, Shared, Whitener\nkept = []\n"
+        "import numpy as np\nfrom energy_opt.diagnosis.data.noise import Noise, Shared, Whitener\nkept = []\n"
         "for k in range(500):\n    none, t = Shared(np.zeros((154, 0)), ()), 0.1 * np.arange(154)\n"
         "    kept.append(Whitener(Noise(0.5, 0.3, 0.25, misfit=1.0), [t], np.ones(154), none)(np.ones(154)))\n"
     )

@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 
 from energy_opt.diagnosis import diagnose
-from energy_opt.diagnosis.candidates import travel
-from energy_opt.diagnosis.clusters import clusters
-from energy_opt.diagnosis.data import Samples
-from energy_opt.diagnosis.hypothesis import Term
-from energy_opt.diagnosis.noise import weighed
-from energy_opt.diagnosis.predict import predict
-from energy_opt.diagnosis.recordings import take_samples
-from energy_opt.diagnosis.search import without
+from energy_opt.diagnosis.data.clusters import clusters
+from energy_opt.diagnosis.data.noise import weighed
+from energy_opt.diagnosis.data.predict import predict
+from energy_opt.diagnosis.data.recordings import take_samples
+from energy_opt.diagnosis.data.samples import Samples
+from energy_opt.diagnosis.fit.candidates import travel
+from energy_opt.diagnosis.hypothesis.terms import Term
+from energy_opt.diagnosis.search.effect_sets import without
 from energy_opt.effects import IdleHold, WindingSelfHeating
 from energy_opt.measured import read_set
 from energy_opt.virtual_arm.simulate import Instruments

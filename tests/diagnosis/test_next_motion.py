@@ -14,8 +14,8 @@ from energy_opt.cell.load import load_cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.cli.main import main
 from energy_opt.diagnosis import diagnose
-from energy_opt.diagnosis.fit import Nuisance
-from energy_opt.diagnosis.noise import Noise
+from energy_opt.diagnosis.data.noise import Noise
+from energy_opt.diagnosis.fit.posterior import Nuisance
 from energy_opt.effects import (
     CopperLoss,
     CoulombFriction,

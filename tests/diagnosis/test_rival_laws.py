@@ -12,17 +12,17 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from energy_opt.diagnosis import diagnose
-from energy_opt.diagnosis.claims import RIVAL, Claim, is_a_line
-from energy_opt.diagnosis.data import Samples
-from energy_opt.diagnosis.errors import reading_of
-from energy_opt.diagnosis.evidence import density
-from energy_opt.diagnosis.findings import between
-from energy_opt.diagnosis.fit import Free
-from energy_opt.diagnosis.judge import jackknifed
-from energy_opt.diagnosis.noise import Noise, meter_noise, standing_noise
-from energy_opt.diagnosis.usable import Foreseen, foreseen
-from energy_opt.diagnosis.verdict import left_open
-from energy_opt.diagnosis.words import headline
+from energy_opt.diagnosis.data.noise import Noise, meter_noise, standing_noise
+from energy_opt.diagnosis.data.samples import Samples
+from energy_opt.diagnosis.evidence.errors import reading_of
+from energy_opt.diagnosis.evidence.odds import density
+from energy_opt.diagnosis.fit.posterior import Free
+from energy_opt.diagnosis.report.words import headline
+from energy_opt.diagnosis.verdict.claims import RIVAL, Claim, is_a_line
+from energy_opt.diagnosis.verdict.findings import between
+from energy_opt.diagnosis.verdict.inference import left_open
+from energy_opt.diagnosis.verdict.judge import jackknifed
+from energy_opt.diagnosis.verdict.usable import Foreseen, foreseen
 from energy_opt.effects import Effect, PowerLawFriction, Standby, StandbyDrift, ViscousFriction
 from energy_opt.measured import read_set
 from energy_opt.power import PowerModel, load_model
@@ -250,7 +250,7 @@ def test_a_warm_up_that_may_be_longer_than_the_set_is_drift_of_the_meter(soak, s
     world = SimpleNamespace(samples=SimpleNamespace(n=6, t=np.array([0.0, 300.0])))
     narrow = SimpleNamespace(names=("standby_drift",), model=model, world=world, deviations=[np.array([0.1, 1.0])])
     wide = SimpleNamespace(**{**vars(narrow), "deviations": [np.array([0.5, sure])]})
-    monkeypatch.setattr("energy_opt.diagnosis.claims.widened", lambda f: wide)
+    monkeypatch.setattr("energy_opt.diagnosis.verdict.claims.widened", lambda f: wide)
     assert is_a_line(narrow, Claim("standby_drift", 10.0, narrow)) is line
 
 

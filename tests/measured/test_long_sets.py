@@ -10,10 +10,11 @@ from bounds import measured as recorded
 from bounds import taken
 from virtual_sets import make_set
 
-from energy_opt.diagnosis import diagnose, recordings
-from energy_opt.diagnosis.noise import weighted
-from energy_opt.diagnosis.predict import predict
-from energy_opt.diagnosis.recordings import take_samples
+from energy_opt.diagnosis import diagnose
+from energy_opt.diagnosis.data import recordings
+from energy_opt.diagnosis.data.noise import weighted
+from energy_opt.diagnosis.data.predict import predict
+from energy_opt.diagnosis.data.recordings import take_samples
 from energy_opt.effects import CoulombFriction, Payload, Standby
 from energy_opt.measured import read_set
 from energy_opt.power import PowerModel
@@ -69,8 +70,8 @@ def test_pieces_of_the_nodes_give_what_all_at_once_do(made, whole, monkeypatch):
     model = made.declared.replaced(Payload(mass=1.2, com=[0.02, 0.0, 0.05]))
     once, _ = take_samples(whole)
     one = predict(model, once)
-    monkeypatch.setattr("energy_opt.diagnosis.data.PIECE", 100)
-    monkeypatch.setattr("energy_opt.diagnosis.predict.AT_ONCE", 64)
+    monkeypatch.setattr("energy_opt.diagnosis.data.samples.PIECE", 100)
+    monkeypatch.setattr("energy_opt.diagnosis.data.predict.AT_ONCE", 64)
     pieces = predict(model, replace(once))
     assert np.allclose(pieces.reading, one.reading, rtol=1e-12)
     assert np.allclose(pieces.jacobian, one.jacobian, rtol=1e-9, atol=1e-12)

@@ -9,8 +9,8 @@ from scipy.integrate import solve_ivp
 
 import energy_opt as eo
 from energy_opt.cli.main import main
-from energy_opt.diagnosis.predict import predict, recorded, rigid_torque
-from energy_opt.diagnosis.recordings import take_samples
+from energy_opt.diagnosis.data.predict import predict, recorded, rigid_torque
+from energy_opt.diagnosis.data.recordings import take_samples
 from energy_opt.effects import EXACT, Signals
 from energy_opt.measured import read_set
 from energy_opt.motion.judge.energy import Scorer

@@ -135,23 +135,37 @@ def test_modules_form_no_circles() -> None:
     assert not without_what_leads_nowhere(graph)
 
 
-# Of motion; each may use what stands behind it.
+# Of motion and of diagnosis; each may use what is named after it.
 ROOMS = ("plan", "initial_paths", "retime", "reshape", "timing", "judge", "limits")
+STAGES = ("report", "verdict", "search", "evidence", "fit", "joint_side", "hypothesis", "data")
 
 
-def test_rooms_of_motion_point_one_way() -> None:
-    rooms: dict[str, set[str]] = {room: set() for room in ROOMS}
+def used_rooms(package: str, rooms: tuple[str, ...]) -> dict[str, set[str]]:
+    """The other rooms of a package that each of its rooms imports from."""
+    used: dict[str, set[str]] = {room: set() for room in rooms}
+    for module in MODULES:
+        place = module.relative_to(ROOT).with_suffix("").parts
+        if place[0] == package and place[1] in rooms:
+            names = {x.split(".")[2] for x in imports(module) if x.startswith(f"energy_opt.{package}.")}
+            used[place[1]] |= names & set(rooms) - {place[1]}
+    return used
+
+
+@pytest.mark.parametrize(("package", "rooms"), [("motion", ROOMS), ("diagnosis", STAGES)])
+def test_rooms_point_one_way(package: str, rooms: tuple[str, ...]) -> None:
+    used = used_rooms(package, rooms)
+    for k, room in enumerate(rooms):
+        assert used[room] <= set(rooms[k + 1 :]), room
+
+
+def test_what_all_rooms_of_motion_use_uses_none_of_them() -> None:
     for module in MODULES:
         place = module.relative_to(ROOT).parts
-        if place[0] == "motion" and len(place) == 3 and place[1] in ROOMS:
+        if place[0] == "motion" and len(place) == 2 and place[1] not in ("__init__.py", "result.py"):
             used = {x.split(".")[2] for x in imports(module) if x.startswith("energy_opt.motion.")}
-            rooms[place[1]] |= used & set(ROOMS) - {place[1]}
-        elif place[0] == "motion" and len(place) == 2 and place[1] not in ("__init__.py", "result.py"):
-            used = {x.split(".")[2] for x in imports(module) if x.startswith("energy_opt.motion.")}
-            assert not used & set(ROOMS), f"{module}: what all rooms stand on uses one of them"
-    for k, room in enumerate(ROOMS):
-        assert rooms[room] <= set(ROOMS[k + 1 :]), room
-    assert not rooms["limits"] and not rooms["retime"] & {"reshape"}
+            assert not used & set(ROOMS), f"{module}: what all rooms use uses one of them"
+    used = used_rooms("motion", ROOMS)
+    assert not used["limits"] and not used["retime"] & {"reshape"}
 
 
 def privates(module: Path) -> tuple[set[str], dict[str, int]]:

@@ -12,8 +12,8 @@ from scipy.stats import norm
 
 import energy_opt as eo
 from energy_opt.cli.main import main
-from energy_opt.diagnosis.recordings import take_samples
-from energy_opt.diagnosis.residual import mode_words, modes_of
+from energy_opt.diagnosis.data.recordings import take_samples
+from energy_opt.diagnosis.evidence.residual import mode_words, modes_of
 from energy_opt.measured import read_set
 from energy_opt.passports.changes import changes_since
 from energy_opt.passports.sources import friction, loss, read_arm

@@ -20,9 +20,9 @@ from energy_opt.cell.proof import least_heights, turns
 from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene import Scene, SceneObject, Shape
 from energy_opt.cli.main import main
-from energy_opt.diagnosis import predict
-from energy_opt.diagnosis.links import deviations_of
-from energy_opt.diagnosis.recordings import take_samples
+from energy_opt.diagnosis.data import predict
+from energy_opt.diagnosis.data.recordings import take_samples
+from energy_opt.diagnosis.hypothesis.links import deviations_of
 from energy_opt.dynamics import torque_function
 from energy_opt.dynamics.compact import tool_state
 from energy_opt.effects import LinkInertia, Payload

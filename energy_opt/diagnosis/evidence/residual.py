@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from energy_opt.diagnosis.candidates import functions
-from energy_opt.diagnosis.data import Samples
-from energy_opt.diagnosis.errors import reading_of
-from energy_opt.diagnosis.evidence import STEADY
-from energy_opt.diagnosis.fit import Fit, Free
-from energy_opt.diagnosis.predict import Prediction
+from energy_opt.diagnosis.data.predict import Prediction
+from energy_opt.diagnosis.data.samples import Samples
+from energy_opt.diagnosis.evidence.errors import reading_of
+from energy_opt.diagnosis.evidence.odds import STEADY
+from energy_opt.diagnosis.fit.candidates import functions
+from energy_opt.diagnosis.fit.posterior import Fit, Free
 from energy_opt.power import PowerModel
 
 LEVELS = 0.03  # share of the arm's level by which the levels of runs may differ, as meters drift

@@ -18,12 +18,12 @@ from itertools import count
 
 import numpy as np
 
-from energy_opt.diagnosis.clusters import shared_functions
-from energy_opt.diagnosis.data import Samples
-from energy_opt.diagnosis.hypothesis import Chart, Scale
-from energy_opt.diagnosis.links import Links
-from energy_opt.diagnosis.noise import Noise, Shared, Whitener
-from energy_opt.diagnosis.predict import Prediction, predict
+from energy_opt.diagnosis.data.clusters import shared_functions
+from energy_opt.diagnosis.data.noise import Noise, Shared, Whitener
+from energy_opt.diagnosis.data.predict import Prediction, predict
+from energy_opt.diagnosis.data.samples import Samples
+from energy_opt.diagnosis.hypothesis.links import Links
+from energy_opt.diagnosis.hypothesis.terms import Chart, Scale
 from energy_opt.numerics.box import bounded_step
 from energy_opt.power import PowerModel
 

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.diagnosis.data import Samples
-from energy_opt.diagnosis.fit import Fit
-from energy_opt.diagnosis.hypothesis import entries
+from energy_opt.diagnosis.data.predict import predict
+from energy_opt.diagnosis.data.samples import Samples
+from energy_opt.diagnosis.fit.posterior import Fit
+from energy_opt.diagnosis.hypothesis.terms import entries
 from energy_opt.diagnosis.joint_side import JointSide
-from energy_opt.diagnosis.predict import predict
-from energy_opt.diagnosis.verdict import Inference
+from energy_opt.diagnosis.verdict.inference import Inference
 from energy_opt.effects import Effect, LinkInertia
 from energy_opt.effects.parameter import Parameter
 from energy_opt.measured import MeasuredSet

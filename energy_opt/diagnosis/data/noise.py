@@ -18,8 +18,8 @@ from itertools import pairwise, product
 
 import numpy as np
 
-from energy_opt.diagnosis.data import Samples
-from energy_opt.diagnosis.predict import Prediction
+from energy_opt.diagnosis.data.predict import Prediction
+from energy_opt.diagnosis.data.samples import Samples
 
 FLOOR = 0.8  # least noise of a fit, over the noise of single readings
 NORMAL_MEDIAN = 0.6745  # median of |x| of a standard normal x

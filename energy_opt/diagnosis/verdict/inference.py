@@ -13,7 +13,19 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.diagnosis.claims import (
+from energy_opt.diagnosis.data.clusters import FEWEST, clusters, repeats
+from energy_opt.diagnosis.data.noise import Noise, by_chance, standing_noise, weighted
+from energy_opt.diagnosis.data.predict import predict
+from energy_opt.diagnosis.data.samples import Samples
+from energy_opt.diagnosis.evidence.errors import Quality, mostly_explained
+from energy_opt.diagnosis.evidence.odds import links_odds, noise_of
+from energy_opt.diagnosis.evidence.residual import follows
+from energy_opt.diagnosis.fit.posterior import Fit, Nuisance, Stopped, World
+from energy_opt.diagnosis.hypothesis.links import links_of
+from energy_opt.diagnosis.hypothesis.terms import Measured, Scale
+from energy_opt.diagnosis.search.effect_sets import Search, moved, root, without
+from energy_opt.diagnosis.search.kinks import other_drives, settled
+from energy_opt.diagnosis.verdict.claims import (
     CLAIM,
     RIVAL,
     RIVAL_DETAIL,
@@ -34,19 +46,7 @@ from energy_opt.diagnosis.claims import (
     widened,
     written,
 )
-from energy_opt.diagnosis.clusters import FEWEST, clusters, repeats
-from energy_opt.diagnosis.data import Samples
-from energy_opt.diagnosis.errors import Quality, mostly_explained
-from energy_opt.diagnosis.evidence import links_odds, noise_of
-from energy_opt.diagnosis.fit import Fit, Nuisance, Stopped, World
-from energy_opt.diagnosis.hypothesis import Measured, Scale
-from energy_opt.diagnosis.judge import Judge, by_chance_least, contradicted, scattered
-from energy_opt.diagnosis.kinks import other_drives, settled
-from energy_opt.diagnosis.links import links_of
-from energy_opt.diagnosis.noise import Noise, by_chance, standing_noise, weighted
-from energy_opt.diagnosis.predict import predict
-from energy_opt.diagnosis.residual import follows
-from energy_opt.diagnosis.search import Search, moved, root, without
+from energy_opt.diagnosis.verdict.judge import Judge, by_chance_least, contradicted, scattered
 from energy_opt.power import PowerModel
 from energy_opt.robot import Limits
 

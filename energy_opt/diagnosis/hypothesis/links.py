@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from energy_opt.diagnosis.data import Samples
-from energy_opt.diagnosis.predict import predict
+from energy_opt.diagnosis.data.predict import predict
+from energy_opt.diagnosis.data.samples import Samples
 from energy_opt.effects import LinkInertia
 from energy_opt.power import PowerModel
 from energy_opt.robot import RigidBody

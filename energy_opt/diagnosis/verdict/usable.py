@@ -21,16 +21,16 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.diagnosis.claims import written
-from energy_opt.diagnosis.clusters import clusters
-from energy_opt.diagnosis.data import Samples
-from energy_opt.diagnosis.errors import energy, reading_of
-from energy_opt.diagnosis.evidence import drift_of
-from energy_opt.diagnosis.fit import Fit, fit
-from energy_opt.diagnosis.hypothesis import Term, chart
-from energy_opt.diagnosis.noise import Noise
-from energy_opt.diagnosis.predict import predict
-from energy_opt.diagnosis.verdict import Inference
+from energy_opt.diagnosis.data.clusters import clusters
+from energy_opt.diagnosis.data.noise import Noise
+from energy_opt.diagnosis.data.predict import predict
+from energy_opt.diagnosis.data.samples import Samples
+from energy_opt.diagnosis.evidence.errors import energy, reading_of
+from energy_opt.diagnosis.evidence.odds import drift_of
+from energy_opt.diagnosis.fit.posterior import Fit, fit
+from energy_opt.diagnosis.hypothesis.terms import Term, chart
+from energy_opt.diagnosis.verdict.claims import written
+from energy_opt.diagnosis.verdict.inference import Inference
 from energy_opt.power import PowerModel
 
 SLOWER = 1.6  # factor on the duration of the slower motion that a motion is compared with

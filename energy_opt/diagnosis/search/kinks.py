@@ -10,10 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from energy_opt.diagnosis.candidates import candidates, sized_store
-from energy_opt.diagnosis.fit import Fit, columns_of, fit, linearised
-from energy_opt.diagnosis.hypothesis import Chart, entries
-from energy_opt.diagnosis.search import Search, root, without
+from energy_opt.diagnosis.fit.candidates import candidates, sized_store
+from energy_opt.diagnosis.fit.posterior import Fit, columns_of, fit, linearised
+from energy_opt.diagnosis.hypothesis.terms import Chart, entries
+from energy_opt.diagnosis.search.effect_sets import Search, root, without
 from energy_opt.effects import StoreEffect
 
 TRIED = 30  # values over the whole range of a number that are tried

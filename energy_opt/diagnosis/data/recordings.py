@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from energy_opt.diagnosis.data import Samples, laid
-from energy_opt.diagnosis.noise import meter_noise
+from energy_opt.diagnosis.data.noise import meter_noise
+from energy_opt.diagnosis.data.samples import Samples, laid
 from energy_opt.measured import MeasuredSet, Run, Smoothing, choose_smoothing, kinematics
 from energy_opt.measured.run import nodes, operator
 

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.diagnosis.data import Samples
-from energy_opt.diagnosis.errors import reading_of
-from energy_opt.diagnosis.findings import Result
+from energy_opt.diagnosis.data.predict import friction_torque, predict
+from energy_opt.diagnosis.data.samples import Samples
+from energy_opt.diagnosis.evidence.errors import reading_of
 from energy_opt.diagnosis.joint_side import STILL, JointSide
-from energy_opt.diagnosis.predict import friction_torque, predict
+from energy_opt.diagnosis.verdict.findings import Result
 from energy_opt.power.variants import draws_of
 from energy_opt.reports.charts import Chart, Line
 from energy_opt.reports.page import Report

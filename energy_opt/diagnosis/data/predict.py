@@ -10,7 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from energy_opt.diagnosis.data import Samples, pieces, times
+from energy_opt.diagnosis.data.samples import Samples, pieces, times
 from energy_opt.effects import (
     EXACT,
     MeterEffect,

@@ -22,12 +22,12 @@ import numpy as np
 from scipy.linalg import block_diag, solve_triangular
 from scipy.linalg.lapack import dposv
 
-from energy_opt.diagnosis.candidates import Candidate
-from energy_opt.diagnosis.clusters import clusters, samples_of
-from energy_opt.diagnosis.data import Samples
-from energy_opt.diagnosis.fit import DRIFTS, Fit, Free, Nuisance, World, columns_of, linearised, slopes
-from energy_opt.diagnosis.links import Links
-from energy_opt.diagnosis.noise import MISFITS, NORMAL_MEDIAN, WAVES, Noise, Whitener, no_less, weighed
+from energy_opt.diagnosis.data.clusters import clusters, samples_of
+from energy_opt.diagnosis.data.noise import MISFITS, NORMAL_MEDIAN, WAVES, Noise, Whitener, no_less, weighed
+from energy_opt.diagnosis.data.samples import Samples
+from energy_opt.diagnosis.fit.candidates import Candidate
+from energy_opt.diagnosis.fit.posterior import DRIFTS, Fit, Free, Nuisance, World, columns_of, linearised, slopes
+from energy_opt.diagnosis.hypothesis.links import Links
 from energy_opt.numerics.box import bounded_step
 
 SPREADS = (0.003, 0.025, 0.05, 0.085)  # relative deviations of links from their URDF that are compared

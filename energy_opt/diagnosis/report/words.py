@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.diagnosis.clusters import SLOW
-from energy_opt.diagnosis.fit import Fit
-from energy_opt.diagnosis.predict import friction_torque, predict
-from energy_opt.diagnosis.verdict import NOISE, Inference
+from energy_opt.diagnosis.data.clusters import SLOW
+from energy_opt.diagnosis.data.predict import friction_torque, predict
+from energy_opt.diagnosis.fit.posterior import Fit
+from energy_opt.diagnosis.verdict.inference import NOISE, Inference
 from energy_opt.effects import effect_class
 from energy_opt.measured import MeasuredSet, coarse
 from energy_opt.power import PowerModel

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.diagnosis.findings import STUDENT, Finding, unit_of_joints
-from energy_opt.diagnosis.fit import Fit, fit
-from energy_opt.diagnosis.hypothesis import ROTOR, USUAL, Chart, Measured, Scale, chart
+from energy_opt.diagnosis.data.predict import friction_torque
+from energy_opt.diagnosis.fit.posterior import Fit, fit
+from energy_opt.diagnosis.hypothesis.terms import ROTOR, USUAL, Chart, Measured, Scale, chart
 from energy_opt.diagnosis.joint_side import STRANGE, TIMES, JointSide
-from energy_opt.diagnosis.predict import friction_torque
+from energy_opt.diagnosis.verdict.findings import STUDENT, Finding, unit_of_joints
 from energy_opt.effects import TorqueEffect, effect_class
 
 LAWS = ("coulomb_friction", "viscous_friction", "armature")  # in the order of `JointSide.values`

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from energy_opt.diagnosis.data import Samples
-from energy_opt.diagnosis.noise import Shared
-from energy_opt.diagnosis.recordings import take_samples
+from energy_opt.diagnosis.data.noise import Shared
+from energy_opt.diagnosis.data.recordings import take_samples
+from energy_opt.diagnosis.data.samples import Samples
 from energy_opt.measured import MeasuredSet, Run
 from energy_opt.measured.run import cut_at_standstill, pieces
 from energy_opt.robot import Limits

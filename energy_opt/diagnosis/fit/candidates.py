@@ -8,10 +8,10 @@ from itertools import groupby, product, zip_longest
 
 import numpy as np
 
-from energy_opt.diagnosis.data import Samples
-from energy_opt.diagnosis.fit import Fit, Free
-from energy_opt.diagnosis.hypothesis import USUAL, Chart, Term, chart, entries, sized
-from energy_opt.diagnosis.predict import predict, recorded
+from energy_opt.diagnosis.data.predict import predict, recorded
+from energy_opt.diagnosis.data.samples import Samples
+from energy_opt.diagnosis.fit.posterior import Fit, Free
+from energy_opt.diagnosis.hypothesis.terms import USUAL, Chart, Term, chart, entries, sized
 from energy_opt.effects import Effect, LinkInertia, MeterEffect, RunOffset, StoreEffect, known_effects
 
 # effects that every hypothesis includes; they are never reported as a cause

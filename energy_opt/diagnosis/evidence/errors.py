@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.diagnosis.clusters import clusters
-from energy_opt.diagnosis.data import Samples
-from energy_opt.diagnosis.noise import Noise, Whitener
-from energy_opt.diagnosis.predict import Prediction, predict
+from energy_opt.diagnosis.data.clusters import clusters
+from energy_opt.diagnosis.data.noise import Noise, Whitener
+from energy_opt.diagnosis.data.predict import Prediction, predict
+from energy_opt.diagnosis.data.samples import Samples
 from energy_opt.power import PowerModel
 
 DRAWS = 999

@@ -13,10 +13,10 @@ from itertools import combinations
 
 import numpy as np
 
-from energy_opt.diagnosis.candidates import Candidate, candidates, functions
-from energy_opt.diagnosis.evidence import Bank, Block, Subset, Weighed
-from energy_opt.diagnosis.fit import Fit, Free, Nuisance, World, fit
-from energy_opt.diagnosis.hypothesis import Chart, Term, chart
+from energy_opt.diagnosis.evidence.odds import Bank, Block, Subset, Weighed
+from energy_opt.diagnosis.fit.candidates import Candidate, candidates, functions
+from energy_opt.diagnosis.fit.posterior import Fit, Free, Nuisance, World, fit
+from energy_opt.diagnosis.hypothesis.terms import Chart, Term, chart
 from energy_opt.effects import Effect
 
 # Prior log odds of an effect (one in fifty), of a refitted declared effect, of a free function. RARE is added before an

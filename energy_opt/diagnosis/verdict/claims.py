@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from energy_opt.diagnosis.candidates import Candidate
-from energy_opt.diagnosis.evidence import SPREADS, Bank, Subset, drifts_most, noise_of
-from energy_opt.diagnosis.fit import Fit, Free, fit
-from energy_opt.diagnosis.hypothesis import Chart
-from energy_opt.diagnosis.kinks import other_drives
-from energy_opt.diagnosis.noise import Noise
-from energy_opt.diagnosis.predict import predict
-from energy_opt.diagnosis.search import FREE_ODDS, Search, buildable, free_block, moved, rarity, without
+from energy_opt.diagnosis.data.noise import Noise
+from energy_opt.diagnosis.data.predict import predict
+from energy_opt.diagnosis.evidence.odds import SPREADS, Bank, Subset, drifts_most, noise_of
+from energy_opt.diagnosis.fit.candidates import Candidate
+from energy_opt.diagnosis.fit.posterior import Fit, Free, fit
+from energy_opt.diagnosis.hypothesis.terms import Chart
+from energy_opt.diagnosis.search.effect_sets import FREE_ODDS, Search, buildable, free_block, moved, rarity, without
+from energy_opt.diagnosis.search.kinks import other_drives
 from energy_opt.effects import Effect
 from energy_opt.power import PowerModel
 

@@ -9,13 +9,13 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from energy_opt.diagnosis.claims import CLAIM, Claim, written
-from energy_opt.diagnosis.clusters import clusters, samples_of
-from energy_opt.diagnosis.data import Samples
-from energy_opt.diagnosis.errors import Quality, quality
-from energy_opt.diagnosis.evidence import density, drift_of, foresight
-from energy_opt.diagnosis.fit import Fit
-from energy_opt.diagnosis.noise import Noise, Whitener
+from energy_opt.diagnosis.data.clusters import clusters, samples_of
+from energy_opt.diagnosis.data.noise import Noise, Whitener
+from energy_opt.diagnosis.data.samples import Samples
+from energy_opt.diagnosis.evidence.errors import Quality, quality
+from energy_opt.diagnosis.evidence.odds import density, drift_of, foresight
+from energy_opt.diagnosis.fit.posterior import Fit
+from energy_opt.diagnosis.verdict.claims import CLAIM, Claim, written
 from energy_opt.power import PowerModel
 
 CHANCE = 2.0  # [standard deviations] by which log odds may be below their expectation

@@ -1,0 +1,1 @@
+"""How well hypotheses explain the data: evidence, errors, and what remains."""

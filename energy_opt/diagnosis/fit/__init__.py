@@ -1,0 +1,1 @@
+"""The fit of one hypothesis, and the candidates for one more effect."""

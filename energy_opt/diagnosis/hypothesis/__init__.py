@@ -1,0 +1,1 @@
+"""What may be missing: terms of effects with their priors, and deviating links."""

@@ -74,7 +74,7 @@ def test_the_long_turn_of_a_continuous_joint_causes_a_warning() -> None:
 
 
 def test_payloads_in_grams_and_millimetres_are_refused(panda: Robot) -> None:
-    with pytest.raises(BadInput, match=r"grams\? 0\.5 kg"):
+    with pytest.raises(BadInput, match=r"grams\? then 0\.5 kg"):
         carried("500", panda)
     for given in ("1.5,20,0,50", [1.5, 0.0, 0.0, 50.0]):
         with pytest.raises(BadInput, match=r"millimetres\? 0\.05 m"):

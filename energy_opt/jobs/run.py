@@ -218,11 +218,11 @@ def fast_enough(job: Job, work: Worker, legs: tuple[Leg, ...]) -> tuple[tuple[Le
     timings = [work.timing(leg) for leg in legs]
     durations = [max(timing.duration, leg.least) for leg, timing in zip(legs, timings, strict=True)]
     late = sum(durations) > job.cycle_time - job.waiting
-    for k, (leg, duration) in enumerate(zip(legs, durations, strict=True)):
-        if late or duration > leg.most:
-            quick, timings[k] = work.quickest(leg, timings[k])
-            legs = (*legs[:k], quick, *legs[k + 1 :])
-    return legs, timings
+    pairs = [
+        work.quickest(leg, timing) if late or duration > leg.most else (leg, timing)
+        for leg, timing, duration in zip(legs, timings, durations, strict=True)
+    ]
+    return tuple(leg for leg, _ in pairs), [timing for _, timing in pairs]
 
 
 def _shortest(job: Job, legs: Sequence[Leg], timings: Sequence[Timing]) -> np.ndarray:

@@ -4,15 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from energy_opt.cell.cell import Cell
+from energy_opt.cell.request import CellRequest
+from energy_opt.cell.scene_files import read_scene
 from energy_opt.motion.initial_paths import InitialPath, find_paths
 from energy_opt.motion.initial_paths.find import Ends, Looks
 from energy_opt.motion.initial_paths.polyline import Rounding, between
 from energy_opt.motion.initial_paths.roadmap import cheap_paths
+from energy_opt.motion.initial_paths.room import LOOKED, Room
 from energy_opt.motion.path import JointPath
+from energy_opt.robot import load_robot
 
 START, GOAL = np.array([-1.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0])
 STEP = np.full(3, 0.05)
@@ -114,6 +120,23 @@ def test_a_planner_finds_the_end_of_a_narrow_burrow(seed: int) -> None:
     ends = Ends.of(np.full(5, -1.0), burrow.axis[-1], np.full(5, -2.5), np.full(5, 2.5), np.ones(5))
     (found,) = find_paths(burrow, ends, np.full(5, 0.05), seed=seed)
     assert found.source == "ompl" and burrow.unproven(found.path) is None
+
+
+@pytest.mark.parametrize("kept", [0.002, 0.05])
+def test_the_check_of_poses_agrees_with_distances(kept: float, tmp_path: Path) -> None:
+    """Distances are the package's own; the check is coal's, which compares bounding boxes first."""
+    robot = load_robot("panda")
+    scene = tmp_path / "scene.yaml"
+    scene.write_text("objects: [{name: block, type: box, size: [0.3, 0.2, 0.5], position: [0.5, 0, 0.3]}]")
+    cell = Cell(robot, CellRequest(floor=-0.02), read_scene(scene))
+    poses = np.random.default_rng(0).uniform(robot.limits.lower, robot.limits.upper, (400, robot.n))
+    near = np.array([min((d for _, d in cell.distances(q, 0.2)), default=0.2) for q in poses])
+    free = poses[np.argsort(-near)[:2]]
+    room = Room(cell, free, kept)
+    clear = np.array([room.clear(q) for q in poses])
+    margin = LOOKED * max(kept, 2 * cell.asked)
+    assert 20 < clear.sum() < 380
+    assert clear[near > margin + 1e-4].all() and not clear[near < margin - 1e-4].any()
 
 
 def test_a_search_without_a_path_ends(monkeypatch: pytest.MonkeyPatch) -> None:

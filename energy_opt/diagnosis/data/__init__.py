@@ -1,1 +1,1 @@
-"""What was measured, as the fit sees it: samples, repeats of motions, noise, and what a model predicts for them."""
+"""Measured data in the form that the fit uses: samples, repeats of motions, noise, and predictions of a model."""

@@ -204,7 +204,7 @@ def functions(now: Fit) -> Iterator[Free]:
     yield from torques("position", [_hats(s.q[:, j], moving[:, j], HATS) for j in range(s.n)])
     yield from torques("velocity", [_hats(s.v[:, j], moving[:, j], HATS) for j in range(s.n)])
     presliding = np.exp(-travel(s.v, s.t, s.slices) / (PRESLIDING * s.unit)) * np.sign(s.v)
-    yield from torques("way since reversal", [presliding[:, [j]] for j in range(s.n)])
+    yield from torques("travel since reversal", [presliding[:, [j]] for j in range(s.n)])
     power = 0.05 * w.scale.level
     always = np.ones(len(s.t), dtype=bool)
     for signal, columns in (

@@ -141,7 +141,7 @@ def side_remarks(side: JointSide | None, records: Sequence[dict[str, Any]]) -> l
         out.append(f"The logged currents of {names} have the opposite sign of the torque: used with the other sign.")
     for row in records:
         if row["disagreement"] is not None and row["disagreement"] > DISAGREE:
-            speed, effort = row["units"].values()
+            speed, effort = row["units"]["speed"], row["units"]["friction"]
             out.append(
                 f"{row['joint']}: friction at {row['speed']:.2g} {speed} is {row['own']['friction']:.3g} {effort} by "
                 f"its own readings and {row['power']['friction']:.3g} {effort} by the power: the two sides disagree."

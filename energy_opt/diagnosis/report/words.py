@@ -246,7 +246,9 @@ def summary(d: dict[str, Any]) -> str:
     for row in d["effects"]:
         refit = " (declared value fitted anew)" if row["refit"] else ""
         odds = f", odds e^{row['log_odds']:.0f}" if row["log_odds"] is not None else ""
-        lines.append(f"  {row['name']}{refit}: {100 * row['share_of_residual']:.0f} % of what is explained{odds}")
+        percent = 100 * row["share_of_residual"]
+        share = f"{percent:.0f} %" if percent >= 1 else "less than 1 %"
+        lines.append(f"  {row['name']}{refit}: {share} of what is explained{odds}")
         lines += [f"    {line}" for line in _values(row, d["joints"])]
     if d["joint_side"]:
         lines += ["joints' own readings:", *(f"  {line}" for line in side_words(d["joint_side"]))]
@@ -294,7 +296,7 @@ def side_words(records: Sequence[dict[str, Any]]) -> list[str]:
         torque = f"torque {row['scale']:.3g} times the reading"
         said += torque if row["unit"] == "1" else f"Kt {row['scale']:.3g} {row['unit']}"
         if row["own"] is not None:
-            speed, unit = row["units"].values()
+            speed, unit = row["units"]["speed"], row["units"]["friction"]
             said += f", friction at {row['speed']:.2g} {speed} {_span(row['own'], unit)} by its own readings"
             if row["power"] is not None:
                 said += f", {_span(row['power'], unit)} by the power alone, {_span(row['together'], unit)} by both"

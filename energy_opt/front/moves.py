@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import fields, replace
+from numbers import Real
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar
@@ -216,8 +217,7 @@ def ends_of(request: MoveRequest, robot: Robot, around: CellRequest) -> Ends | N
     ends: list[Any] = [
         pose(goal, "--goal-pose") if _is_pose(goal) else _end(request, goal, robot, "goal") for goal in goals
     ]
-    if request.goal_pose is not None:
-        ends.append(pose(request.goal_pose, "--goal-pose", request.free))
+    ends += [pose(each, "--goal-pose", request.free) for each in _poses(request.goal_pose)]
     if not ends:
         raise BadInput("--goal is missing; give --goal or --goal-pose")
     if posed is None and start is None:
@@ -239,6 +239,15 @@ def _goals(given: Any) -> list[Any]:
         return list(given["any_of"])
     many = isinstance(given, AnyOf) or (isinstance(given, (list, tuple)) and given and isinstance(given[0], str))
     return [each for each in given if each is not None] if many else [given]
+
+
+def _poses(given: Any) -> list[Any]:
+    """The given poses as a list; four rows of four numbers are one matrix."""
+    if given is None:
+        return []
+    many = isinstance(given, (list, tuple, np.ndarray)) and len(given) and not isinstance(given[0], Real)
+    matrix = many and len(given) == 4 and all(np.shape(row) == (4,) for row in given)
+    return list(given) if many and not matrix else [given]
 
 
 def written(given: Mapping[str, Any], name: str) -> Pose:

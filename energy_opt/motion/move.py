@@ -103,9 +103,10 @@ class Move:
         return self.input.velocity[0], self.input.velocity[-1]
 
 
-def _vector(values: object, name: str) -> np.ndarray:
+def _vector(values: Any, name: str) -> np.ndarray:
+    """A copy as floats: the caller may change its array later."""
     try:
-        return np.asarray(values, dtype=float)
+        return np.array(values, dtype=float)
     except (TypeError, ValueError):
         raise BadInput(f"--{name}: {values!r} is not joint positions [rad]") from None
 

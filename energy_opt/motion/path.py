@@ -5,6 +5,7 @@ A path contains no times. If it was read from a trajectory, it keeps that trajec
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
@@ -93,6 +94,27 @@ def through(waypoints: np.ndarray) -> JointPath:
         return straight(points[0], points[-1])
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     return _spline(length / length[-1], points, "natural", "natural")
+
+
+def inside(controls: np.ndarray, passed: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> JointPath:
+    """The uniform cubic B-spline of `controls` (K, n) [rad], which stays in their convex hull, so within the bounds.
+
+    It passes the controls of the indices `passed`, each at least 3 from both ends and from each other: at its knots it
+    is (c[i - 1] + 4 c[i] + c[i + 1]) / 6, so the neighbours are moved to c[i] - d and c[i] + d. Bounds `lower` and
+    `upper` are (n,) [rad].
+    """
+    from scipy.interpolate import BSpline
+
+    c = np.array(controls, dtype=float)
+    for i in passed:
+        room = np.maximum(np.minimum(upper - c[i], c[i] - lower), 0.0)
+        before, after = c[i] - c[i - 1], c[i + 1] - c[i]
+        lengths = np.linalg.norm(before), np.linalg.norm(after)
+        d = np.clip((before / lengths[0] + after / lengths[1]) / 2 * min(lengths), -room, room)
+        c[i - 1], c[i + 1] = c[i] - d, c[i] + d
+    knots = np.linspace(0.0, 1.0, len(c) - 2)
+    spline = BSpline(np.concatenate([np.zeros(3), knots, np.ones(3)]), c, 3)
+    return JointPath(knots, np.stack([spline(knots[:-1], m) / math.factorial(m) for m in range(4)]))
 
 
 def of_trajectory(trajectory: Trajectory) -> JointPath:

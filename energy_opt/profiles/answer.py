@@ -75,7 +75,7 @@ def standard_moves(
         except Infeasible:
             continue
     if not costlier(result):
-        said = f"--vias {vias}: these moves cost more than the evenly slowed move; {moves.vias} via points are taken"
+        said = f"--vias {vias}: these moves cost more than the evenly slowed move; --vias {moves.vias} is used"
         return (result if moves.vias <= vias else replace(result, warnings=(*result.warnings, said))), moves
     return _slowed(planner, robust, move, reference, vias + more), None
 

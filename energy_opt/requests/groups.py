@@ -172,9 +172,10 @@ class PoseGroup(Request):
         "pose of the tool, in place of --start: X,Y,Z,R,P,Y or X,Y,Z,QX,QY,QZ,QW [m, rad]; with `OBJECT: ` before it "
         "in that object's frame; or the name of a pose in the scene file; or a file FILE.yaml", "POSE",
     )  # fmt: skip
-    goal_pose: AnyPose | None = option(
-        None, "pose of the tool at the goal; the cheapest joint positions that reach it are chosen", "POSE", main=True
-    )
+    goal_pose: AnyPose | Sequence[AnyPose] | None = option(
+        None, "pose of the tool at the goal, reached by the cheapest joint positions; given several times: the "
+        "cheapest of them", "POSE", several=True, main=True,
+    )  # fmt: skip
     via_pose: Sequence[AnyPose] = option((), "pose that the tool passes (with reshape; repeatable)", "POSE", many=True)
     free: Sequence[str] = option(
         (), "axis x, y, z, rx, ry or rz of the tool's frame that is free at goal and via poses, in a range [mm, deg] "

@@ -78,6 +78,12 @@ def test_a_path_through_via_points_keeps_the_position_limits(panda: Robot, model
     q = move.path(np.linspace(0, 1, 2001))
     assert (q <= panda.limits.upper + 1e-9).all() and (q >= panda.limits.lower - 1e-9).all()
     assert np.abs(q - via).max(axis=1).min() < 5e-3 and free_of_bodies.timing(move).duration < 5.0
+    via[3] = panda.limits.upper[3]  # a spline through it overshoots, however near its points are
+    assert move.via[0][3] != via[3]  # a move keeps its own numbers
+    move, _, _ = free_of_bodies.first_path(Move(start, goal, via=(via,)))
+    q = move.path(np.linspace(0, 1, 20001))
+    assert (q <= panda.limits.upper + 1e-9).all() and (q >= panda.limits.lower - 1e-9).all()
+    assert np.abs(q - via).max(axis=1).min() < 1e-3 and free_of_bodies.timing(move).duration < 5.0
 
 
 def test_one_search_serves_a_move_at_several_durations(

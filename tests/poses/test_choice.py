@@ -322,3 +322,20 @@ def test_a_job_reaches_poses_within_their_tolerance(tmp_path: Path) -> None:
     found = eo.job(tmp_path / "job.toml", model="source-method-2", self_collision=False, starts=2).document()
     (end,) = found["poses"]
     assert end["valid"] and 1e-5 < end["distance"] < 1e-3
+
+
+def test_of_several_poses_the_cheapest_is_taken(tmp_path: Path) -> None:
+    """Only the last one was looked at."""
+    near, far = "0.4,0.3,0.3,3.14159265,0,0", "-0.4,-0.3,0.8,1.5,0,0"
+    options = [*START, "--self-collision", "off", "--duration", "2", "--starts", "2", "--mode", "retime"]
+    energies = []
+    for goals in ((near, far), (near,), (far,)):
+        words = [word for goal in goals for word in ("--goal-pose", goal)]
+        assert main(["optimize", *options, *words, "--force", "--out", str(tmp_path)]) == 0
+        energies.append(json.loads((tmp_path / "result.json").read_text())["energy"]["total"])
+    assert energies[0] == pytest.approx(min(energies[1:]))
+    start = [float(word) for word in START[3].split(",")]
+    given = [[float(x) for x in goal.split(",")] for goal in (near, far)]
+    asked = {"start": start, "duration": 2.0, "starts": 2, "mode": "retime", "self_collision": False}
+    found = eo.optimize("ur5e", "source-method-2", goal_pose=given, **asked).document()
+    assert found["energy"]["total"] == pytest.approx(energies[0]) and len(found["request"]["goals"]) == 2

@@ -166,7 +166,7 @@ def test_moves_that_cost_more_than_slowing_are_no_answer(solved: tuple[Planner, 
     cheap = beside(moves.energy.total - 0.01)
     with_more, taken = standard_moves(planner, None, move, cheap, 0)
     assert taken is not None and taken.vias >= 1 and with_more.energy.total < moves.energy.total - 0.01
-    assert "1 via points are taken" in with_more.warnings[-1]
+    assert "--vias 1 is used" in with_more.warnings[-1]
     kept = replace(move, mode="retime")
     result, none = standard_moves(planner, None, kept, cheap, 0)
     assert none is None and result.status == "not_converged" and result.chosen == "scaled" and result.moves is None

@@ -22,7 +22,7 @@ from energy_opt.motion.judge.clearance import clearance_along
 from energy_opt.motion.limits.base import Limit, box_of
 from energy_opt.motion.limits.keep import Keep
 from energy_opt.motion.move import Move, Settings
-from energy_opt.motion.path import JointPath, straight, through
+from energy_opt.motion.path import JointPath, inside, straight, through
 from energy_opt.motion.path_dynamics import PathDynamics, points_of
 from energy_opt.motion.plan.context import path_of
 from energy_opt.motion.result import FirstPath
@@ -31,7 +31,7 @@ from energy_opt.robot import Robot, Tool
 from energy_opt.robot.kinematics import Kinematics
 
 PATHS = 1  # initial paths to look for if the user gives none; the planner asks for more if the result saves little
-# [rad, m] along paths: spacing of the points of a spline through them, tried in turn; it may overshoot by a share of it
+# [rad, m] along paths: spacing of a spline's controls, tried in turn; it may leave them by a share of it
 STEPS = (0.5, 0.2, 0.1, 0.05, 0.025)
 
 
@@ -140,13 +140,17 @@ def _straight_legs(robot: Robot, move: Move) -> list[InitialPath]:
 
 
 def _path_through(cell: Cell | None, limits: Sequence[Limit], legs: Sequence[InitialPath]) -> InitialPath | None:
-    """One path along others in order: a spline through places of them, within position limits and free; or None."""
+    """One path along others in order: a spline that passes their ends, within position limits and free; or None."""
     source = max((leg.source for leg in legs), key=("straight", "own", "ompl").index)
+    legs = [leg for leg in legs if leg.path.moves]
     chords = [np.linalg.norm(np.diff(leg.path(np.linspace(0, 1, CHECKS)), axis=0), axis=1).sum() for leg in legs]
+    bounds = box_of(limits, legs[0].path.n)
     for step in STEPS:
-        counts = [2 + int(chord / step) for chord in chords]
+        counts = [4 + int(chord / step) for chord in chords]
         places = [leg.path(np.linspace(0, 1, count))[:-1] for leg, count in zip(legs, counts, strict=True)]
-        path = through(np.vstack([*places, legs[-1].path.goal]))
+        path = inside(
+            np.vstack([*places, legs[-1].path.goal]), np.cumsum(counts[:-1]) - np.arange(1, len(legs)), *bounds
+        )
         if _is_inside(limits, path) and (cell is None or clearance_along(cell, path).proven):
             return InitialPath(path, source, legs[-1].seconds, sum(leg.length for leg in legs))
     return None

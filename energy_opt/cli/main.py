@@ -171,6 +171,10 @@ def _run_verb(args: argparse.Namespace, words: tuple[str, ...]) -> int:
     force = getattr(args, "force", False)
     desk = Terminal(out, force, words, quiet=args.quiet, verbose=args.verbose)
     with stdout_for_json(args.json):
+        if verb.results:  # else it computes nothing
+            from energy_opt.numerics import native
+
+            native.begin()
         found = function_of(args.verb)(request, desk)
     folder = Path(out or getattr(found, "out", None) or ".")
     if getattr(args, "view", False):

@@ -242,11 +242,11 @@ def _goals(given: Any) -> list[Any]:
 
 
 def _poses(given: Any) -> list[Any]:
-    """The given poses as a list; four rows of four numbers are one matrix."""
+    """The given poses as a list; four times four numbers are one matrix."""
     if given is None:
         return []
     many = isinstance(given, (list, tuple, np.ndarray)) and len(given) and not isinstance(given[0], Real)
-    matrix = many and len(given) == 4 and all(np.shape(row) == (4,) for row in given)
+    matrix = many and len(given) == 4 and all(np.shape(line) == (4,) for line in given)
     return list(given) if many and not matrix else [given]
 
 

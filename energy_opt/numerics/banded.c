@@ -5,13 +5,6 @@
    left out. Functions without `static` are called from `quadratic.py`. `interior.py` states the same loop in NumPy,
    defines the constants in capitals, and says what they mean. */
 
-#include <math.h>
-#include <stdbool.h>
-#include <stdint.h>
-#include <stdlib.h>
-#include <string.h>
-
-typedef int64_t I;
 typedef struct { /* the matrix A of constraints; see `quadratic.Constraints` */
     I n, one, wide, placed, places, border;
     const I *first, *joint, *wide_first, *place, *place_first;
@@ -24,9 +17,6 @@ typedef struct { /* where bounds are: of N + k unknowns, of constraints with a f
     I size, lows, highs;
     const I *low, *high;
 } Bounds;
-
-static double larger(double x, double y) { return x > y ? x : y; }
-static double smaller(double x, double y) { return x < y ? x : y; }
 
 /* A factor keeps its columns `stride` apart, so that loops may run in whole blocks of eight into zeros behind each; the
    last of these is the inverse of the diagonal. Four columns of zeros and `solve`'s vector come behind it. */

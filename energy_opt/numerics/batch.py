@@ -16,7 +16,8 @@ import casadi as ca
 import numpy as np
 
 from energy_opt.numerics import native
-from energy_opt.numerics.lanes import LANES, Compiled, sizes
+from energy_opt.numerics.lanes import Compiled, sizes
+from energy_opt.numerics.native import LANES
 from energy_opt.numerics.vectors import program_of, width_of
 
 # Points per block of CasADi's virtual machine, and least points for NumPy: the time and memory to build the function
@@ -36,7 +37,7 @@ class Batch:
 
     def __init__(self, function: ca.Function | Compiled, count: int) -> None:
         ready = isinstance(function, Compiled)
-        c = None if ready else native.library()
+        c = None if ready else native.library("vectors")
         program = program_of(function) if not ready and (c is not None or count >= BLOCK) else None
         inputs, outputs = (function.inputs, function.outputs) if ready else sizes(function)
         if ready:

@@ -39,7 +39,7 @@ class Clouds:
 
     def lowest(self, which: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """For sets (M,), the index (M,) of the lowest point along directions (M, 3), and its coordinate (M,) there."""
-        vertex, height, c = np.zeros(len(which), dtype=np.int64), np.zeros(len(which)), native.library()
+        vertex, height, c = np.zeros(len(which), dtype=np.int64), np.zeros(len(which)), native.library("hulls")
         if c is None:
             for one, some in _groups(which):
                 all_ = direction[some] @ self.sets[one].T
@@ -61,7 +61,7 @@ class Clouds:
         The first is the lowest. Where `many` (M,), others that are at most `above` higher follow, each the one that is
         farthest from those before, as long as it is more than `beside` from them; -1 where there is none.
         """
-        out, c = np.full((len(which), most), -1, dtype=np.int64), native.library()
+        out, c = np.full((len(which), most), -1, dtype=np.int64), native.library("hulls")
         if c is None:
             for one, some in _groups(which):
                 points = self.sets[one]
@@ -141,7 +141,7 @@ class Hulls:
                 those found replace them.
         """
         count, links = origin.shape[:2]
-        c, out = native.library(), np.empty((count, len(a)))
+        c, out = native.library("hulls"), np.empty((count, len(a)))
         if c is None:
             out[:] = self._bounds(rotation, origin, a, b)
             out[out < reach] = np.nan
@@ -175,7 +175,7 @@ class Hulls:
             (M,) each, in m: what a pair keeps during the whole motion; its distance in the middle, less the margin
                 (-inf: not needed; NaN: unknown); how far its bodies approach each other.
         """
-        c = native.library()
+        c = native.library("hulls")
         if c is None:
             return None
         bound, distance, travel = (np.empty(len(normal)) for _ in range(3))

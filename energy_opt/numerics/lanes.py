@@ -18,7 +18,8 @@ from typing import Any
 
 import casadi as ca
 
-LANES = 8  # points at once: doubles in the widest registers
+from energy_opt.numerics.native import LANES
+
 HEAD = f"""
 typedef double V __attribute__((vector_size({8 * LANES})));
 #define EACH for (int l = 0; l < {LANES}; l++)

@@ -7,7 +7,9 @@ folders or files that others own or may write to are not used.
 
 from __future__ import annotations
 
+import atexit
 import hashlib
+import logging
 import os
 import platform
 import shutil
@@ -15,9 +17,13 @@ import stat
 import subprocess
 import tempfile
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
+
+log = logging.getLogger(__name__)
+RATE = 2e4  # [characters of C per second] approximate speed of compiling, for the estimate of the remaining time
 
 # -O2: at -O1, GCC does not clear the wide registers before it calls `tanh` or `sin`, and each call waits for that: it
 # takes 16 times as long (tests/numerics/test_lanes.py compares it with NumPy).
@@ -29,6 +35,12 @@ CPU_LINES = ("vendor_id", "cpu family", "model", "flags", "CPU implementer", "CP
 
 class Unusable(Exception):
     """There is no usable cache, or no library in it; the message states why in one line."""
+
+
+def compiler() -> str | None:
+    """The C compiler: $CC, else cc, gcc or clang; None if there is none."""
+    names = [name for name in (os.environ.get("CC"), "cc", "gcc", "clang") if name]
+    return next((path for name in names if (path := shutil.which(name))), None)
 
 
 @lru_cache(maxsize=1)
@@ -114,6 +126,40 @@ def find(cache: Path, key: str) -> Path | None:
         with suppress(OSError):  # another process may have removed it; a folder of that name is left alone
             path.unlink()
     return None
+
+
+def found_or_built(key: str, source: Callable[[], str], cc: str, flags: tuple[str, ...] = ()) -> Path:
+    """The library of that key, built now if it is not in the cache; for this process alone if there is no cache.
+
+    Args:
+        source: returns the C source, which is written only for a build. cc, flags: see `build`.
+
+    Raises:
+        Unusable: the compiler fails, or nothing can be written anywhere.
+    """
+
+    def inside(cache: Path) -> Path:
+        found = find(cache, key)
+        if found is not None:
+            return found
+        code = source()
+        log.info("compiling functions, once and for all later runs", extra={"expected": len(code) / RATE})
+        return build(cache, key, code, cc, flags)
+
+    with suppress(Unusable):
+        return inside(folder())
+    try:
+        return inside(_own_folder())
+    except OSError as error:
+        raise Unusable(f"no folder for the node functions: {error}") from None
+
+
+@lru_cache(maxsize=1)
+def _own_folder() -> Path:
+    """A temporary folder for this process's libraries."""
+    out = tempfile.mkdtemp(prefix="energy-opt-")
+    atexit.register(shutil.rmtree, out, ignore_errors=True)
+    return Path(out)
 
 
 def build(cache: Path, key: str, source: str, cc: str, flags: tuple[str, ...] = ()) -> Path:

@@ -1,25 +1,25 @@
 """The C files of this folder, compiled once, kept in the cache, called by ctypes; None without a compiler.
 
-The machine's C compiler builds them in two to three seconds; Numba would take fifteen. A quadratic program of 56
-unknowns takes 0.2 ms, in NumPy 5 ms; one of 294 unknowns 1 to 3 ms, with the library PIQP 18 to 38 ms.
+The machine's C compiler builds them side by side in one to two seconds; Numba would take fifteen. A quadratic program
+of 56 unknowns takes 0.2 ms, in NumPy 5 ms; one of 294 unknowns 1 to 3 ms, with the library PIQP 18 to 38 ms.
 """
 
 from __future__ import annotations
 
 import ctypes
+import re
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 
-import casadi as ca
 import numpy as np
 
-from energy_opt.errors import BadInput
-from energy_opt.numerics import compile as build
 from energy_opt.numerics import interior
-from energy_opt.numerics.lanes import LANES
+from energy_opt.numerics import library as libraries
 
 LOCAL = 6  # control points of a window
+LANES = 8  # points at once: doubles in the widest registers
 FLAGS = (
     "-fopenmp-simd", "-fno-math-errno", "-fno-trapping-math", "-fassociative-math", "-fno-signed-zeros", "-lm",
 )  # fmt: skip
@@ -29,7 +29,8 @@ LEVELS = ("-O2", "-ftree-vectorize", "-fvect-cost-model=dynamic", "-finline-func
 DEFINED = (
     "BARRIER", "BEGIN_BOX", "BEGIN_ROW", "STUCK", "CLOSE", "STEPS", "PRIMAL", "DUAL", "LEAST_DAMPING", "MOST_DAMPING",
 )  # fmt: skip
-FILES = "banded.c", "clouds.c", "hulls.c", "program.c"
+# One library for each module that calls it, so that several compilers run at once. All begin with `common.c`.
+FILES = {"quadratic": ("banded.c",), "hulls": ("clouds.c", "hulls.c"), "vectors": ("program.c",)}
 INTEGERS = ("first", "joint", "wide_first", "place", "place_first")
 NUMBERS = ("coefficient", "wide", "gradient", "basis", "border")
 
@@ -91,15 +92,49 @@ def pointer(x: np.ndarray) -> ctypes.c_void_p:
     return ctypes.c_void_p(ctypes.addressof(ctypes.c_char.from_buffer(x.data)) if x.size else None)
 
 
-@lru_cache(maxsize=1)
-def library() -> ctypes.CDLL | None:
-    """The compiled functions; None without a compiler, or if it fails."""
+def library(part: str) -> ctypes.CDLL | None:
+    """The compiled functions of a part; None without a compiler, or if it fails."""
+    return started(part).result()
+
+
+def begin() -> None:
+    """Begin to find or build all libraries, beside the imports of a run."""
+    for part in FILES:
+        started(part)
+
+
+@cache
+def started(part: str) -> Future[ctypes.CDLL | None]:
+    """The library of a part, which is found or built beside the caller."""
+    return _threads().submit(_found_or_built, part)
+
+
+@cache
+def _threads() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(len(FILES))
+
+
+@cache
+def operations() -> tuple[str, ...]:
+    """CasADi's names of the operations that `program.c` knows; an operation's number there is its place here."""
+    return tuple(dict.fromkeys(re.findall(r"OP_[A-Z0-9_]+", _text("program.c"))))
+
+
+def _text(name: str) -> str:
+    return Path(__file__).with_name(name).read_text(encoding="utf-8")
+
+
+def _found_or_built(part: str) -> ctypes.CDLL | None:
     constants = {"LOCAL": LOCAL, "LANES": LANES} | {name: getattr(interior, name) for name in DEFINED}
-    constants |= {name: getattr(ca, name) for name in dir(ca) if name.startswith("OP_")}
+    constants |= {name: number for number, name in enumerate(operations())}
     source = "".join(f"#define {name} {value!r}\n" for name, value in constants.items())
-    source += "".join(Path(__file__).with_name(name).read_text(encoding="utf-8") for name in FILES)
+    source += "".join(map(_text, ("common.c", *FILES[part])))
+    cc = libraries.compiler()
+    if cc is None:
+        return None
     for level in LEVELS:
-        with suppress(BadInput, OSError):
-            found = build.library_of(source, (*level, *FLAGS))
-            return ctypes.CDLL(str(found)) if found else None
+        flags = *level, *FLAGS
+        with suppress(libraries.Unusable, OSError):
+            key = libraries.key_of(source, cc, *flags)
+            return ctypes.CDLL(str(libraries.found_or_built(key, lambda: source, cc, flags)))
     return None

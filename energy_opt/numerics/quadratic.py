@@ -30,7 +30,7 @@ __all__ = ["LEAST_DAMPING", "Banded", "Constraints", "Minimum", "add_nodes", "ad
 
 def add_nodes(band: np.ndarray, blocks: np.ndarray, local: np.ndarray, first: np.ndarray, n: int) -> None:
     """Add the sum over nodes of L' C L to a band; arguments as those of `interior.add_nodes`."""
-    c = native.library()
+    c = native.library("quadratic")
     if c is None:
         interior.add_nodes(band, blocks, local, first, n)
         return
@@ -45,7 +45,7 @@ def add_nodes(band: np.ndarray, blocks: np.ndarray, local: np.ndarray, first: np
 
 def add_places(band: np.ndarray, blocks: np.ndarray, basis: np.ndarray, first: np.ndarray, n: int) -> None:
     """Add the sum over places of (B B') kron M to a band; `blocks` M (K, n, n) symmetric, `basis` B (K, 6)."""
-    c = native.library()
+    c = native.library("quadratic")
     if c is not None:
         given = [np.ascontiguousarray(x, dtype=np.float64) for x in (blocks, basis)]
         begin, sizes = np.ascontiguousarray(first, dtype=np.int64), map(ctypes.c_int64, (len(band), len(blocks), n))
@@ -69,7 +69,7 @@ class Banded:
         """The product with d (N + k,)."""
         n = len(self.band)
         out = np.empty(len(d))
-        c = native.library()
+        c = native.library("quadratic")
         if c is None:
             out[:n] = interior.multiply(self.band, d[:n])
         else:
@@ -156,7 +156,7 @@ class Constraints:
 
     def times(self, d: np.ndarray) -> np.ndarray:
         """A d (R,) for d (N + k,)."""
-        size, c = len(d) - self.border.shape[1], native.library()
+        size, c = len(d) - self.border.shape[1], native.library("quadratic")
         if c is None:
             return np.asarray(self.sparse(size) @ d)
         out, d = np.empty(self.count), np.ascontiguousarray(d, dtype=np.float64)
@@ -218,7 +218,7 @@ def minimise(
     damping: float = 0.0, tolerance: float = 1e-6,
 ) -> Minimum:  # fmt: skip
     """Solve the program; if H is not convex enough, multiples of `mass` are added to it."""
-    c, size, inner = native.library(), len(g), len(h.band)
+    c, size, inner = native.library("quadratic"), len(g), len(h.band)
     if c is None:
         parts, heavy = (h.band, h.border, h.corner), (mass.band, mass.border, mass.corner)
         a, bounds = held.sparse(inner), (held.floor, held.ceiling)

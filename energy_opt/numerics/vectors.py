@@ -19,7 +19,7 @@ import casadi as ca
 import numpy as np
 
 from energy_opt.numerics import native
-from energy_opt.numerics.lanes import LANES
+from energy_opt.numerics.native import LANES
 
 
 def _if_else_zero(condition: np.ndarray, x: np.ndarray, out: np.ndarray) -> np.ndarray:
@@ -71,10 +71,13 @@ class Program:
         sizes = np.array(self.sizes, dtype=np.int64)
         addresses = (ctypes.c_void_p * len(arrays))(*(x.ctypes.data for x in arrays))
         numbers = width, len(arrays[0]) // width, self.registers, self.inputs, len(arrays)
-        given = [native.pointer(self.code), ctypes.c_long(len(self.code)), native.pointer(places)]
+        numbers_in_c = {getattr(ca, name): number for number, name in enumerate(native.operations())}
+        code = self.code.copy()
+        code[:, 0] = [numbers_in_c[operation] for operation in self.code[:, 0].tolist()]
+        given = [native.pointer(code), ctypes.c_long(len(code)), native.pointer(places)]
         given += [*map(ctypes.c_long, numbers), native.pointer(sizes)]
 
-        def call(_held: tuple[np.ndarray, ...] = (places, sizes, self.code, *arrays)) -> None:
+        def call(_held: tuple[np.ndarray, ...] = (places, sizes, code, *arrays)) -> None:
             c.program_run(*given, addresses)
 
         return call

@@ -175,7 +175,7 @@ def dense(robot: Robot, t: Trajectory, samples: int = 400) -> float:
 def test_random_moves_against_a_dense_judge(name: str, compiled: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is proven is nowhere in contact, and what collides is in contact where the proof says."""
     if not compiled:
-        monkeypatch.setattr(native, "library", lambda: None)
+        monkeypatch.setattr(native, "library", lambda part: None)
     robot = load_robot(name)
     cell = Cell(robot, CellRequest(clearance=0.0005))
     rng = np.random.default_rng(4)

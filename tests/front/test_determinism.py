@@ -20,7 +20,7 @@ from energy_opt.batches.batch import run_batch
 from energy_opt.batches.suite import load_suite
 from energy_opt.dynamics import compact
 from energy_opt.errors import BadInput
-from energy_opt.numerics.compile import compiler
+from energy_opt.numerics.library import compiler
 from energy_opt.robot import Link
 
 A = np.array([0, 1, -1, 0, 0, 0.0]), np.array([1, 1.5, -1.5, 0.2, 0.3, 0.4])

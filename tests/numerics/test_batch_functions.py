@@ -16,7 +16,7 @@ from energy_opt.numerics.vectors import program_of
 @pytest.fixture(params=["with a compiler", "without"], autouse=True)
 def compiler(request, monkeypatch):
     if request.param == "without":
-        monkeypatch.setattr(native, "library", lambda: None)
+        monkeypatch.setattr(native, "library", lambda part: None)
 
 
 def test_every_block_and_every_owner():

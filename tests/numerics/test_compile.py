@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from energy_opt.motion import Move, Planner, Settings
-from energy_opt.numerics import compile as compile_module
 from energy_opt.numerics import library
 from energy_opt.numerics.batch import Batch
-from energy_opt.numerics.compile import compiled, compiler
+from energy_opt.numerics.compile import compiled
+from energy_opt.numerics.library import compiler
 from energy_opt.robot import load_robot
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
@@ -110,7 +110,7 @@ def test_a_cache_that_is_not_private_or_not_there(cache, functions, monkeypatch,
     built, done = compiled(functions, "auto")
     assert not done and works(built)
     if kind not in ("full", "foreign"):
-        compile_module._own_folder.cache_clear()
+        library._own_folder.cache_clear()
         built, done = compiled(functions, "always")  # for this process alone
         assert done and works(built)
     assert not libraries(cache)

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from energy_opt.numerics.batch import Batch
-from energy_opt.numerics.compile import compiled, compiler
-from energy_opt.numerics.lanes import LANES
+from energy_opt.numerics.compile import compiled
+from energy_opt.numerics.library import compiler
+from energy_opt.numerics.native import LANES
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 

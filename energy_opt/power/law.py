@@ -282,7 +282,7 @@ def returned_power(model: PowerModel, step: np.ndarray, bus: np.ndarray) -> np.n
 
 def body_of(model: PowerModel, body: RigidBody) -> RigidBody:
     """The rigid body with the model's links; with the URDF's links if the model does not change them."""
-    return _with_links(body, _rigid(model.effects))
+    return _with_links(body, _rigid(model.effects)) or body
 
 
 def rigid_inputs(model: PowerModel, body: RigidBody) -> tuple[PointMass | None, np.ndarray]:
@@ -298,15 +298,15 @@ def _rigid(effects: Iterable[Effect]) -> tuple[RigidEffect, ...]:
 
 
 @lru_cache(maxsize=64)
-def _with_links(body: RigidBody, effects: tuple[RigidEffect, ...]) -> RigidBody:
-    """The body with the links of the first effect that changes them."""
+def _with_links(body: RigidBody, effects: tuple[RigidEffect, ...]) -> RigidBody | None:
+    """The body with the links of the first effect that changes them; None if none does."""
     nominal = [(x.mass, ca.DM(x.lever), ca.DM(x.inertia)) for x in (body.plain.own_links() if effects else ())]
     for effect in effects:
         links = effect.links(nominal, effect.named(ca.DM(effect.full(body.n)), body.n))
         if links is not None:
             changed = [np.stack([np.array(x).squeeze() for x in part]) for part in zip(*links, strict=True)]
             return body.with_links(*changed)
-    return body
+    return None
 
 
 @lru_cache(maxsize=64)

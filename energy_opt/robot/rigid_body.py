@@ -85,6 +85,8 @@ def _built(description: Description, lock: Mapping[str, float]) -> pin.Model:
 class RigidBody:
     """A fixed-base tree of joints with one degree of freedom each.
 
+    Bodies of the same content are equal, so that what is built for an arm serves every load of its description.
+
     Args:
         model: Pinocchio's model of all joints of the tree.
         follows: the laws of followers by name: leader, ratio and offset.
@@ -124,6 +126,15 @@ class RigidBody:
         if model.nv == 0:
             raise BadInput(f"{description.path}: no joint is left that moves")
         return cls(model, follows)
+
+    def __eq__(self, other: object) -> bool:
+        if self is other or not isinstance(other, RigidBody):
+            return self is other
+        nominal = (self.plain is self) == (other.plain is other) and (self.plain is self or self.plain == other.plain)
+        return nominal and self._follows == other._follows and bool(self._model == other._model)
+
+    def __hash__(self) -> int:
+        return hash(self.joints)
 
     @cached_property
     def _links(self) -> tuple[Link, ...]:

@@ -166,7 +166,8 @@ def test_a_payload_is_added_to_a_planner_without_building_it_again(monkeypatch):
     monkeypatch.setattr(
         "energy_opt.motion.plan.context.node_functions", lambda *a: built.append(a) or node_functions(*a)
     )
-    panda = eo.load_robot("panda")  # its functions are built for no other test
+    lock = {"panda_finger_joint1": 0.0123}  # no other test builds functions for this hand
+    panda = eo.load_robot("panda", lock=lock)
     model = eo.source_model(panda)
     planner = eo.Planner(panda, model, eo.Settings(**QUICK))
     move = eo.Move(START, GOAL, duration=2.5)
@@ -177,6 +178,10 @@ def test_a_payload_is_added_to_a_planner_without_building_it_again(monkeypatch):
     assert len(built) == 2 and losses[0] < losses[1] < losses[2] and losses[3] == pytest.approx(losses[0])
     with pytest.raises(eo.BadInput, match="other effects"):
         planner.under(model + eo.effects.CoulombFriction(tau_c=0.1))
+    again = eo.load_robot("panda", lock=lock)
+    assert again.body == panda.body != eo.load_robot("panda", lock={"panda_finger_joint1": 0.0124}).body
+    assert eo.Planner(again, model, eo.Settings(**QUICK)).solve(move).energy.loss == pytest.approx(losses[0])
+    assert len(built) == 2  # another load of the same description shares them
 
 
 def test_a_front_and_measured_data_through_the_door(panda, tmp_path):

@@ -33,9 +33,16 @@ class Found:
         """Of the command line."""
         return 0
 
+    def __getitem__(self, key: str) -> Any:
+        """A value of the document: `found["energy_total"]` is what its JSON file has under this name."""
+        return self._content()[key]
+
+    def _content(self) -> Any:
+        return self.document() if callable(self.document) else self.document
+
     def to_json(self) -> str:
         """The document as JSON text."""
-        return to_json(self.document() if callable(self.document) else self.document)
+        return to_json(self._content())
 
     def text(self, out: Path) -> str:
         """Text that the command prints for a result saved in `out`; empty if the messages are enough."""

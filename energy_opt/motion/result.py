@@ -149,6 +149,11 @@ class Result:
         return next((b for b in self.baselines if b.name == name), None)
 
     @property
+    def duration(self) -> float:
+        """Of the trajectory, s."""
+        return self.trajectory.duration
+
+    @property
     def saving(self) -> dict[str, float | None] | None:
         """Against "scaled", which has the same duration: percent of its total, percent of its loss, and joules.
 
@@ -192,7 +197,7 @@ class Result:
     def __repr__(self) -> str:
         e = self.energy
         return (
-            f"{type(self).__name__}({self.status!r}, {self.robot!r}, {self.mode!r}, {self.trajectory.duration:.4g} s, "
+            f"{type(self).__name__}({self.status!r}, {self.robot!r}, {self.mode!r}, {self.duration:.4g} s, "
             f"{e.total:.5g} J, loss {e.loss:.4g} J)"
         )
 
@@ -204,7 +209,7 @@ class Result:
         reason = f"; {self.message}" if self.message else ""
         return "\n".join(
             [
-                f"{self.robot}, {self.mode}, {self.trajectory.duration:.4g} s: {self.status}{reason}",
+                f"{self.robot}, {self.mode}, {self.duration:.4g} s: {self.status}{reason}",
                 f"energy {e.total:.5g} J = standby {e.standby:.5g} + stored {e.stored:.5g} + loss {e.loss:.5g}",
                 self.saved,
                 limits_words(self.certificate.document(), lambda *_: "(SI units)"),
@@ -230,7 +235,7 @@ class Result:
             "robot": self.robot,
             "joints": list(self.trajectory.joints),
             "mode": self.mode,
-            "duration": self.trajectory.duration,
+            "duration": self.duration,
             "energy": self.energy.document(),
             "baselines": [b.document() for b in self.baselines],
             "saving": self.saving,

@@ -44,6 +44,7 @@ def test_a_result_is_text_files_and_a_view(tmp_path: Path) -> None:
     assert Table().save(str(tmp_path)) == tmp_path
     assert json.loads((tmp_path / "a.json").read_text()) == {"a": 1} and Table().exit_code == 0
     assert Table()._repr_html_() == "<pre>a &lt; b</pre>"
+    assert Table()["a"] == 1 and Said()["b"] == [2.0]
     assert json.loads(Said().to_json()) == {"b": [2.0]} and Said()._repr_html_() == "<pre>two &amp; more</pre>"
 
 

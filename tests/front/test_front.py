@@ -63,6 +63,7 @@ def test_no_package_has_the_name_of_a_verb():
 def test_a_result_prints_in_five_lines_and_saves_what_the_command_writes(result, tmp_path):
     assert len(str(result).splitlines()) == 5 and "loss" in str(result)
     assert len(repr(result)) < 120 and repr(result).startswith("Answer('solved', 'panda'")
+    assert result.duration == result["duration"] == result.trajectory.time[-1]
     assert "<table>" in result._repr_html_() and "scaled" in result._repr_html_()
     assert repr(result.trajectory).startswith("Trajectory(7 joints") and repr(result.arm) == "Robot('panda', 7 joints)"
     out = result.save(tmp_path / "out")

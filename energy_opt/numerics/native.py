@@ -105,13 +105,14 @@ def begin() -> None:
 
 @cache
 def started(part: str) -> Future[ctypes.CDLL | None]:
-    """The library of a part, which is found or built beside the caller."""
-    return _threads().submit(_found_or_built, part)
+    """The library of a part, which is found or built beside the caller.
 
-
-@cache
-def _threads() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(len(FILES))
+    The thread ends with its work: one that waits for more would be missing in a forked process.
+    """
+    builder = ThreadPoolExecutor(1)
+    found = builder.submit(_found_or_built, part)
+    builder.shutdown(wait=False)
+    return found
 
 
 @cache

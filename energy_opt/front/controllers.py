@@ -161,4 +161,4 @@ class Controllers:
 def kept_words(moves: StandardMoves) -> str:
     """Message on the share of a free trajectory's saving that standard moves keep."""
     kept = "nothing to save" if moves.kept is None else f"{100 * moves.kept:.1f} % of the free trajectory's saving"
-    return f"standard moves ({moves.kind}, {moves.vias} via points) keep {kept}"
+    return f"standard moves ({moves.kind}, via points: {moves.vias}) keep {kept}"

@@ -29,6 +29,7 @@ ENOUGH = 1e-5  # share of the energy: ends once no other shares can save more
 NEAR = 1e-3  # relative: durations whose sum is this close to the shared time are scaled to it
 # [W] least distance of a price from a leg's holding power: nearer to it the leg's duration would be infinite
 FLAT = 1e-3
+TINY = 1e-12  # [W] the same where bounds of the durations are close
 
 
 @dataclass(frozen=True)
@@ -195,7 +196,6 @@ def modelled(
         saved: (L,) k [J s^3]. holding: (L,) h [W]. time: [s] of all legs together. waiting: [W] during time left over.
     """
     low, high = (np.array([getattr(front, name) for front in fronts]) for name in ("shortest", "longest"))
-    holding = np.maximum(holding, waiting + FLAT)
     durations = _durations(saved, holding, low, high, waiting)
     if durations.sum() <= time:
         return durations
@@ -205,7 +205,7 @@ def modelled(
 
 def _durations(k: np.ndarray, holding: np.ndarray, low: np.ndarray, high: np.ndarray, price: float) -> np.ndarray:
     """Durations (L,) [s] at which h - k / T^4 is the price [W] of a second, within the legs' bounds."""
-    return np.clip((k / (holding - price)) ** 0.25, low, high)
+    return np.clip((k / np.maximum(holding - price, TINY)) ** 0.25, low, high)
 
 
 def _price(k: np.ndarray, holding: np.ndarray, low: np.ndarray, high: np.ndarray, time: float, waiting: float) -> float:

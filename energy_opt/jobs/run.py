@@ -13,9 +13,8 @@ import numpy as np
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput, Infeasible, at_least
-from energy_opt.jobs.allocate import Front, Shares, allocate, modelled
+from energy_opt.jobs.allocate import Front, Shares, allocate
 from energy_opt.jobs.cycle import (
-    Answer,
     Choice,
     Piece,
     Plan,
@@ -28,6 +27,7 @@ from energy_opt.jobs.cycle import (
 )
 from energy_opt.jobs.file import Job, Step
 from energy_opt.jobs.legs import Leg, legs_of, slope_of_slowing
+from energy_opt.jobs.reshare import reshared
 from energy_opt.jobs.work import Answers, Cells, Worker
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.move import Settings
@@ -37,7 +37,6 @@ from energy_opt.power import PowerModel
 from energy_opt.power.assumptions import Assumption
 
 SHARING = 0.05  # approximate share of the work for sharing the time, and as much again for first paths
-AGAIN = 1e-2  # relative: durations that change by less are not solved again
 
 
 @dataclass(frozen=True)
@@ -150,8 +149,8 @@ def run_job(
     rest = cheapest_rest(job, work.scorers)
     plain = _plain(work, legs, timings, shortest, time)
 
-    def plan_of(durations: np.ndarray, first: float, last: float) -> Plan:
-        """Every leg solved; `first` and `last` are shares of the work.
+    def plan_of(durations: np.ndarray, first: float, last: float, alone: bool = False) -> Plan:
+        """Every leg solved; `first` and `last` are shares of the work, `alone` is that of `Worker.solved`.
 
         Motions last whole nanoseconds: durations are rounded, and the longest takes the rest of their sum.
         """
@@ -165,7 +164,7 @@ def run_job(
                 out.append(work.slowed(leg, timing, duration))
                 continue
             known = None if answers is None else answers.known(leg, duration)
-            out.append(work.solved(leg, timing, duration, known, alone=worker is None))
+            out.append(work.solved(leg, timing, duration, known, alone))
             if answers is not None:
                 answers.keep(leg, duration, out[-1].trajectory)
         return Plan(legs, tuple(out), rest, time - sum(answer.trajectory.duration for answer in out))
@@ -174,11 +173,9 @@ def run_job(
     progress("sharing the cycle's time", SHARING)
     fronts, shares = shares_of(job, work, legs, timings, rest)
     retimed = all(leg.mode == "retime" for leg in legs)
-    best = plan_of(shares.durations, 2 * SHARING, 1.0 if retimed else 0.6)
+    best = plan_of(shares.durations, 2 * SHARING, 1.0 if retimed else 0.6, worker is None)
     if not retimed and not stopped():
-        durations = _anew(fronts, shares, best.answers, time, rest.power)
-        if np.abs(durations / shares.durations - 1).max() > AGAIN:
-            best = min(best, plan_of(durations, 0.6, 1.0), key=energy)
+        best = reshared(work, best, timings, fronts, shares, lambda durations: plan_of(durations, 0.6, 1.0))
     for other in plain.values():
         if other is not None and energy(other) < energy(best):
             best = other
@@ -273,19 +270,6 @@ def _plain(
         valid = all(answer.status == "solved" for answer in answers)
         out[name] = Plan(legs, answers, rest, float(time - durations.sum())) if valid else None
     return out
-
-
-def _anew(
-    fronts: Sequence[Front], shares: Shares, answers: Sequence[Answer], time: float, waiting: float
-) -> np.ndarray:
-    """Durations (L,) [s] under fronts scaled to the saving of reshaping: losses depend on time as before."""
-    standby = np.array([a.energy.standby / a.trajectory.duration for a in answers])
-    # standby and the part that depends only on the ends
-    overhead = np.array([a.energy.total - a.energy.loss for a in answers])
-    ratio = np.array([a.energy.loss for a in answers]) / np.maximum(shares.energies - overhead, 1e-12)
-    ratio = np.clip(ratio, 0.05, 1.0)
-    holding = standby + ratio * (shares.holding - standby)
-    return modelled(fronts, ratio * shares.saved, holding, time, waiting)
 
 
 class RoughCycles:

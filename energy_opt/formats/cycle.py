@@ -14,12 +14,13 @@ from energy_opt.formats.judging import CycleJudging
 from energy_opt.formats.output import STEPS, Written, file_of, read_back
 from energy_opt.formats.program import NANOSECOND, Part, in_tool, joined
 from energy_opt.formats.resample import RATES, Sampled, broken, on_steps, resampled
-from energy_opt.motion.judge.certificate import Certificate
+from energy_opt.motion.judge.certificate import ALLOWED, Certificate
 from energy_opt.motion.trajectory import Trajectory, whole
 from energy_opt.robot import Limits
 
 ROOM = 1.05  # factor on the shortest time over which a jump of the acceleration is spread
 WIDER = 1.1  # factor on this time until the jerk limits hold
+DENSER = 8  # places in each step of the motion at which its jerk is checked
 SAMPLES = 2  # least samples over which it is spread, if the cycle is sampled at a rate
 
 
@@ -134,37 +135,30 @@ def without_jumps(parts: Sequence[Part], limits: Limits, rate: float | None = No
     both = parts[0].trajectory.acceleration[0], parts[-1].trajectory.acceleration[-1]
     shortest = max(*jumps, *(float((np.abs(a) / limits.jerk).max()) for a in both))
     least = max(ROOM * shortest, 0.0 if rate is None else SAMPLES / rate)
-    width = _width(joined([part.trajectory for part in parts]), limits, float(whole(least)))
-    out = list(parts)
-    waits = [k for k, part in enumerate(out) if part.waits]
-    k = max(waits, key=lambda k: out[k].trajectory.duration, default=None)
-    moving = sum(part.trajectory.duration for part in out if not part.waits)
-    for n, part in enumerate(out):
+    waits = [k for k, part in enumerate(parts) if part.waits]
+    longest = max(waits, key=lambda k: parts[k].trajectory.duration, default=None)
+    width, moving = float(whole(least)), sum(part.trajectory.duration for part in parts if not part.waits)
+    while True:  # beside a jump, the acceleration may change with all the jerk that is allowed
+        mean = joined([part.trajectory for part in _shortened(parts, longest, width)]).averaged(width)
+        jerk = np.maximum(*(np.abs(x).max(axis=0) for x in (mean.sample_denser(DENSER)[3], mean.jerk_before_samples())))
+        if (jerk <= (1 + ALLOWED / 2) * limits.jerk).all() or WIDER * width > moving / 4:
+            return [Part(mean)]
+        width = float(whole(WIDER * width))
+
+
+def _shortened(parts: Sequence[Part], longest: int | None, width: float) -> list[Part]:
+    """The parts in `width` s less: the longest wait is shorter, or all motions are faster if it is not long enough."""
+    shorter = longest is not None and parts[longest].trajectory.duration > 2 * width
+    moving = sum(part.trajectory.duration for part in parts if not part.waits)
+    out = []
+    for n, part in enumerate(parts):
         t = part.trajectory
-        if k is not None and out[k].trajectory.duration > 2 * width:
-            seconds = t.duration - width if n == k else t.duration
+        if shorter:
+            seconds = t.duration - width if n == longest else t.duration
         else:
             seconds = t.duration if part.waits else t.duration * (1 - width / moving)
-        out[n] = part if seconds == t.duration else replace(part, trajectory=t.slowed(seconds).on_nanoseconds())
-    return [Part(joined([part.trajectory for part in out]).averaged(width))]
-
-
-def _width(cycle: Trajectory, limits: Limits, least: float) -> float:
-    """Time [s], at least `least`, over which the mean of a cycle keeps the jerk limits.
-
-    Beside a jump the acceleration may change with all the jerk that is allowed. The mean's jerk is the change of the
-    acceleration within the width, divided by it.
-    """
-    time, width = cycle.time - cycle.time[0], least
-
-    def acceleration(at: np.ndarray) -> np.ndarray:
-        return np.stack([np.interp(at, time, column, 0.0, 0.0) for column in cycle.acceleration.T], axis=1)
-
-    while True:
-        marks = np.concatenate([time, time + width])
-        if (np.abs(acceleration(marks) - acceleration(marks - width)) <= limits.jerk * width).all():
-            return width
-        width = float(whole(WIDER * width))
+        out.append(part if seconds == t.duration else replace(part, trajectory=t.slowed(seconds).on_nanoseconds()))
+    return out
 
 
 def _met(parts: Sequence[Part], limits: Limits) -> Sequence[Part]:

@@ -153,15 +153,9 @@ def test_accelerations_that_jump_between_motions_are_spread_over_milliseconds(pa
     assert judge(turned).within_limits and turned.duration == pytest.approx(3.6, abs=1e-9)
 
 
-@pytest.mark.parametrize("samples", [301, 4])
-def test_a_jump_beside_an_acceleration_that_changes_keeps_the_jerk_limit(
-    samples: int, panda: Robot, model: PowerModel
-) -> None:
-    """The acceleration grows after a jump in the same direction: the jerk of both together was above the limit.
-
-    Between few samples it changes faster than from one sample to the next.
-    """
-    x = np.linspace(0, 1, samples)[:, None]
+def test_a_jump_beside_an_acceleration_that_changes_keeps_the_jerk_limit(panda: Robot, model: PowerModel) -> None:
+    """The acceleration grows after a jump in the same direction: the jerk of both together was above the limit."""
+    x = np.linspace(0, 1, 301)[:, None]
 
     def quartic(a: np.ndarray, b: np.ndarray) -> Trajectory:
         d, time = b - a, 1.8
@@ -177,6 +171,21 @@ def test_a_jump_beside_an_acceleration_that_changes_keeps_the_jerk_limit(
     (part,) = without_jumps(parts, slow.limits)
     judge = CycleJudging.of([(6.6, Scorer(slow, model), None)])
     assert judge(part.trajectory).within_limits and part.trajectory.duration == pytest.approx(6.6, abs=2e-9)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_jump_beside_few_samples_keeps_the_jerk_limit(seed: int, panda: Robot) -> None:
+    """Between samples the acceleration changes faster than from one to the next; the jerk was up to 86 % above."""
+    rng, n = np.random.default_rng(seed), 4
+    time = whole(np.sort(np.concatenate([[0, 1.8], rng.uniform(0.1, 1.7, 2)])))
+    q, v, a = (rng.normal(size=(n, panda.n)) * scale for scale in (0.1, 0.3, 2.0))
+    v[[0, -1]] = 0
+    moves = [Trajectory(panda.joints, time, q, v, a), Trajectory(panda.joints, time, q[::-1], -v[::-1], -0.8 * a[::-1])]
+    largest = np.max([np.abs(move.sample(np.linspace(0, 1.8, 2001))[3]).max(axis=0) for move in moves], axis=0)
+    limits = replace(panda.limits, jerk=1.02 * largest)
+    (part,) = without_jumps([*map(Part, moves), Part(standing(panda.joints, q[0], 3.0), waits=True)], limits)
+    jerk = part.trajectory.sample(part.trajectory.denser(20))[3]
+    assert (np.abs(jerk).max(axis=0) <= limits.jerk * (1 + 1e-6)).all()
 
 
 def test_a_standstill_on_the_way_is_no_path_of_one_move(cycle, tmp_path: Path, capsys) -> None:

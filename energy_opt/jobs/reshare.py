@@ -23,9 +23,9 @@ from energy_opt.motion.timing.law import Timing
 
 PROBE = 1.08  # factor of the durations at which each leg is solved a second time
 TRUST = 1.3  # largest change of a duration in one round, as a factor
-ROUNDS = 4  # most rounds
+ROUNDS = 3  # most rounds
 APART = 1.01  # least ratio of two durations from which a slope is computed
-WORTH = 5e-3  # share of the losses: shares that promise less are not solved
+WORTH = 2e-3  # share of the losses: shares that promise less are not solved
 
 
 def reshared(

@@ -116,6 +116,14 @@ def test_a_nearer_end_requires_half_of_its_distance(ball: Robot) -> None:
     assert cell.touching(np.array([close])) is None and cell.touching(np.array([0.1])) is not None
 
 
+@pytest.mark.parametrize(("apart", "kept"), [(0.012, 0.01), (0.0101, 0.01), (0.008, 0.004)])
+def test_an_end_that_is_not_nearer_than_asked_keeps_what_was_asked_for(ball: Robot, apart: float, kept: float) -> None:
+    """A pair nearer than twice that at an end kept half of its distance there, and the plan counted as solved."""
+    end = np.arccos((1 + 1.2**2 - (0.3 + apart) ** 2) / 2.4)
+    cell = Cell(ball, CellRequest(clearance=0.01), post(1.2, 0.0))
+    assert cell.wanted(np.array([[end], [1.5]])).min() == pytest.approx(kept, abs=1e-5)
+
+
 def test_a_mesh_is_not_its_hull_and_has_an_inside(ball: Robot) -> None:
     """A ring of boxes as one mesh: the ball passes through its hole; and a ball inside of a closed shell touches it."""
 

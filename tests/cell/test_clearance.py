@@ -20,6 +20,7 @@ from energy_opt.cell.scene import Scene, SceneObject, Shape
 from energy_opt.cell.scene_files import read_scene
 from energy_opt.cli.main import main
 from energy_opt.files import read_table, write_table
+from energy_opt.motion.initial_paths.room import Room
 from energy_opt.motion.path import JointPath, straight, through
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics import native
@@ -121,7 +122,12 @@ def test_an_end_that_is_not_nearer_than_asked_keeps_what_was_asked_for(ball: Rob
     """A pair nearer than twice that at an end kept half of its distance there, and the plan counted as solved."""
     end = np.arccos((1 + 1.2**2 - (0.3 + apart) ** 2) / 2.4)
     cell = Cell(ball, CellRequest(clearance=0.01), post(1.2, 0.0))
-    assert cell.wanted(np.array([[end], [1.5]])).min() == pytest.approx(kept, abs=1e-5)
+    ends = np.array([[end], [1.5]])
+    assert cell.wanted(ends).min() == pytest.approx(kept, abs=1e-5)
+    room = Room(cell, ends)  # paths between the ends keep as much
+    assert all(room.clear(q) for q in ends) and room.unproven(straight(*ends)) is None
+    nearer = np.arccos((1 + 1.2**2 - (0.3 + 0.99 * kept) ** 2) / 2.4)
+    assert not room.clear(np.array([nearer])) and room.unproven(straight([nearer], [1.5])) is not None
 
 
 def test_a_mesh_is_not_its_hull_and_has_an_inside(ball: Robot) -> None:

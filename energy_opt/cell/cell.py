@@ -230,8 +230,7 @@ class Cell:
     def wanted(self, ends: np.ndarray, clearance: float | None = None) -> np.ndarray:
         """The clearance (P,) [m] that each pair keeps on a move between the poses `ends` (2, n).
 
-        It is the asked one. A pair whose distance at an end is below twice the asked clearance keeps half of this
-        distance.
+        It is the asked one. A pair that is nearer at an end keeps half of its distance there.
 
         Args:
             ends: (2, n) [rad, m]. clearance: [m] instead of the asked one.
@@ -239,7 +238,7 @@ class Cell:
         asked = self.asked if clearance is None else clearance
         out = np.minimum(asked, self._allowed)
         for q in ends:
-            for p, distance in self.distances(q, 2 * asked):
+            for p, distance in self.distances(q, asked):
                 out[p] = min(out[p], max(distance / 2, 0.0))
         return out
 

@@ -14,7 +14,7 @@ from energy_opt.evaluations.source import Recorded, Stretch
 from energy_opt.formats.judging import CycleJudging, Judging
 from energy_opt.formats.program import Load, Part, standing
 from energy_opt.motion.judge.certificate import ALLOWED, Certificate
-from energy_opt.motion.judge.energy import Energy, Scorer
+from energy_opt.motion.judge.energy import Energy, Past, Scorer
 from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.path import of_trajectory
 from energy_opt.motion.plan.choice import within_limits
@@ -76,14 +76,12 @@ def evaluate(
     limits = joint_limits(robot.limits)
     intervals = _intervals(motion, payload)
     scorers = {rival.name: _scorers(robot, rival) for rival in rivals}
-    energies = {
-        name: _sum([_energy(of, part_of(motion.trajectory, i.start, i.end), i) for i in intervals])
-        for name, of in scorers.items()
-    }
+    given = [(part_of(motion.trajectory, i.start, i.end), i) for i in intervals]
+    energies = {name: _energy(of, given) for name, of in scorers.items()}
     first = scorers[rivals[0].name]
     ends = [0.0, *(i.end for i in intervals)]
     judge = CycleJudging.of(
-        (end - start, first(i.load), cell) for i, start, end in zip(intervals, ends, ends[1:], strict=False)
+        (end - start, first(i), cell) for i, start, end in zip(intervals, ends, ends[1:], strict=False)
     )
     certificate = judge(motion.trajectory)
     # the motion's samples keep the position limits; the spline through them may exceed a limit that they only touch
@@ -99,27 +97,31 @@ def evaluate(
 def part_of(trajectory: Trajectory, start: float, end: float) -> Trajectory:
     """The part of a trajectory between two times, both included; its time starts at 0.
 
+    If the acceleration jumps at an end, the part has the one on its own side of the jump.
+
     Args:
         trajectory: the whole. start, end: [s] from its first sample.
     """
     time = trajectory.time - trajectory.time[0]
     inner = time[(time > start + SHORT) & (time < end - SHORT)]
-    at = np.concatenate([[start], inner, [end]])
-    q, v, a, _ = trajectory.sample(trajectory.time[0] + at)
-    return Trajectory(trajectory.joints, whole(at - start), q, v, a)
+    begin = time[(time >= start) & (time <= start + SHORT)].max(initial=start)
+    finish = time[(time >= end - SHORT) & (time <= end)].min(initial=end)
+    q, v, a, _ = trajectory.sample(trajectory.time[0] + np.concatenate([[begin], inner, [finish]]))
+    return Trajectory(trajectory.joints, whole(np.concatenate([[start], inner, [end]]) - start), q, v, a)
 
 
-def _scorers(robot: Robot, rival: Rival) -> Callable[[Load | None], Scorer]:
-    """Scorers of a model by load; each is built once."""
-    kept: dict[Load | None, Scorer] = {}
+def _scorers(robot: Robot, rival: Rival) -> Callable[[Stretch], Scorer]:
+    """Scorers of a model by load and brakes; each is built once."""
+    kept: dict[tuple[Load | None, bool], Scorer] = {}
 
-    def of(load: Load | None) -> Scorer:
-        if load not in kept:
-            model = rival.model
+    def of(interval: Stretch) -> Scorer:
+        load, brakes = key = interval.load, interval.brakes
+        if key not in kept:
+            model = rival.model.overhead if brakes else rival.model
             if load is not None and load[0] > 0:
                 model = model.for_move(Payload(mass=load[0], com=list(load[1:])))
-            kept[load] = Scorer(robot, model)
-        return kept[load]
+            kept[key] = Scorer(robot, model)
+        return kept[key]
 
     return of
 
@@ -166,13 +168,13 @@ def _with_ends_in_waits(motion: Recorded) -> tuple[Stretch, ...]:
     return tuple(replace(s, start=moved(s.start), end=moved(s.end)) for s in motion.stretches)
 
 
-def _energy(of: Callable[[Load | None], Scorer], trajectory: Trajectory, interval: Stretch) -> Energy:
-    """Energy of a part of the motion; if brakes hold, only the constant overhead."""
-    scorer = of(interval.load)
-    if not interval.brakes:
-        return scorer.energy(trajectory)
-    power = scorer.model.constant_power(scorer.robot.n) * (interval.end - interval.start)
-    return Energy(power, power, 0.0, 0.0, {"standby": power})
+def _energy(of: Callable[[Stretch], Scorer], parts: Sequence[tuple[Trajectory, Stretch]]) -> Energy:
+    """Energy of the parts of a motion, in order."""
+    past, out = Past(), []
+    for trajectory, interval in parts:
+        energy, past = of(interval).energy_after(past, trajectory)
+        out.append(energy)
+    return _sum(out)
 
 
 def _sum(energies: Sequence[Energy]) -> Energy:
@@ -187,7 +189,7 @@ def _baselines(
     robot: Robot,
     motion: Recorded,
     intervals: Sequence[Stretch],
-    scorers: dict[str, Callable[[Load | None], Scorer]],
+    scorers: dict[str, Callable[[Stretch], Scorer]],
     limits: Sequence,
 ) -> tuple[Baseline, ...]:
     """The same paths at their fastest, and slowed evenly to the time that each motion takes.
@@ -197,25 +199,25 @@ def _baselines(
     """
     first = next(iter(scorers.values()))
     timings = {
-        i: minimum_time(robot, first(i.load).model, path, limits, path.start_speed, path.end_speed)
+        i: minimum_time(robot, first(i).model, path, limits, path.start_speed, path.end_speed)
         for i in intervals
         if not i.resting and (path := of_trajectory(_stopping(motion.trajectory, i))).moves
     }
     out = []
     for name in ("toppra", "scaled"):
-        duration, energies, valid = 0.0, dict.fromkeys(scorers, 0.0), True
+        parts, valid = [], True
         for i in intervals:
             seconds = i.end - i.start
             trajectory = part_of(motion.trajectory, i.start, i.end)
             if i in timings:
-                judge = Judging(first(i.load), tuple(limits))
+                judge = Judging(first(i), tuple(limits))
                 fastest = within_limits(timings[i], judge, robot.joints)
                 timing = fastest if name == "toppra" else fastest.slowed(seconds)
                 trajectory = timing.trajectory(robot.joints)
                 valid = valid and judge(trajectory).within_limits
-            duration += trajectory.duration
-            for model, of in scorers.items():
-                energies[model] += _energy(of, trajectory, i).total
+            parts.append((trajectory, i))
+        duration = sum(trajectory.duration for trajectory, _ in parts)
+        energies = {model: _energy(of, parts).total for model, of in scorers.items()}
         out.append(Baseline(name, duration, energies, valid))
     return tuple(out)
 

@@ -16,11 +16,10 @@ import numpy as np
 
 from energy_opt.effects import Standby
 from energy_opt.errors import BadInput
-from energy_opt.motion.judge.energy import Scorer
+from energy_opt.formats.program import standing
+from energy_opt.motion.judge.energy import Past, Scorer
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
-
-_X, _W = np.polynomial.legendre.leggauss(16)  # exact enough for the exponentials of drift and winding temperature
 
 
 @dataclass(frozen=True)
@@ -57,17 +56,14 @@ class Cycle:
                 raise BadInput(f"--idle-power {idle_power:g}: expected 0 W or more")
             model = model.kept(lambda effect: not effect.overhead).replaced(Standby(power=idle_power))
         self.length, self.idle_power = length, idle_power
-        self._goal = np.atleast_2d(np.asarray(goal, dtype=float))
+        self._goal = np.asarray(goal, dtype=float)
         self._scorer = Scorer(robot, model)
 
     def waiting(self, duration: float) -> Waiting:
         """Energy of the wait after a move of `duration` s."""
-        span = max(self.length - duration, 0.0)
-        time = duration + span * (_X + 1) / 2
-        q = np.repeat(self._goal, len(time), axis=0)
-        still = np.zeros_like(q)
-        _, _, parts = self._scorer.drive(q, still, still, time)
-        energies = span * _W / 2 @ parts
-        drawn = {e.name for e in self._scorer.model.effects if e.overhead}
-        overhead = np.array([name in drawn for name in self._scorer.parts], dtype=bool)
-        return Waiting(float(energies[overhead].sum()), float(energies[~overhead].sum()))
+        span = self.length - duration
+        if span <= 0:
+            return Waiting(0.0, 0.0)
+        still = standing(self._scorer.robot.joints, self._goal, span)
+        energy, _ = self._scorer.energy_after(Past(duration, idle=0.0), still)
+        return Waiting(energy.standby, energy.total - energy.standby)

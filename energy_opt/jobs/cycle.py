@@ -10,7 +10,7 @@ import numpy as np
 from energy_opt.effects import Payload
 from energy_opt.formats.program import Part, standing
 from energy_opt.jobs.legs import Job, Leg, Step
-from energy_opt.motion.judge.energy import DENSER, Energy, Scorer
+from energy_opt.motion.judge.energy import DENSER, NONE, Energy, Past, Scorer
 from energy_opt.motion.plan.efforts import used
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.poses.estimate import holding
@@ -46,6 +46,7 @@ class Piece(Part):
         energy: J, standby included.
         source: of a motion as in `Answer`, else "wait".
         begins: source of a motion's first path; empty for a wait.
+        past: what came before it in the cycle.
     """
 
     steps: tuple[int, ...] = ()
@@ -54,6 +55,7 @@ class Piece(Part):
     source: str = "wait"
     status: str = "solved"
     begins: str = ""
+    past: Past = NONE
 
 
 class Scorers:
@@ -65,14 +67,15 @@ class Scorers:
 
     def __init__(self, robot: Robot, model: PowerModel) -> None:
         self.robot, self.model = robot, model.replaced(Payload(mass=0.0, com=[0.0, 0.0, 0.0]))
-        self._kept: dict[tuple[float, ...], Scorer] = {}
+        self._kept: dict[tuple[object, ...], Scorer] = {}
 
-    def of(self, step: Step) -> Scorer:
-        """The scorer under the payload of a step."""
-        mass, *com = step.payload
-        if step.payload not in self._kept:
-            self._kept[step.payload] = Scorer(self.robot, self.model.replaced(Payload(mass=mass, com=com)))
-        return self._kept[step.payload]
+    def of(self, step: Step, brakes: bool = False) -> Scorer:
+        """The scorer under the payload of a step; `brakes`: while they hold the arm."""
+        (mass, *com), key = step.payload, (step.payload, brakes)
+        if key not in self._kept:
+            model = self.model.replaced(Payload(mass=mass, com=com))
+            self._kept[key] = Scorer(self.robot, model.overhead if brakes else model)
+        return self._kept[key]
 
 
 def efforts(robot: Robot, models: Sequence[PowerModel], motions: Iterable[tuple[Step, Trajectory]]) -> np.ndarray:
@@ -115,10 +118,7 @@ class Rest:
 
 def standing_power(scorers: Scorers, step: Step, brakes: bool) -> float:
     """Power [W] of standing at a step's end; with brakes only the overhead."""
-    scorer = scorers.of(step)
-    if brakes:
-        return scorer.model.constant_power(scorer.robot.n)
-    return float(holding([scorer], step.goal[None])[0])
+    return float(holding([scorers.of(step, brakes)], step.goal[None])[0])
 
 
 def cheapest_rest(job: Job, scorers: Scorers) -> Rest:
@@ -159,16 +159,15 @@ def assembled(job: Job, scorers: Scorers, plan: Plan) -> tuple[Piece, ...]:
     rest = plan.rest
     out: list[Piece] = []
 
-    def wait(name: str, steps: tuple[int, ...], k: int, seconds: float, energy: float, brakes: bool) -> None:
+    def wait(name: str, steps: tuple[int, ...], k: int, seconds: float, brakes: bool) -> None:
         step = job.steps[k]
         still = standing(job.robot.joints, step.goal, seconds)
-        out.append(Piece(still, name, True, "brakes" if brakes else "", step.payload, steps, k, energy))
+        out.append(Piece(still, name, True, "brakes" if brakes else "", step.payload, steps, k))
 
     for k, step in enumerate(job.steps):
         more = plan.left if k == rest.after and plan.left > SHORTEST_WAIT else 0.0
         if step.wait is not None:
-            energy = standing_power(scorers, step, step.brakes) * step.wait
-            wait(step.name, (k,), k, step.wait, energy, step.brakes)
+            wait(step.name, (k,), k, step.wait, step.brakes)
         elif k in by_step:
             leg, answer = by_step[k]
             out.append(
@@ -178,7 +177,21 @@ def assembled(job: Job, scorers: Scorers, plan: Plan) -> tuple[Piece, ...]:
                 )
             )  # fmt: skip
         if more:
-            wait("time left over", (), k, more, rest.power * more, rest.brakes)
+            wait("time left over", (), k, more, rest.brakes)
+    return _in_order(job, scorers, out)
+
+
+def _in_order(job: Job, scorers: Scorers, pieces: Sequence[Piece]) -> tuple[Piece, ...]:
+    """The pieces with their pasts, and the energies that depend on these."""
+    past, out = NONE, []
+    for piece in pieces:
+        scorer = scorers.of(job.steps[piece.at], piece.mode == "brakes")
+        energy, after = piece.energy, Past(past.time + piece.trajectory.duration)
+        if piece.waits or scorer.depends_on_past:
+            found, after = scorer.energy_after(past, piece.trajectory)
+            energy = found.total
+        out.append(replace(piece, energy=energy, past=past))
+        past = after
     return tuple(out)
 
 

@@ -184,7 +184,7 @@ def power_of(result: JobResult) -> tuple[np.ndarray, np.ndarray]:
         t = piece.trajectory
         power = np.full(len(t.time), piece.energy / max(t.duration, 1e-9))
         if not piece.waits:
-            filled = result.scorer(result.job.steps[piece.at]).filled(t).power
+            filled = result.scorer(result.job.steps[piece.at]).filled(t, piece.past).power
             power = power if filled is None else filled
         times.append(at + t.time - t.time[0])
         powers.append(power)
@@ -222,7 +222,7 @@ def write(
     """
     parts = [part for piece in result.pieces for part in split(piece, result)]
     for number, part in enumerate(parts, start=1):
-        filled = result.scorer(result.job.steps[part.at]).filled(part.trajectory)
+        filled = result.scorers.of(result.job.steps[part.at], part.mode == "brakes").filled(part.trajectory, part.past)
         formats.write(filled, Path(out) / f"step_{number:02d}.csv")
     cycle, csv = whole_cycle(result), formats.FORMATS["csv"]
     csv.write(cycle, Path(out) / "cycle.csv")

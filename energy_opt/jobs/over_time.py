@@ -161,7 +161,7 @@ def _row(point: JobPoint) -> dict[str, Any]:
     result = point.result
     if result is None:
         return {**row, "reason": point.reason}
-    standby = result.scorer(result.job.steps[0]).model.constant_power(result.job.robot.n) * point.cycle_time
+    standby = result.standby
     row |= {"energy_total": result.energy, "energy_standby": standby, "energy_loss": result.energy - standby}
     return row | result.energies
 

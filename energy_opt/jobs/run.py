@@ -13,6 +13,7 @@ import numpy as np
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput, Infeasible, at_least
+from energy_opt.formats.program import standing
 from energy_opt.jobs.allocate import Front, Shares, allocate
 from energy_opt.jobs.cycle import (
     Choice,
@@ -87,6 +88,13 @@ class JobResult:
     def energy(self) -> float:
         """Energy [J] of the whole cycle."""
         return sum(piece.energy for piece in self.pieces)
+
+    @property
+    def standby(self) -> float:
+        """Overhead [J] of the whole cycle, with the supply's losses of it."""
+        first = self.job.steps[0]
+        still = standing(self.job.robot.joints, first.goal, self.job.cycle_time)
+        return self.scorers.of(first, brakes=True).energy(still).total
 
     @cached_property
     def energies(self) -> dict[str, float | None]:

@@ -217,15 +217,17 @@ def moves(time: np.ndarray, v: np.ndarray) -> np.ndarray:
     return moving
 
 
-def idle_time(time: np.ndarray, v: np.ndarray) -> np.ndarray:
+def idle_time(time: np.ndarray, v: np.ndarray, before: float = -1.0) -> np.ndarray:
     """Time (N,) [s] since the last motion ended; -1 while any joint moves and before it first does, see `moves`.
 
     Args:
-        time: (N,) s, increasing. v: (N, n) rad/s.
+        time: (N,) s, increasing. v: (N, n) rad/s. before: time [s] since an earlier motion ended, at the first instant;
+            negative if there was none.
     """
     moving = moves(time, v)
     last = np.maximum.accumulate(np.where(moving, np.arange(len(time)), -1))
-    return np.where(moving | (last < 0), -1.0, time - time[np.maximum(last, 0)])
+    first = np.full(len(time), -1.0) if before < 0 else before + time - time[0]
+    return np.where(moving, -1.0, np.where(last < 0, first, time - time[np.maximum(last, 0)]))
 
 
 def dwells(time: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -265,19 +267,28 @@ def store_of(model: PowerModel) -> StoreEffect | None:
     return next((e for e in model.effects if isinstance(e, StoreEffect)), None)
 
 
-def returned_power(model: PowerModel, step: np.ndarray, bus: np.ndarray) -> np.ndarray:
-    """Power (N,) [W] that the model's store gives back.
+FULL_USE = 1e9  # [W] power that empties any store within a second
 
-    It is the supply's power with a store of no capacity minus that with the model's store.
+
+def returned_power(
+    model: PowerModel, step: np.ndarray, bus: np.ndarray, stored: float = 0.0
+) -> tuple[np.ndarray, float]:
+    """Power (N,) [W] that the model's store gives back, and the energy [J] that it holds at the end.
+
+    The power is the supply's with a store of no capacity minus that with the model's store. One more instant before the
+    first fills the store, and one more after the last empties it.
 
     Args:
         model: the effects. step: (N,) [s] duration of each instant. bus: (N,) [W] sum of the drive powers.
+        stored: energy [J] in the store at the first instant.
     """
     store = store_of(model)
     if store is None:
-        return np.zeros_like(bus)
+        return np.zeros_like(bus), 0.0
     value = float(store.full(1)[0])
-    return np.asarray(store.supplied(step, bus, 0.0) - store.supplied(step, bus, value))
+    step, bus = np.concatenate([[1.0], step, [1.0]]), np.concatenate([[-stored], bus, [FULL_USE]])
+    out = np.asarray(store.supplied(step, bus, 0.0) - store.supplied(step, bus, value))
+    return out[1:-1], float(out[-1])
 
 
 def body_of(model: PowerModel, body: RigidBody) -> RigidBody:

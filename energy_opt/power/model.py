@@ -219,6 +219,11 @@ class PowerModel:
         return PowerModel(self.robot, tuple(e for e in self.effects if wanted(e)))
 
     @property
+    def overhead(self) -> PowerModel:
+        """The model of an arm that brakes hold: its motors draw no power."""
+        return self.kept(lambda effect: effect.overhead or effect.stage in ("rigid", "torque", "supply"))
+
+    @property
     def bodies(self) -> tuple[PowerModel, ...]:
         """One model for each rigid body: those that differ in payload, tilt or links; here only the model itself."""
         return (self,)

@@ -12,7 +12,7 @@ import numpy as np
 
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
-from energy_opt.effects import Payload, Regeneration
+from energy_opt.effects import Payload
 from energy_opt.errors import BadInput, Infeasible, at_least
 from energy_opt.formats.program import standing
 from energy_opt.jobs.cycle import Answer, standing_power
@@ -32,7 +32,7 @@ from energy_opt.schedule.problem import SAME
 from energy_opt.workcell.as_job import at_positions, explicit_steps, job_of, request_of
 from energy_opt.workcell.curves import ADDED, mode_of
 from energy_opt.workcell.file import MOTORS, RobotTable, StepTable, WorkCell, step_name
-from energy_opt.workcell.motion import ArmMove, Part, Scoring, at_rest, nearest
+from energy_opt.workcell.motion import ArmMove, Part, Scoring, at_rest, nearest, using_again
 
 # durations of evenly slowed moves to evaluate, as multiples of the shortest
 SLOWER = (1.0, 1.15, 1.35, 1.6, 2.0, 2.5, 3.2, 4.2, 6.0)
@@ -87,7 +87,7 @@ class Arm:
             self.table = at_positions(self.table, {k: chosen[k] for k in self.job.open})
             self.job = self.job.at(chosen)
         if cell.supply is not None:  # braking energy is lost in a resistor, unless another arm uses it
-            model = model.replaced(Regeneration(efficiency=0.0))
+            model = using_again(model, 0.0)
         room = {**USED, Effort.name: USED[Effort.name] * share}
         self.worker = Worker(self.job, model, settings, Cells(self.job, self.request), stopped, room)
         self.worker.check_poses()
@@ -317,7 +317,8 @@ class Arm:
         scorer = self.scoring.of(False, first).of(step)
         t = part.trajectory
         q, v, a, _ = t.sample(t.time[0] + at * t.duration / part.duration)
-        power = self.scoring.of(True, first).of(step).drive(q, v, a, at)[1]
+        clock = at if t.velocity.any() else np.zeros(len(at))  # a wait does not warm up, as in its energy
+        power = self.scoring.of(True, first).of(step).drive(q, v, a, clock)[1]
         rest = np.full(len(at), scorer.model.constant_power(scorer.robot.n))
         return power - rest, rest
 

@@ -88,17 +88,18 @@ class TwoArms:
     def at_rest_in(self, poses: np.ndarray) -> TwoArms:
         """These arms for poses (N, n) of both in which they may rest at the same time.
 
-        A pair of bodies that is nearer than twice its clearance in some of them keeps half of its least distance there.
+        A pair of bodies that is nearer than its clearance in some of them keeps half of its least distance there.
         Poses in which the arms touch are ignored: they cannot occur at the same time.
         """
         wanted = self.wanted
         distance = np.full((len(poses), len(wanted)), np.inf)
-        for k, p, *_, near in Scenery(self.bodies, poses).hulls(2 * wanted):
+        for k, p, *_, near in Scenery(self.bodies, poses).hulls(wanted):
             distance[k, p] = near
         possible = distance[distance.min(axis=1) > TOUCHING]
         out = copy(self)
         out.clearance = self.clearance.copy()
-        out.clearance[self._sides] = np.minimum(wanted, possible.min(axis=0, initial=np.inf) / 2)
+        least = possible.min(axis=0, initial=np.inf)
+        out.clearance[self._sides] = np.where(least < wanted, least / 2, wanted)
         return out
 
     def names(self, pair: int) -> tuple[str, str]:

@@ -144,6 +144,11 @@ def nearest(known: dict[float, Any], duration: float) -> float:
     return min(known, key=lambda d: abs(d - duration))
 
 
+def using_again(model: PowerModel, share: float) -> PowerModel:
+    """The model whose drives use this share of negative power again, whatever they did with it."""
+    return model.kept(lambda effect: effect.stage != "drive").replaced(Regeneration(efficiency=share))
+
+
 class Scoring:
     """The scorers of an arm; `mixed`: its model is the mean of several.
 
@@ -155,8 +160,8 @@ class Scoring:
         first = model.weighted[0][1]
         self.robot, self.model, self.mixed = robot, model, len(model.weighted) > 1
         # with the second ones, all negative power is used again: the link's losses are computed elsewhere
-        self._of_mean = mean, Scorers(robot, model.replaced(Regeneration(efficiency=1.0)))
-        self._of_first = Scorers(robot, first), Scorers(robot, first.replaced(Regeneration(efficiency=1.0)))
+        self._of_mean = mean, Scorers(robot, using_again(model, 1.0))
+        self._of_first = Scorers(robot, first), Scorers(robot, using_again(first, 1.0))
 
     def of(self, lossless: bool, first: bool) -> Scorers:
         """The scorers of the first model or of the mean; `lossless`: with all braking energy used again."""

@@ -144,6 +144,10 @@ def document(result: CellResult) -> dict[str, Any]:
     if cell.supply is not None and result.supply is not None:
         levers.append(_lever("supply", result.supply.energy, result))
     warnings = []
+    for arm in filter(None, result.arms):
+        started = [e.name for e in arm.worker.scorers.model.effects if e.drifts or "idle" in e.follows]
+        if started:
+            warnings.append(f"robot {arm.name}: {', '.join(started)}: each step counts as if no motion came before it")
     arms = [robot.name for robot, arm in zip(cell.robot, result.arms, strict=True) if arm is not None]
     if len(arms) > 1 and len(result.clearance) < len(arms) * (len(arms) - 1) // 2:
         warnings.append(

@@ -20,6 +20,7 @@ from energy_opt.cell.scene import Scene, SceneObject, Shape
 from energy_opt.cell.scene_files import read_scene
 from energy_opt.cli.main import main
 from energy_opt.files import read_table, write_table
+from energy_opt.motion.initial_paths.room import Room
 from energy_opt.motion.path import JointPath, straight, through
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics import native
@@ -114,6 +115,19 @@ def test_a_nearer_end_requires_half_of_its_distance(ball: Robot) -> None:
     assert answer.verdict == "proven" and 0.0001 <= answer.lower_bound <= 0.0002
     assert judged(cell, along(straight([1.0], [1.5]), 2.0, 100)).lower_bound >= 0.002
     assert cell.touching(np.array([close])) is None and cell.touching(np.array([0.1])) is not None
+
+
+@pytest.mark.parametrize(("apart", "kept"), [(0.012, 0.01), (0.0101, 0.01), (0.008, 0.004)])
+def test_an_end_that_is_not_nearer_than_asked_keeps_what_was_asked_for(ball: Robot, apart: float, kept: float) -> None:
+    """A pair nearer than twice that at an end kept half of its distance there, and the plan counted as solved."""
+    end = np.arccos((1 + 1.2**2 - (0.3 + apart) ** 2) / 2.4)
+    cell = Cell(ball, CellRequest(clearance=0.01), post(1.2, 0.0))
+    ends = np.array([[end], [1.5]])
+    assert cell.wanted(ends).min() == pytest.approx(kept, abs=1e-5)
+    room = Room(cell, ends)  # paths between the ends keep as much
+    assert all(room.clear(q) for q in ends) and room.unproven(straight(*ends)) is None
+    nearer = np.arccos((1 + 1.2**2 - (0.3 + 0.99 * kept) ** 2) / 2.4)
+    assert not room.clear(np.array([nearer])) and room.unproven(straight([nearer], [1.5])) is not None
 
 
 def test_a_mesh_is_not_its_hull_and_has_an_inside(ball: Robot) -> None:

@@ -15,7 +15,7 @@ from poses import MIDDLE
 from energy_opt.cell.load import load_cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.cli.main import main
-from energy_opt.effects import CopperLoss, Standby
+from energy_opt.effects import CopperLoss, IdleHold, Standby
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.front.tradeoff import durations_of
 from energy_opt.fronts.cycle import Cycle
@@ -166,6 +166,15 @@ def test_waiting_costs_standby_and_holding(panda):
     idle = Cycle(panda, model, GOAL, 5.0, idle_power=20.0).waiting(2.0)
     assert (idle.standby, idle.holding) == (pytest.approx(60.0), pytest.approx(wait.holding))
     assert Cycle(panda, model, GOAL, 5.0).waiting(5.0).total == 0.0
+
+
+def test_waiting_costs_what_is_drawn_after_a_motion(panda):
+    """It had been left out."""
+    model = source_method_2()
+    plain, held = (
+        Cycle(panda, m, GOAL, 5.0).waiting(2.0).holding for m in (model, model + IdleHold(power=10.0, duration=0.7))
+    )
+    assert held == pytest.approx(plain + 7.0, rel=1e-3)
 
 
 @pytest.mark.parametrize(("length", "idle"), [(0.0, None), (-1.0, None), (5.0, -1.0), (np.inf, None)])

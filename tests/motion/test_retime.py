@@ -195,6 +195,7 @@ def test_too_short_a_duration_says_what_would_work(panda: Robot, model: PowerMod
             retime(panda, model, path, **wish)
         error = caught.value
         assert error.joint in panda.joints and error.limit == "duration"
+        assert 0 < error.time < 0.6 * shortest and f"at {error.time:.4g} s" in str(error)
         assert error.shortest_duration == pytest.approx(shortest, rel=2e-3)
         assert "velocity limit" in str(error)  # speeds are as many times too high as the time is too short
         assert error.excess == pytest.approx(error.shortest_duration / (0.6 * shortest) - 1, rel=1e-3)

@@ -298,7 +298,9 @@ def _heated(model: PowerModel, s: Samples, tau_m: np.ndarray) -> np.ndarray:
 def _returned(model: PowerModel, s: Samples, bus: np.ndarray) -> np.ndarray:
     """Power (K,) [W] that the model's store returns, run by run."""
     steps = [np.gradient(s.t[samples]) for samples in s.slices]
-    return np.concatenate([returned_power(model, h, bus[samples]) for h, samples in zip(steps, s.slices, strict=True)])
+    return np.concatenate(
+        [returned_power(model, h, bus[samples])[0] for h, samples in zip(steps, s.slices, strict=True)]
+    )
 
 
 def _returned_slope(model: PowerModel, s: Samples, bus: np.ndarray) -> np.ndarray:

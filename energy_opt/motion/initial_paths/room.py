@@ -41,17 +41,22 @@ class Room:
 
     Args:
         ends: (2, n) start and goal, both free.
-        kept: clearance [m] that paths are proven to keep; twice what the cell asks for if that is more.
+        kept: clearance [m] that paths are proven to keep; twice what the cell asks for if that is more. Near ends that
+            leave less, what the cell asks for there.
     """
 
     def __init__(self, cell: Cell, ends: np.ndarray, kept: float = KEPT) -> None:
         self._bodies = cell.bodies
-        self._kept = cell.wanted(ends, max(kept, 2 * cell.asked))
+        self._kept = np.maximum(cell.wanted(ends, max(kept, 2 * cell.asked)), cell.wanted(ends))
+        looked = LOOKED * self._kept
+        for q in ends:  # an end itself must keep the margin
+            for p, distance in cell.distances(q, float(looked.max(initial=0.0))):
+                looked[p] = min(looked[p], (self._kept[p] + distance) / 2)
         parts: list[tuple[int, np.ndarray, Any]] = []
         known: dict[tuple[int, bool], range] = {}
         pairs, margins = [], []
         for p, pair in enumerate(cell.bodies.pairs.tolist()):
-            margin = LOOKED * float(self._kept[p])
+            margin = float(looked[p])
             fine = any(self._only_hulls_are_near(p, q, margin) for q in ends)
             for k in pair:
                 if (k, fine) not in known:

@@ -20,8 +20,9 @@ from energy_opt.robot import Robot
 
 DENSER = 10  # places per sample interval at which a trajectory is judged; even, for Simpson's rule
 COARSER = 2  # the same for differences under added friction and draws, which change the power smoothly
-# most places evaluated at once: some 200 MB for seven joints; laws with memory start anew in each block
+# most places evaluated at once: some 200 MB for seven joints
 BLOCK = 300_000
+LONGEST = 0.01  # [s] longest sample interval under effects that end while the arm is at rest
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,34 @@ class Energy:
             "loss": self.loss,
             "by_effect": self.by_effect,
         }
+
+
+@dataclass(frozen=True)
+class Past:
+    """What came before a motion.
+
+    Attributes:
+        time: s since the first sample. idle: s since the last motion ended; -1 if there was none.
+        stored: J in the model's store.
+    """
+
+    time: float = 0.0
+    idle: float = -1.0
+    stored: float = 0.0
+
+
+NONE = Past()
+
+
+def _finely_sampled(trajectory: Trajectory) -> Trajectory:
+    """The same curve with sample intervals of at most `LONGEST`."""
+    counts = np.ceil(np.diff(trajectory.time) / LONGEST - 1e-6).astype(int)
+    if counts.max() <= 1:
+        return trajectory
+    begins, step = np.repeat(trajectory.time[:-1], counts), np.repeat(np.diff(trajectory.time) / counts, counts)
+    within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    time = np.append(begins + within * step, trajectory.time[-1])
+    return Trajectory(trajectory.joints, time, *trajectory.sample(time)[:3])
 
 
 def blocks(trajectory: Trajectory, factor: int) -> list[slice]:
@@ -77,6 +106,16 @@ class Scorer:
         effects = [effect for _, member in self.model.weighted for effect in member.effects]
         return store_of(self.model) is not None or any(effect.follows for effect in effects)
 
+    @property
+    def depends_on_past(self) -> bool:
+        """True if the energy of a motion depends on what came before it."""
+        return self.remembers or any(effect.drifts for _, one in self.model.weighted for effect in one.effects)
+
+    @cached_property
+    def _waits(self) -> bool:
+        """True if power depends on the time since a motion ended."""
+        return any("idle" in effect.follows for _, member in self.model.weighted for effect in member.effects)
+
     @cached_property
     def torque_bounds(self) -> list[TorqueBound]:
         """Bounds on the torque between places, of each of the model's rigid bodies."""
@@ -103,18 +142,22 @@ class Scorer:
         Instants are in order of time; each counts for half the time to both neighbours.
         """
         rigid = rigid_torque(self.model, self.robot.body, q, v, a)
-        return self._law(q, v, a, rigid, t, *self._past(q, v, a, rigid, t))[:3]
+        return self._law(q, v, a, rigid, t, *self._past(q, v, a, rigid, t)[:2])[:3]
 
     def _past(
-        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, rigid: np.ndarray, t: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """The past of instants in order: time since motion ended (N,) [s], and power that a store returns (N,)."""
+        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, rigid: np.ndarray, t: np.ndarray, before: Past = NONE
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """The past of instants in order: time since motion ended (N,) [s], and power that a store returns (N,).
+
+        Also the energy [J] in the store at the end.
+        """
         if not self.remembers:
-            return np.full(len(q), -1.0), np.zeros(len(q))
-        idle, back = idle_time(t, v), np.zeros(len(q))
+            return np.full(len(q), -1.0), np.zeros(len(q)), before.stored
+        idle, back = idle_time(t, v, before.idle), np.zeros(len(q))
         if store_of(self.model) is None or len(q) < 2:
-            return idle, back
-        return idle, returned_power(self.model, np.gradient(t), self._law(q, v, a, rigid, t, idle, back)[4])
+            return idle, back, before.stored
+        bus = self._law(q, v, a, rigid, t, idle, back)[4]
+        return idle, *returned_power(self.model, np.gradient(t), bus, before.stored)
 
     def _law(
         self, q: np.ndarray, v: np.ndarray, a: np.ndarray, rigid: np.ndarray, t: np.ndarray, idle: np.ndarray,
@@ -172,17 +215,27 @@ class Scorer:
 
         `samples`: those to use (None: all); time counts from the trajectory's first sample.
         """
-        part = trajectory if samples is None else trajectory.part(samples)
-        grid = grid_of(part, factor)
-        time, q, v, a = grid.time + (part.time[0] - trajectory.time[0]), grid.q, grid.v, grid.a
+        if samples is None:
+            return self._dense(trajectory, factor)[0]
+        return self._dense(trajectory.part(samples), factor, Past(trajectory.time[samples.start] - trajectory.time[0]))[
+            0
+        ]
+
+    def _dense(self, trajectory: Trajectory, factor: int, past: Past = NONE) -> tuple[Dense, Past]:
+        """The trajectory on a grid, and the past at its end."""
+        grid = grid_of(trajectory, factor)
+        time, q, v, a = grid.time + past.time, grid.q, grid.v, grid.a
         rigid = grid.torque(self.model, self.robot.body)
-        driven = self._law(q, v, a, rigid, time, *self._past(q, v, a, rigid, time))[:4]
-        return Dense(part, self.robot.body, factor, time, q, v, a, grid.jerk, rigid, *driven)
+        idle, back, stored = self._past(q, v, a, rigid, time, past)
+        driven = self._law(q, v, a, rigid, time, idle, back)[:4]
+        dense = Dense(trajectory, self.robot.body, factor, time, q, v, a, grid.jerk, rigid, *driven)
+        moved = bool(np.abs(v).max() > MOVING_SPEED)  # if it does not move on, its motion has just ended
+        return dense, Past(float(time[-1]), 0.0 if moved and idle[-1] < 0 else float(idle[-1]), stored)
 
     def between(self, dense: Dense, time: np.ndarray) -> Dense:
         """A trajectory of a dense grid at other times (M,); its past is that of the preceding places."""
         q, v, a, jerk = dense.trajectory.sample(time + (dense.trajectory.time[0] - dense.time[0]))
-        idle, back = self._past(dense.q, dense.v, dense.a, dense.rigid, dense.time)
+        idle, back, _ = self._past(dense.q, dense.v, dense.a, dense.rigid, dense.time)
         before = np.searchsorted(dense.time, time, side="right") - 1
         still = (np.abs(v).max(axis=1) <= MOVING_SPEED) & (idle[before] >= 0)
         idle = np.where(still, idle[before] + time - dense.time[before], -1.0)
@@ -192,8 +245,17 @@ class Scorer:
 
     def energy(self, trajectory: Trajectory, factor: int = DENSER) -> Energy:
         """Energy of the curve through the samples, on a grid `factor` (even) times denser."""
-        pieces = [self.energy_of_piece(self.dense(trajectory, factor, part)) for part in blocks(trajectory, factor)]
-        return self.energy_of_pieces(trajectory, pieces)
+        return self.energy_after(NONE, trajectory, factor)[0]
+
+    def energy_after(self, past: Past, trajectory: Trajectory, factor: int = DENSER) -> tuple[Energy, Past]:
+        """As `energy`, of a motion that has a past; and the past at its end."""
+        if self._waits:
+            trajectory = _finely_sampled(trajectory)
+        pieces = []
+        for part in blocks(trajectory, factor):
+            dense, past = self._dense(trajectory.part(part), factor, past)
+            pieces.append(self.energy_of_piece(dense))
+        return self.energy_of_pieces(trajectory, pieces), past
 
     def energy_of(self, dense: Dense) -> Energy:
         """Energy of a trajectory that is already on a dense grid (of an even factor), by Simpson's rule."""
@@ -224,9 +286,9 @@ class Scorer:
             by_effect["mechanical"] -= share
         return total, by_effect
 
-    def filled(self, trajectory: Trajectory) -> Trajectory:
+    def filled(self, trajectory: Trajectory, past: Past = NONE) -> Trajectory:
         """The trajectory with effort and power at its samples."""
-        return self.dense(trajectory, 1).filled
+        return self._dense(trajectory, 1, past)[0].filled
 
 
 APART = 0.01  # relative difference above which the joints' separate losses do not add up to the common loss

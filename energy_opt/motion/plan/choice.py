@@ -15,7 +15,7 @@ from energy_opt.motion.plan.context import Context, Judged
 from energy_opt.motion.plan.refusals import too_short
 from energy_opt.motion.plan.standing import at_rest
 from energy_opt.motion.result import Baseline, Optimality, Result, SolverReport
-from energy_opt.motion.retime.solve import RetimeSolution
+from energy_opt.motion.retime.solve import GLOBAL_GAP, RetimeSolution
 from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 
@@ -99,7 +99,7 @@ def choose(
         energy=best.energy,
         baselines=tuple(_baseline(name, judged) for name, judged in baselines),
         certificate=best.certificate,
-        optimality=_optimality(move, name, best, work.solution),
+        optimality=_optimality(move, best, work.solution),
         solver=report,
         message="interrupted; the best so far" if interrupted else message,
         interrupted=interrupted,
@@ -221,13 +221,15 @@ def _baseline(name: str, judged: Judged) -> Baseline:
     return Baseline(name, judged.filled, judged.energy, *holds, certificate.peak_power)
 
 
-def _optimality(move: Move, name: str, best: Judged, solution: RetimeSolution | None) -> Optimality:
-    if name != "retime" or move.mode != "retime" or solution is None or solution.lower_bound is None:
+def _optimality(move: Move, best: Judged, solution: RetimeSolution | None) -> Optimality:
+    """How near the answer is to the least energy of all timings of its path; it may be a baseline's timing."""
+    if move.mode != "retime" or solution is None or solution.lower_bound is None:
         return Optimality("local")
     total = best.energy.total
     # slower than standstill, friction may give slightly less energy than the bound
     bound = min(solution.lower_bound, total)
-    return Optimality(solution.kind, bound, 100 * (total - bound) / max(abs(total), 1e-12))
+    gap = 100 * (total - bound) / max(abs(total), 1e-12)
+    return Optimality("global" if gap <= GLOBAL_GAP else "local", bound, gap)
 
 
 def _slow_warning(move: Move, timing: Timing | None) -> list[str]:

@@ -147,12 +147,13 @@ def _faster_than_toppra(work: Retiming, shortest: Timing, wanted: float) -> Timi
     # a speed limit is on the square
     excess = worst.excess if line is None or not line.of_speed else np.sqrt(1 + worst.excess) - 1
     joint = worst.limit.where(work.robot.joints, worst.column)
+    time = float(best.time_at(np.array([worst.position]))[0]) * wanted / best.duration
     raise Infeasible(
-        f"{joint}: the {worst.limit.name} limit would be exceeded by {100 * excess:.3g} % at path position "
-        f"{worst.position:.3f} in {wanted:.6g} s; the shortest duration that works on this path is "
-        f"{at_least(best.duration)} s",
+        f"{joint}: the {worst.limit.name} limit would be exceeded by {100 * excess:.3g} % at {time:.4g} s of "
+        f"{wanted:.6g} s; the shortest duration that works on this path is {at_least(best.duration)} s",
         joint=joint,
         limit="duration",
+        time=time,
         position=worst.position,
         excess=float(excess),
         shortest_duration=best.duration,

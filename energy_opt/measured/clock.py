@@ -92,7 +92,8 @@ def activity(robot: Robot, time: np.ndarray, position: np.ndarray) -> Activity:
     span = float(time[-1] - time[0])
     count = int(np.clip(np.ceil(span / GRID), 8, MOST)) + 1
     t = np.linspace(time[0], time[-1], count)
-    run = Run("", "motion", 0.0, time, position, *[None] * 4, power_time=np.zeros(0), power=np.zeros(0))
+    none = np.zeros(0)
+    run = Run("", "motion", 0.0, time, position, None, None, None, None, none, none)
     way = kinematics(run, t, choose_smoothing([run]))
     q, v, a = way.q, way.v, way.a
     tau = robot.body.torque(q, v, a)

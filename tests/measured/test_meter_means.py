@@ -14,7 +14,7 @@ from energy_opt.measured import read_set
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("means", [True, False])
 def test_means_are_told_from_the_power_at_the_stamps(tmp_path, interval, seed, means):
-    """Means over 0.1 or 0.15 s were "the power at its stamps, which fits the motion better"."""
+    """Means over 0.1 s were "the power at its stamps, which fits the motion better"."""
     arm, rng, rows = Hidden("ur5e"), np.random.default_rng(seed), []
     for k in range(3):
         t, q, v, a = arm.motion(rng, 3, 1.0)

@@ -29,6 +29,7 @@ class MeterEffect(Effect):
 
     stage = "meter"
     turn: ClassVar[int] = 9
+    late: ClassVar[float] = 0.0  # mean lag of the reading over the effect's parameter; 0 if this is no time
 
     @classmethod
     def reading(cls, time: np.ndarray, power: np.ndarray, value: float) -> np.ndarray:
@@ -50,6 +51,7 @@ class MeterDelay(MeterEffect):
     name = "meter_delay"
     parameters = (Parameter("delay", "s", 0.0, -5.0, 5.0, fit=(-0.5, 1.0), trials=DELAYS),)
     turn = 1
+    late = 1.0
 
     @classmethod
     def reading(cls, time: np.ndarray, power: np.ndarray, value: float) -> np.ndarray:
@@ -77,6 +79,7 @@ class MeterFilter(MeterEffect):
     name = "meter_filter"
     parameters = (Parameter("time_constant", "s", 0.0, 0.0, 10.0, fit=(0.0, 2.0), trials=LAGS),)
     turn = 2
+    late = 1.0
 
     @classmethod
     def reading(cls, time: np.ndarray, power: np.ndarray, value: float) -> np.ndarray:
@@ -144,7 +147,7 @@ class MeterWindow(MeterEffect):
     name = "meter_window"
     parameters = (Parameter("duration", "s", 0.0, 0.0, 60.0, fit=(0.0, 5.0), trials=LAGS),)
     turn = 4
-    sought = False  # a window declared in [meter] is applied as such; a lag and a delay fit data nearly as well
+    late = 0.5
 
     @classmethod
     def reading(cls, time: np.ndarray, power: np.ndarray, value: float) -> np.ndarray:

@@ -17,6 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from energy_opt.measured.differentiate import choose_smoothing, kinematics
+from energy_opt.measured.run import Run
 from energy_opt.robot import Robot
 
 GRID = 0.02  # [s] step of the grid of the motion's features
@@ -83,28 +85,24 @@ def activity(robot: Robot, time: np.ndarray, position: np.ndarray) -> Activity:
     """The features of a motion that a power may follow.
 
     Args:
-        robot: for the rigid body's torque. time: (N,) [s]. position: (N, n) [rad]; smoothed over a tenth of a second.
+        robot: for the rigid body's torque. time: (N,) [s]. position: (N, n) [rad]; smoothed as far as its noise needs.
     """
     from scipy.integrate import cumulative_trapezoid
-    from scipy.ndimage import uniform_filter1d
 
     span = float(time[-1] - time[0])
     count = int(np.clip(np.ceil(span / GRID), 8, MOST)) + 1
     t = np.linspace(time[0], time[-1], count)
-    step = t[1] - t[0]
-    q = np.column_stack([np.interp(t, time, column) for column in position.T])
-    width = max(1, round(0.1 / step)) | 1
-    for _ in range(2):
-        q = uniform_filter1d(q, width, axis=0, mode="nearest")
-    v = np.gradient(q, step, axis=0)
-    a = np.gradient(v, step, axis=0)
+    none = np.zeros(0)
+    run = Run("", "motion", 0.0, time, position, None, None, None, None, none, none)
+    way = kinematics(run, t, choose_smoothing([run]))
+    q, v, a = way.q, way.v, way.a
     tau = robot.body.torque(q, v, a)
     drive = np.sum(tau * v, axis=1)
     values = np.column_stack(
         [drive, np.maximum(drive, 0), np.sum(tau**2, axis=1), np.abs(v).sum(axis=1), np.sum(v**2, axis=1)]
     )
     values /= np.maximum(values.std(axis=0), 1e-9)
-    return Activity(t, cumulative_trapezoid(values, dx=step, axis=0, initial=0.0))
+    return Activity(t, cumulative_trapezoid(values, dx=t[1] - t[0], axis=0, initial=0.0))
 
 
 def evidence(motion: Activity, stamps: np.ndarray, window: np.ndarray, power: np.ndarray) -> tuple[float, float]:

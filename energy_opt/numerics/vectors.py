@@ -140,4 +140,6 @@ def program_of(function: ca.Function) -> Program | None:
             place[written[0]] = written[0]
         else:
             return None
-    return Program(registers, tuple(sizes), len(inputs), np.array(constants), np.array(code, dtype=np.int32))
+    return Program(
+        registers, tuple(sizes), len(inputs), np.array(constants), np.array(code, dtype=np.int32).reshape(-1, 4)
+    )

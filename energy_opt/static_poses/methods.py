@@ -4,7 +4,8 @@
     Method 2   p = p0 + r |g(q)|^2             ordinary least squares over poses, g the gravity torque
 
 Intervals are Student's, from the spread of the poses' mean powers about the line. Each pose counts once, however long
-it was held, since the meter's noise is not the only reason for a pose's distance from the line.
+and however often it was held, since the meter's noise is not the only reason for a pose's distance from the line:
+the model's error is the same in all repeats of a pose.
 """
 
 from __future__ import annotations
@@ -163,20 +164,20 @@ def identify(robot: str, poses: Sequence[Pose]) -> Identification:
     from scipy.stats import linregress
     from scipy.stats import t as student
 
-    power, load = np.array([p.power for p in poses]), np.array([p.load for p in poses])
-    count = len(poses)
+    own = _different(np.array([p.position for p in poses]))
+    power, load = (np.array([x[at].mean() for at in own]) for x in np.array([(p.power, p.load) for p in poses]).T)
+    count = len(own)
     mean = float(power.mean())
     interval = None
     if count > 1:
         half = float(student.ppf(0.975, count - 1) * power.std(ddof=1) / np.sqrt(count))
         interval = (mean - half, mean + half)
-    distinct = _distinct(np.array([p.position for p in poses]))
 
     def refused(why: str) -> Identification:
         return Identification(robot, tuple(poses), mean, interval, None, f"Method 2 refused: {why}")
 
-    if distinct < FEWEST:
-        return refused(f"{distinct} different pose(s); a line with an interval needs {FEWEST} or more")
+    if count < FEWEST:
+        return refused(f"{count} different pose(s); a line with an interval needs {FEWEST} or more")
     spread = float(np.std(load))
     if spread <= 1e-6 * max(float(load.mean()), 1e-12) or spread < 1e-3:
         return refused("all gravity torques are alike, so r_over_kt2 cannot be separated from overhead")
@@ -202,7 +203,7 @@ def identify(robot: str, poses: Sequence[Pose]) -> Identification:
         },
         "r_squared": float(fit.rvalue**2),
     }
-    words = []
+    words = [f"{count} different poses; repeats of a pose count as one"] if count < len(poses) else []
     if half[1] >= 0.5 * r:
         words.append(f"r_over_kt2 is known to {100 * half[1] / r:.0f} % only: the poses vary little")
     if standby < 0:
@@ -211,10 +212,17 @@ def identify(robot: str, poses: Sequence[Pose]) -> Identification:
     return Identification(robot, tuple(poses), mean, interval, line, word)
 
 
-def _distinct(positions: np.ndarray) -> int:
-    """Number of poses that differ by more than `SAME_POSE` in some joint from all before them."""
-    kept: list[np.ndarray] = []
-    for q in positions:
-        if all(np.abs(q - other).max() > SAME_POSE for other in kept):
-            kept.append(q)
-    return len(kept)
+def _different(positions: np.ndarray) -> list[list[int]]:
+    """The records of each different pose: one that differs by more than `SAME_POSE` in some joint from all before it.
+
+    Args:
+        positions: (N, n) [rad].
+    """
+    out: list[list[int]] = []
+    for k, q in enumerate(positions):
+        same = next((at for at in out if np.abs(q - positions[at[0]]).max() <= SAME_POSE), None)
+        if same is None:
+            out.append([k])
+        else:
+            same.append(k)
+    return out

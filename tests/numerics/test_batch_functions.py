@@ -34,6 +34,13 @@ def test_every_block_and_every_owner():
     assert (kept[0] == 3).all()
 
 
+def test_a_function_without_results():
+    """The kinks of a law that has none: `optimize --mode retime` under Coulomb friction ended with an IndexError."""
+    x = ca.SX.sym("x", 3)
+    (found,) = Batch(ca.Function("f", [x], [ca.SX(0, 1)]), BLOCK)(np.ones((BLOCK, 3)))
+    assert found.shape == (BLOCK, 0)
+
+
 def test_many_points_have_the_values_of_casadi_itself():
     """Blocks of points are evaluated instruction by instruction, in C or NumPy: every kind that effects may use."""
     x, y = ca.SX.sym("x", 3), ca.SX.sym("y")

@@ -42,6 +42,33 @@ def test_the_line_and_its_interval():
     assert 0.9 <= np.mean(inside) <= 0.99
 
 
+def test_repeats_of_a_pose_are_no_further_evidence():
+    """Errors of the model that differ from pose to pose: intervals from 24 records of 6 poses were half as wide."""
+    rng = np.random.default_rng(2)
+    inside, overhead = [], []
+    for _ in range(200):
+        load = np.repeat(rng.uniform(0, 2500, 6), 4)
+        power = 88.04 + 0.0036 * load + np.repeat(0.8 * rng.normal(size=6), 4) + 0.1 * rng.normal(size=24)
+        records = [
+            Pose(f"p{k}", np.full(7, 0.1 * (k // 4) + 0.001 * rng.normal()), float(p), float(x), 3.0)
+            for k, (x, p) in enumerate(zip(load, power, strict=True))
+        ]
+        found = identify("panda", records)
+        if found.line is None:
+            continue
+        (low, high), (least, most) = (found.line["ci95"][name] for name in ("r_over_kt2", "standby"))
+        inside.append(low <= 0.0036 <= high)
+        overhead.append(least <= 88.04 <= most)
+        assert "6 different poses" in found.word
+    assert len(inside) > 100 and np.mean(inside) >= 0.9 and np.mean(overhead) >= 0.9
+
+
+def test_a_pose_counts_once_however_often_it_was_held():
+    once = identify("panda", poses([100, 400, 900, 1600], [90.0, 91.0, 92.0, 95.0]))
+    often = identify("panda", [*once.poses, *[once.poses[3]] * 5])
+    assert often.standby == once.standby and often.standby_ci95 == once.standby_ci95 and often.line == once.line
+
+
 def test_method_1_is_the_mean():
     found = identify("panda", poses([100, 400, 900, 1600], [90.0, 91.0, 92.0, 95.0]))
     assert found.standby == 92.0 and found.model_1().values(7).tolist() == [92.0]

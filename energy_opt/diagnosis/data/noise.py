@@ -113,9 +113,11 @@ class Whitener:
         return np.asarray((flat - state) * self._scale[:, None])
 
 
-# grids of the wave over the white noise and of its memory [s]
-WAVES, MEMORIES = (0.0, 0.3, 0.6, 1.0, 1.7, 3.0, 5.0), (0.08, 0.25, 0.7, 2.0)
-FINE_WAVES = (0.0, 0.15, 0.3, 0.45, 0.6, 0.8, 1.0, 1.3, 1.7, 2.2, 3.0, 4.0, 5.0)  # finer grid for readings at rest
+# Grids of the wave over the white noise and of its memory [s]. They reach so far that the readings may be a wave alone:
+# over 2 s this is 20 times the least white noise that `no_less` allows beside it, at `BIN`.
+WAVES, MEMORIES = (0.0, 0.3, 0.6, 1.0, 1.7, 3.0, 5.0, 10.0, 20.0), (0.08, 0.25, 0.7, 2.0)
+# finer grid for readings at rest
+FINE_WAVES = (0.0, 0.15, 0.3, 0.45, 0.6, 0.8, 1.0, 1.3, 1.7, 2.2, 3.0, 4.0, 5.0, 7.0, 10.0, 14.0, 20.0)
 FINE_MEMORIES = (0.08, 0.14, 0.25, 0.42, 0.7, 1.2, 2.0)
 GUESSED = (0.3, 1.0)  # the wave over the white noise where standstills are too few or too short to show it
 LESS = 0.7  # least white noise at rest over the noise of single readings; a wave contributes to their differences

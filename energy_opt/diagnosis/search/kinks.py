@@ -1,7 +1,7 @@
 """Numbers in which a law has steps or kinks: they are searched over their range, as a descent along slopes gets stuck.
 
 These are durations after which the power jumps, and the size of a store: each motion that fills it adds a kink. Here
-also: laws of negative power that single steps of the search do not reach.
+also: laws of negative power, and lags of the meter, that single steps of the search do not reach.
 """
 
 from __future__ import annotations
@@ -10,11 +10,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from energy_opt.diagnosis.fit.candidates import candidates, sized_store
+from energy_opt.diagnosis.evidence.odds import Subset
+from energy_opt.diagnosis.fit.candidates import Candidate, candidates, sized_store
 from energy_opt.diagnosis.fit.posterior import Fit, columns_of, fit, linearised
 from energy_opt.diagnosis.hypothesis.terms import Chart, entries
 from energy_opt.diagnosis.search.effect_sets import Search, root, without
-from energy_opt.effects import StoreEffect
+from energy_opt.effects import Effect, MeterEffect, StoreEffect
 
 TRIED = 30  # values over the whole range of a number that are tried
 AROUND, COUNTS, FEW = 1.5, (17, 5, 5), 3  # first range around the best, over and below it; values in each; iterations
@@ -84,6 +85,36 @@ def _with(f: Fit, k: int, at: int, value: float) -> tuple[list[Chart], list[np.n
 def _sizes(low: float, high: float) -> list[float]:
     """`TRIED` values over a range of a positive number."""
     return list(np.geomspace(max(low, 1e-3 * high), high, TRIED).tolist())
+
+
+def elsewhere(found: Search, f: Fit) -> list[Fit]:
+    """Fits of other laws of negative power and of other lags of the meter, as far as the fit has one."""
+    return [*other_drives(found, f), *other_lags(found, f)]
+
+
+def other_lags(found: Search, f: Fit) -> list[Fit]:
+    """Fits with each lag of the meter as the only one, in place of all of the fit.
+
+    Readings are nonlinear in a lag. So two lags that imitate a third one are a local optimum of linearised steps.
+    """
+    own = [c.term for c in f.charts if _is_lag(c.term.kind)]
+    if not own or any(term.declared for term in own):
+        return []
+    base = f
+    for term in own:
+        base = without(found, base, next(k for k, c in enumerate(base.charts) if c.term == term))
+    bank = found.bank(base)
+    here = found.whole(bank)
+    lags: dict[str, list[Subset]] = {}
+    for k, b in enumerate(bank.blocks):
+        if isinstance(b.source, Candidate) and _is_lag(b.source.chart.term.kind):
+            lags.setdefault(b.name, []).append(here | {k})
+    return [found.refit(bank, max(tried, key=bank.glance)) for tried in lags.values()]
+
+
+def _is_lag(kind: type[Effect]) -> bool:
+    """True for an effect by which the meter is late."""
+    return issubclass(kind, MeterEffect) and kind.late > 0
 
 
 def other_drives(found: Search, f: Fit) -> list[Fit]:

@@ -14,8 +14,8 @@ from energy_opt.diagnosis.fit.candidates import Candidate
 from energy_opt.diagnosis.fit.posterior import Fit, Free, fit
 from energy_opt.diagnosis.hypothesis.terms import Chart
 from energy_opt.diagnosis.search.effect_sets import FREE_ODDS, Search, buildable, free_block, moved, rarity, without
-from energy_opt.diagnosis.search.kinks import other_drives
-from energy_opt.effects import Effect
+from energy_opt.diagnosis.search.kinks import elsewhere
+from energy_opt.effects import Effect, MeterEffect
 from energy_opt.power import PowerModel
 
 CLAIM = 7.0  # least log odds for claiming an effect: a thousand to one
@@ -107,7 +107,8 @@ def clock_error(f: Fit) -> float:
 
 def _lags(model: PowerModel, n: int) -> dict[str, float]:
     """Lags [s] of the meter by the effects of a model."""
-    return {e.name: float(e.full(n)[0]) for e in model.effects if e.stage == "meter" and e.parameters[0].unit == "s"}
+    meter = [e for e in model.effects if isinstance(e, MeterEffect)]
+    return {e.name: e.late * float(e.full(n)[0]) for e in meter if e.late}
 
 
 def is_a_line(f: Fit, claim: Claim) -> bool:
@@ -253,7 +254,7 @@ def alternatives(found: Search, accepted: Fit, reach: float) -> tuple[Fit, ...]:
                 near.append((found_value, option))
     out = {frozenset(accepted.names): accepted}
     reached = found.score(accepted)
-    for new in other_drives(found, accepted):
+    for new in elsewhere(found, accepted):
         if found.score(new) > reached - reach:
             out.setdefault(frozenset(new.names), new)
     first: dict[frozenset[str], Subset] = {}

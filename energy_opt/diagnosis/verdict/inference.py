@@ -24,7 +24,7 @@ from energy_opt.diagnosis.fit.posterior import Fit, Nuisance, Stopped, World
 from energy_opt.diagnosis.hypothesis.links import links_of
 from energy_opt.diagnosis.hypothesis.terms import Measured, Scale
 from energy_opt.diagnosis.search.effect_sets import Search, moved, root, without
-from energy_opt.diagnosis.search.kinks import other_drives, settled
+from energy_opt.diagnosis.search.kinks import elsewhere, settled
 from energy_opt.diagnosis.verdict.claims import (
     CLAIM,
     RIVAL,
@@ -243,7 +243,7 @@ def _searched(world: World, nothing: Fit, tried: list[Search]) -> tuple[Search, 
         log.info("effects, round %d of at most %d", turn + 1, TURNS, extra={"share": 0.05 + 0.06 * turn})
         tried[:] = [found]
         best = found.descend(best, EARLY)
-        best = settled(found, max([best, *other_drives(found, best)], key=found.score))
+        best = settled(found, max([best, *elsewhere(found, best)], key=found.score))
         noise = noise_of(best)
         if alike(noise, found.world.whiten.noise):
             break
@@ -258,7 +258,7 @@ def _searched(world: World, nothing: Fit, tried: list[Search]) -> tuple[Search, 
     while (k := shaped_otherwise(found, best)) is not None:
         likelier = max(alternatives(found, best, CLAIM), key=found.score)  # linearised evidence is not exact
         best = without(found, best, k) if likelier is best else likelier
-    return found, settled(found, max([best, *other_drives(found, best)], key=found.score)), noise
+    return found, settled(found, max([best, *elsewhere(found, best)], key=found.score)), noise
 
 
 def _links_are_off(found: Search, judge: Judge, start: Fit, best: Fit) -> bool:

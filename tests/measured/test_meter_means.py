@@ -1,0 +1,34 @@
+"""Slow meters in files of their own: whether they show means or the power at their stamps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hidden import COPPER, STANDBY, Hidden
+
+from energy_opt.files import write_table
+from energy_opt.measured import read_set
+
+
+@pytest.mark.parametrize("interval", [0.1, 0.15, 0.2])
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("means", [True, False])
+def test_means_are_told_from_the_power_at_the_stamps(tmp_path, interval, seed, means):
+    """Means over 0.1 s were "the power at its stamps, which fits the motion better"."""
+    arm, rng, rows = Hidden("ur5e"), np.random.default_rng(seed), []
+    for k in range(3):
+        t, q, v, a = arm.motion(rng, 3, 1.0)
+        torque = arm.torque(q, v, a) + 0.5 * np.sign(v)
+        power = STANDBY + (torque * v).sum(axis=1) + COPPER * (torque**2).sum(axis=1) + 0.5 * rng.normal(size=len(t))
+        total = np.concatenate([[0.0], np.cumsum((power[1:] + power[:-1]) / 2 * np.diff(t))])
+        stamps = np.arange(interval, t[-1], interval)
+        shown = np.interp(stamps, t, power)
+        if means:
+            shown = (np.interp(stamps, t, total) - np.interp(stamps - interval, t, total)) / interval
+        write_table(tmp_path / f"{k}.csv", ["time", *(f"{j}.position" for j in arm.joints)], [t, *q.T])
+        write_table(tmp_path / f"{k}_power.csv", ["time", "power"], [stamps, shown])
+        rows.append(f'[[run]]\nfile = "{k}.csv"\npower_file = "{k}_power.csv"\n')
+    (tmp_path / "log.toml").write_text('format = "energy-opt/log/1"\nrobot = "ur5e"\n' + "".join(rows))
+    found = read_set(tmp_path)
+    assert all(np.allclose(run.window, interval if means else 0.0) for run in found.runs)
+    assert any("which fits the motion better" in remark for remark in found.remarks)

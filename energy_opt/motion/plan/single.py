@@ -15,19 +15,18 @@ from energy_opt.motion.move import Move
 from energy_opt.motion.plan.anytime import Progress
 from energy_opt.motion.plan.candidates import (
     Candidate,
-    below_resolution,
     in_tube,
     is_at_rest,
     least_energy_timing,
     repaired_timing,
     reshaped,
     small_enough,
-    without_search,
 )
 from energy_opt.motion.plan.choice import Work, baselines_of, choose
 from energy_opt.motion.plan.clear import kept_clear, nearly_clear
 from energy_opt.motion.plan.context import Context, path_of
 from energy_opt.motion.plan.refusals import below_bound
+from energy_opt.motion.plan.unsearched import below_resolution, without_search
 from energy_opt.motion.reshape.curve import Outcome
 from energy_opt.motion.reshape.search import Kept
 from energy_opt.motion.result import FirstPath, Result
@@ -88,14 +87,9 @@ def candidates_of(
     if context.settings.end_acceleration == "zero" and not context.stopped():
         beaten = _is_beaten(context, move, curve, timing, retimed)
         if beaten or _is_beaten_without_conditions(context, move, curve, timing, bare):
-            other = _curve(freed(context), move, timing, retimed, warm, kept)
+            other = _curve(context.freed, move, timing, retimed, warm, kept)
             curve = replace(_better(context, curve, other), iterations=curve.iterations + other.iterations)
     return Work(timing, None, curve, None, warm, retimed)
-
-
-def freed(context: Context) -> Context:
-    """The context with free accelerations at a move's ends."""
-    return replace(context, settings=replace(context.settings, end_acceleration="free"))
 
 
 def is_hurried(move: Move, timing: Timing, duration: float) -> bool:

@@ -18,9 +18,9 @@ def ur5e() -> eo.Robot:
     return eo.load_robot("ur5e")
 
 
-def solved(robot: eo.Robot, number: int, **conditions: Any) -> eo.Result:
+def solved(robot: eo.Robot, number: int, seed: int = 3, **conditions: Any) -> eo.Result:
     """The answer to a seeded move of free duration; without conditions it begins and ends with acceleration."""
-    move = random_moves(robot, number + 1, 3)[number]
+    move = random_moves(robot, number + 1, seed)[number]
     ends = {"start": move.start, "goal": move.goal}
     found = eo.optimize(robot, "source-method-2", **ends, **conditions, self_collision=False, compile="never")
     assert found.status == "solved"
@@ -41,3 +41,10 @@ def test_a_tool_speed_that_the_answer_keeps_costs_nothing(ur5e: eo.Robot) -> Non
     used = WIDE * (1 + free.certificate.max_violation["tool_speed"])
     held = solved(ur5e, 4, tool_speed=1.01 * used)
     assert held.energy.loss <= 1.01 * free.energy.loss
+
+
+def test_a_via_point_on_the_answer_costs_nothing(ur5e: eo.Robot) -> None:
+    """The curve through it is slower than the straight line."""
+    free = solved(ur5e, 0, seed=41)
+    via = free.trajectory.sample(np.array([0.45 * free.trajectory.duration]))[0][0]
+    assert solved(ur5e, 0, seed=41, via=[via.tolist()]).energy.loss <= 1.01 * free.energy.loss

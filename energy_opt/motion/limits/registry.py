@@ -56,5 +56,5 @@ def limits_of(
 
 
 def without_conditions(limits: Sequence[Limit]) -> tuple[Limit, ...]:
-    """The limits of the joints alone, and the points to pass."""
-    return tuple(limit for limit in limits if isinstance(limit, (Position, JointLimit, ViaPoints)))
+    """The limits of the joints alone."""
+    return tuple(limit for limit in limits if isinstance(limit, (Position, JointLimit)))

@@ -197,13 +197,15 @@ class Single:
 
     @cached_property
     def bare(self) -> Timing | None:
-        """The fastest timing of the given or straight path without conditions and bodies; None if it has none."""
-        path = None if self.first.source in ("own", "ompl") else self.move.path
-        limits = without_conditions(self.context.limits)
-        if path is self.move.path and len(limits) == len(self.context.limits):
+        """The fastest timing of the given or straight path without conditions, via points and bodies; None if it has
+        none.
+        """
+        given, limits = self.first.source == "given", without_conditions(self.context.limits)
+        move = replace(self.move, path=self.move.path if given else None, via=())
+        if move == self.move and len(limits) == len(self.context.limits):
             return self.timing
         try:
-            return self.context.fastest(path_of(replace(self.move, path=path)), limits)
+            return self.context.fastest(path_of(move), limits)
         except Infeasible:
             return None
 

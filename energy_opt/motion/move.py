@@ -136,7 +136,8 @@ class Settings:
         dynamics: source of the symbolic dynamics (see `dynamics`).
         verify_samples: samples of the certificate; None for ten between every two samples.
         end_acceleration: of a reshaped move, "zero" or "free". If the best timing of the first path, whose end
-            accelerations are free, takes less energy than a move with "zero", "free" is solved too.
+            accelerations are free, takes less energy than a move with "zero", "free" is solved too; with or without
+            the conditions and bodies.
         controls: control points per joint of a reshaped move.
         max_power: bound of the arm's electrical power [W]; None for none.
         tool_speed: bound of the speed of the tool's origin [m/s]; None for none.

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.motion.limits.base import Limit
-from energy_opt.motion.limits.joint import Acceleration, Effort, Jerk, Position, Velocity
+from energy_opt.motion.limits.joint import Acceleration, Effort, Jerk, JointLimit, Position, Velocity
 from energy_opt.motion.limits.keep import KeepLine, KeepOrientation, KeepUpright
 from energy_opt.motion.limits.own import Power
 from energy_opt.motion.limits.tool import ToolAcceleration, ToolSpeed
@@ -51,3 +53,8 @@ def limits_of(
     if twice := [name for name in names if names.count(name) > 1]:
         raise BadInput(f"two limits are named {twice[0]!r}; each needs a name of its own")
     return limits
+
+
+def without_conditions(limits: Sequence[Limit]) -> tuple[Limit, ...]:
+    """The limits of the joints alone."""
+    return tuple(limit for limit in limits if isinstance(limit, (Position, JointLimit)))

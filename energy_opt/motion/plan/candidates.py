@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from energy_opt.errors import Infeasible, at_least
+from energy_opt.errors import Infeasible
 from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.move import Move
@@ -25,8 +25,10 @@ REPAIRS = 10  # most times that limits are tightened after the judge finds a vio
 LONGEST = 30.0  # upper bound of a free duration, as a multiple of the fastest timing of the first path
 SHORTEST = 0.2  # lower bound of a free duration, as a multiple of the same
 SAMPLES = 200  # samples of a first guess
-RESOLUTION = 2e-5  # [rad, m] resolution of an 18-bit encoder: smaller moves are not searched
-BRIEFEST = 0.01  # [s] shortest duration of such a move: in less, the rounding of positions alone breaks a jerk limit
+# times the least time of the first path: in less, the slowest joint is at a limit nearly all the time, which the usual
+# control points are often too few for
+NEAR_FASTEST = 1.02
+NONE = "no start of the reshaping led to a trajectory within limits"
 SMALL = 1e-2  # [rad, m] smaller moves need no search of a path: inertia and gravity are constant along them
 
 
@@ -49,50 +51,6 @@ class Candidate:
 def is_at_rest(move: Move) -> bool:
     """True if the move has nothing to reshape."""
     return bool(not move.via and np.abs(move.goal - move.start).max() < 1e-12 and not np.any(move.end_velocities))
-
-
-def below_resolution(move: Move) -> bool:
-    """True if the move, from rest to rest, is smaller than an encoder's resolution, so that no search is needed."""
-    if move.via or np.any(move.end_velocities) or np.abs(move.goal - move.start).max() >= RESOLUTION:
-        return False
-    knots = np.linspace(0.0, 1.0, SAMPLES)
-    return move.path is None or bool(np.abs(move.path(knots) - move.start).max() < RESOLUTION)
-
-
-def without_search(context: Context, move: Move, timing: Timing) -> Candidate:
-    """The minimum-time timing, slowed evenly to the wanted duration, without a search.
-
-    Raises:
-        Infeasible: the wanted duration is below the minimum time.
-    """
-    wanted = max(1.001 * timing.duration, BRIEFEST) if move.duration is None else move.duration
-    longest = wanted if move.max_duration is None else move.max_duration
-    if timing.path.moves and timing.duration > min(wanted, longest) * (1 + 1e-9):
-        raise Infeasible(
-            f"a duration of {min(wanted, longest):.6g} s is too short: the shortest on this path is "
-            f"{at_least(timing.duration)} s",
-            limit="duration",
-            shortest_duration=timing.duration,
-        )
-    duration = min(wanted, longest)
-    trajectory = timing.slowed(duration).trajectory(context.robot.joints)
-    if timing.path.moves and not context.judge(trajectory).within.valid:  # rounding of many samples in a short time
-        trajectory = _single_cubic(context, move, duration)
-    return Candidate(
-        trajectory,
-        message=f"no joint moves by {RESOLUTION:g} rad, which no encoder tells from standing: "
-        "answered by the minimum-time timing, or by one polynomial, without a search",
-    )
-
-
-def _single_cubic(context: Context, move: Move, duration: float) -> Trajectory:
-    """The straight line from rest to rest as one cubic polynomial in three samples."""
-    u, displacement = np.array([[0.0], [0.5], [1.0]]), move.goal - move.start
-    q = move.start + u**2 * (3 - 2 * u) * displacement
-    v = 6 * u * (1 - u) * displacement / duration
-    a = 6 * (1 - 2 * u) * displacement / duration**2
-    q[-1] = move.goal
-    return Trajectory(context.robot.joints, u[:, 0] * duration, q, v, a).on_nanoseconds()
 
 
 def small_enough(move: Move, line: RetimeSolution | None, curve: Candidate) -> Candidate:
@@ -252,17 +210,23 @@ def reshaped(
         return Candidate(None, answer.iterations, starts=answer.starts, outcome=answer.optima[0], optima=answer.optima)
     best, spent, starts = answer.best, answer.iterations, answer.starts
     line = retimed() if best is None and not context.stopped() else None
+    near = settings.objective == "energy" and timing is not None and task.durations[1] < NEAR_FASTEST * timing.duration
+    near = near and line is not None
+    if near and settings.end_acceleration == "zero":  # free ones are tried next
+        return Candidate(None, spent, False, NONE, starts)
     if line is not None:  # this timing holds the limits, so search from it
-        again = reshaper.search(task, [Line.of(line.trajectory)], 1, settings.seed, context.stopped)
+        reshaper = context.finer.reshaper("energy") if near else reshaper
+        guesses = [*(lines if near else ()), Line.of(line.trajectory)]
+        again = reshaper.search(task, guesses, 1, settings.seed, context.stopped, kept if near else None)
         best, spent, starts = again.best, spent + again.iterations, starts + again.starts
-    if best is None and not context.stopped():
+    if best is None and not near and not context.stopped():
         best, more = _from_the_fastest(context, move, task, lines, line is not None, reference, timing)
         spent += more
-    if best is None and line is not None and not context.stopped():  # few control points did not suffice
+    if best is None and line is not None and not near and not context.stopped():  # few control points did not suffice
         last = reshaper.from_line(Line.of(line.trajectory), task)
         best, spent, starts = last if last.broken <= FEASIBLE else None, spent + last.iterations, starts + 1
     if best is None:
-        return Candidate(None, spent, False, "no start of the reshaping led to a trajectory within limits", starts)
+        return Candidate(None, spent, False, NONE, starts)
     best, trajectory, certificate, more = repaired(context, reshaper, best, task)
     spent += more
     if free_time and move.duration is not None:
@@ -273,7 +237,8 @@ def reshaped(
     if not certificate.valid:
         return Candidate(None, spent, False, broken("reshaped", certificate), starts)
     message = "" if best.converged else f"{best.why}; {certificate.tightest}"
-    return Candidate(trajectory, spent, best.converged, message, starts, best, answer.optima)
+    # curves at other durations continue with the usual control points
+    return Candidate(trajectory, spent, best.converged, message, starts, None if near else best, answer.optima)
 
 
 def repaired(

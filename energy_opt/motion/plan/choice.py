@@ -204,7 +204,9 @@ def baselines_of(context: Context, move: Move, timing: Timing | None, duration: 
 
 
 def within_limits(timing: Timing, judge: Callable[[Trajectory], Certificate], joints: tuple[str, ...]) -> Timing:
-    """The fastest timing, slowed slightly if it breaks a limit between the grid points of its program.
+    """The fastest timing, slowed to the next whole nanosecond, so that a move can be asked for in its duration.
+
+    It is slowed a little more if it breaks a limit between the grid points of its program.
 
     Args:
         timing: the fastest of a path. judge: gives the certificate of its trajectory. joints: their names.
@@ -212,7 +214,8 @@ def within_limits(timing: Timing, judge: Callable[[Trajectory], Certificate], jo
     if np.any(timing.control[[0, -1]]):
         return timing
     excess = judge(timing.trajectory(joints)).violation
-    return timing.slowed(timing.duration * (1 + 2 * excess)) if ALLOWED < excess < HAIR else timing
+    duration = timing.duration * (1 + (2 * excess if ALLOWED < excess < HAIR else 0.0))
+    return timing.slowed(float(np.ceil(duration * 1e9) / 1e9))
 
 
 def _baseline(name: str, judged: Judged) -> Baseline:

@@ -30,6 +30,8 @@ from energy_opt.numerics.compile import compiled
 from energy_opt.power import PowerModel
 from energy_opt.robot import RigidBody, Robot
 
+FINEST = 300  # control points per joint near the least time
+
 
 @dataclass(frozen=True)
 class Judged:
@@ -171,6 +173,16 @@ class Context:
     def values(self) -> np.ndarray:
         """The model's parameter values, in the order that solvers take them."""
         return self.model.values(self.robot.n)
+
+    @property
+    def freed(self) -> Context:
+        """The context with free accelerations at a move's ends."""
+        return replace(self, settings=replace(self.settings, end_acceleration="free"))
+
+    @property
+    def finer(self) -> Context:
+        """The context with at least FINEST control points per joint."""
+        return replace(self, settings=replace(self.settings, controls=max(FINEST, self.settings.controls)))
 
     def reshaper(self, objective: str) -> Reshaper:
         """The reshaper that minimises `objective`."""

@@ -25,12 +25,12 @@ from energy_opt.motion.limits.registry import limits_of
 from energy_opt.motion.move import LONGEST, Move, Settings, long_turns
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.plan.anytime import LATE, Progress
-from energy_opt.motion.plan.candidates import below_resolution
 from energy_opt.motion.plan.choice import with_trajectory, within_limits
 from energy_opt.motion.plan.context import Context, Judge, Workshop, path_of
 from energy_opt.motion.plan.first_path import check_free, first_path
 from energy_opt.motion.plan.single import Single
 from energy_opt.motion.plan.sketch import Settled, settled, sketched
+from energy_opt.motion.plan.unsearched import below_resolution
 from energy_opt.motion.reshape.open import FIXED, Open
 from energy_opt.motion.result import FirstPath, Result
 from energy_opt.motion.timing.law import Timing

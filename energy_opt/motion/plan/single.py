@@ -10,23 +10,23 @@ from functools import cache, cached_property, partial
 
 from energy_opt.errors import Infeasible
 from energy_opt.motion.limits.check import least_duration
+from energy_opt.motion.limits.registry import without_conditions
 from energy_opt.motion.move import Move
 from energy_opt.motion.plan.anytime import Progress
 from energy_opt.motion.plan.candidates import (
     Candidate,
-    below_resolution,
     in_tube,
     is_at_rest,
     least_energy_timing,
     repaired_timing,
     reshaped,
     small_enough,
-    without_search,
 )
 from energy_opt.motion.plan.choice import Work, baselines_of, choose
 from energy_opt.motion.plan.clear import kept_clear, nearly_clear
-from energy_opt.motion.plan.context import Context
+from energy_opt.motion.plan.context import Context, path_of
 from energy_opt.motion.plan.refusals import below_bound
+from energy_opt.motion.plan.unsearched import below_resolution, without_search
 from energy_opt.motion.reshape.curve import Outcome
 from energy_opt.motion.reshape.search import Kept
 from energy_opt.motion.result import FirstPath, Result
@@ -46,6 +46,7 @@ def candidates_of(
     timing: Timing | None,
     warm: Sequence[Trajectory] = (),
     kept: Kept | None = None,
+    bare: Callable[[], Timing | None] = lambda: None,
 ) -> Work:
     """Candidates for a move's answer.
 
@@ -53,6 +54,7 @@ def candidates_of(
         timing: the fastest timing of the first path.
         warm: further trajectories to start from.
         kept: coarse results of the starts at other durations of the same move.
+        bare: gives `Single.bare`.
 
     Raises:
         Infeasible: no timing or no path holds the limits.
@@ -70,48 +72,42 @@ def candidates_of(
         solution = least_energy_timing(context, move, timing)
         assert solution is not None
         return Work(timing, solution, None, repaired_timing(context, move, solution), warm)
-    wanted = move.longest
     if context.stopped() and timing is not None:
         return Work(timing, None, None, None, warm)
 
     @cache
     def retimed() -> RetimeSolution | None:
-        return (
-            least_energy_timing(context, move, timing)
-            if timing is not None and _is_fast_enough(timing, wanted)
-            else None
-        )
+        return _least_energy(context, move, timing)
 
     if is_at_rest(move) or (context.stopped() and timing is not None):
         return Work(timing, None, None, None, warm, retimed)
     curve = _curve(context, move, timing, retimed, warm, kept)
     if curve.trajectory is not None and (judged := context.judge(curve.trajectory)).certificate.valid:
         context.progress.found(judged.energy.loss)
-    may = may_free(context, move, timing, curve.trajectory is None) and not context.stopped()
-    if may and _worse_than_timing(context, curve, timing, retimed):
-        other = _curve(freed(context), move, timing, retimed, warm, kept)
-        if other.trajectory is not None and not _worse_than_timing(context, other, timing, retimed):
-            curve = replace(other, iterations=curve.iterations + other.iterations)
+    if context.settings.end_acceleration == "zero" and not context.stopped():
+        beaten = _is_beaten(context, move, curve, timing, retimed)
+        if beaten or _is_beaten_without_conditions(context, move, curve, timing, bare):
+            other = _curve(context.freed, move, timing, retimed, warm, kept)
+            curve = replace(_better(context, curve, other), iterations=curve.iterations + other.iterations)
     return Work(timing, None, curve, None, warm, retimed)
 
 
-def freed(context: Context) -> Context:
-    """The context with free accelerations at a move's ends."""
-    return replace(context, settings=replace(context.settings, end_acceleration="free"))
-
-
-def may_free(context: Context, move: Move, timing: Timing | None, failed: bool = False) -> bool:
-    """Are free accelerations tried where zero ones are asked for? In hurried and failed moves, if the first path has a
-    timing in time: its end accelerations are free too.
+def is_hurried(move: Move, timing: Timing, duration: float) -> bool:
+    """Is a motion's duration so near that of the first path's fastest timing that zero accelerations at its ends cost
+    energy, and is that timing in time?
     """
-    wanted = move.longest
-    if context.settings.end_acceleration != "zero" or timing is None or not _is_fast_enough(timing, wanted):
-        return False
-    return failed or wanted is None or wanted < HURRIED * timing.duration
+    return duration < HURRIED * timing.duration and _is_fast_enough(timing, move.longest)
 
 
 def _is_fast_enough(timing: Timing, wanted: float | None) -> bool:
     return wanted is None or wanted >= timing.duration * (1 - 1e-9) or not timing.path.moves
+
+
+def _least_energy(context: Context, move: Move, timing: Timing | None) -> RetimeSolution | None:
+    """The least-energy timing of a first path; None if it has no timing in time."""
+    if timing is None or not _is_fast_enough(timing, move.longest):
+        return None
+    return least_energy_timing(context, move, timing)
 
 
 def _curve(
@@ -128,18 +124,43 @@ def _curve(
     return curve
 
 
-def _worse_than_timing(
-    context: Context, curve: Candidate, timing: Timing | None, retimed: Callable[[], RetimeSolution | None]
+def _is_beaten(
+    context: Context, move: Move, curve: Candidate, timing: Timing | None, best: Callable[[], RetimeSolution | None]
 ) -> bool:
-    """Is a curve, from zero acceleration to zero, beaten by the best timing of the first path?
+    """Is a hurried curve, from zero acceleration to zero, beaten by the best timing of the first path?
 
     Timings begin and end with any acceleration. Near the least time that counts: building it up takes about 1 % longer.
     """
     found, objective = curve.trajectory, context.settings.objective
+    if timing is None or not is_hurried(move, timing, 0.0 if found is None else found.duration):
+        return False
     if objective == "time":
-        return timing is not None and (found is None or found.duration > timing.duration * (1 + 1e-9))
-    solution = retimed() if objective == "energy" else None
+        return found is None or found.duration > timing.duration * (1 + 1e-9)
+    solution = best() if objective == "energy" else None
     return solution is not None and (found is None or context.judge(found).energy.total > solution.energy)
+
+
+def _is_beaten_without_conditions(
+    context: Context, move: Move, curve: Candidate, timing: Timing | None, bare: Callable[[], Timing | None]
+) -> bool:
+    """As `_is_beaten`, by the best timing of the path that the move starts from without conditions and bodies.
+
+    So a condition that slows the first path, but not the answer, does not change the answer's ends.
+    """
+    fastest = bare()
+    if fastest is None or fastest is timing:
+        return False
+    alone, move = replace(context, limits=without_conditions(context.limits)), replace(move, path=fastest.path)
+    return _is_beaten(context, move, curve, fastest, lambda: _least_energy(alone, move, fastest))
+
+
+def _better(context: Context, a: Candidate, b: Candidate) -> Candidate:
+    """The candidate of less objective, energy or time; the first one if both are equal."""
+    if a.trajectory is None or b.trajectory is None:
+        return b if a.trajectory is None else a
+    if context.settings.objective == "time":
+        return b if b.trajectory.duration < a.trajectory.duration else a
+    return b if context.judge(b.trajectory).energy.total < context.judge(a.trajectory).energy.total else a
 
 
 def first_timing(move: Move, timing: Callable[[], Timing]) -> Timing | None:
@@ -173,6 +194,20 @@ class Single:
     def timing(self) -> Timing | None:
         """The fastest timing of the first path; None if a reshaped move's path has none."""
         return first_timing(self.move, partial(self._timing, self.move))
+
+    @cached_property
+    def bare(self) -> Timing | None:
+        """The fastest timing of the given or straight path without conditions, via points and bodies; None if it has
+        none.
+        """
+        given, limits = self.first.source == "given", without_conditions(self.context.limits)
+        move = replace(self.move, path=self.move.path if given else None, via=())
+        if move == self.move and len(limits) == len(self.context.limits):
+            return self.timing
+        try:
+            return self.context.fastest(path_of(move), limits)
+        except Infeasible:
+            return None
 
     def refuse_below_bound(self, move: Move) -> None:
         """Refuse a duration that is shorter than a limit requires on any path, before a search.
@@ -211,7 +246,7 @@ class Single:
             judged = dict(judged_before)["scaled"]
             if judged.certificate.valid:
                 progress.found(judged.energy.loss)
-        work = candidates_of(context, move, self.timing, warm, self.kept)
+        work = candidates_of(context, move, self.timing, warm, self.kept, lambda: self.bare)
         build = workshop.seconds - built + (work.solution.build_seconds if work.solution is not None else 0.0)
         try:
             result = choose(context, move, work, build, time.perf_counter() - begin - build, judged_before)

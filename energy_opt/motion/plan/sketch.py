@@ -12,7 +12,7 @@ from energy_opt.errors import Infeasible
 from energy_opt.motion.move import Move
 from energy_opt.motion.plan.candidates import first_line, least_energy_timing, reference_time, task_of
 from energy_opt.motion.plan.context import Context, path_of
-from energy_opt.motion.plan.single import first_timing, freed, may_free
+from energy_opt.motion.plan.single import first_timing, is_hurried
 from energy_opt.motion.reshape.clear import ClearSearch
 from energy_opt.motion.reshape.curve import Curve
 from energy_opt.motion.reshape.open import Open
@@ -67,12 +67,13 @@ def settled(context: Context, move: Move, motion: Trajectory, open_: Open) -> Se
     zero = context.settings.end_acceleration == "zero"
     if not zero or cost(found[0]) <= cost(motion) or context.judge(motion).within.valid:
         return found
-    other = _optimum(freed(context), move, motion, open_)
+    other = _optimum(context.freed, move, motion, open_)
     there = replace(move, start=other[0].position[0], via=other[1], goal=other[0].position[-1])
     if cost(other[0]) >= cost(found[0]):
         return found
     timing = first_timing(there, partial(context.fastest, path_of(there)))
-    return other if may_free(context, there, timing) else found
+    hurried = timing is not None and is_hurried(there, timing, other[0].duration)
+    return other if hurried else found
 
 
 def _optimum(context: Context, move: Move, motion: Trajectory, open_: Open) -> Settled:

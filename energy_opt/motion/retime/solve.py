@@ -37,6 +37,7 @@ from energy_opt.robot import Robot
 LONGEST = 50.0  # longest free duration, as a multiple of the shortest one
 GLOBAL_GAP = 0.25  # [%] an answer with a bound closer than this is called the global optimum
 USELESS = 1.0  # share of the energy: a bound farther away is not reported
+ROUNDING = 1e-12  # relative: durations that differ by less are equal
 USED_UP = 1e-5  # relative slack of the duration below which it counts as used up
 PROVED = 1e-4  # relative: an answer with a bound closer than this needs no better bound
 CORRECTIONS = 4  # most corrections of a duration that the grid does not resolve
@@ -125,7 +126,7 @@ def retime(
     work = Retiming(robot, model, shortest, held)
     wanted = duration if duration is not None else max_duration
     start = shortest
-    if wanted is not None and shortest.duration > wanted:
+    if wanted is not None and shortest.duration > wanted * (1 + ROUNDING):
         start = _faster_than_toppra(work, shortest, wanted)
     if duration is not None and all(work.rest):
         start = start.slowed(duration)

@@ -1,0 +1,37 @@
+"""Moves in hardly more than the least time of their straight line."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+import energy_opt as eo
+from energy_opt.batches.tables import random_moves
+
+
+def solved(robot: eo.Robot, number: int, **options: Any) -> eo.Result:
+    """The answer to a seeded move."""
+    move = random_moves(robot, number + 1, 3)[number]
+    known = {"self_collision": False, "compile": "never"}
+    return eo.optimize(robot, "source-method-2", start=move.start, goal=move.goal, **known, **options)
+
+
+@pytest.mark.parametrize("number", [0, 1])
+@pytest.mark.parametrize("longer", [1.0, 1.0005])
+def test_other_joints_save_while_the_slowest_one_is_at_its_limits(number: int, longer: float) -> None:
+    """48 control points do not follow its limits: the answer was the straight line, not converged."""
+    robot = eo.load_robot("ur5e")
+    fastest = solved(robot, number, mode="retime", objective="time").baseline("toppra")
+    near = solved(robot, number, duration=longer * fastest.duration)
+    beyond = solved(robot, number, duration=1.01 * fastest.duration)
+    assert near.status == "solved" and near.chosen == "reshape"
+    assert near.energy.loss < 1.03 * beyond.energy.loss
+
+
+@pytest.mark.parametrize("mode", ["retime", "reshape"])
+def test_a_move_can_last_as_long_as_the_fastest_timing(mode: str) -> None:
+    """Its duration is stated in whole nanoseconds; rounded down, the move was refused."""
+    robot = eo.load_robot("ur5e")
+    fastest = solved(robot, 0, mode="retime", objective="time").baseline("toppra")
+    assert solved(robot, 0, mode=mode, duration=fastest.duration).status == "solved"

@@ -12,6 +12,7 @@ from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.limits.base import Violation
+from energy_opt.motion.path import through
 from energy_opt.motion.plan import context as contexts
 from energy_opt.motion.reshape.curve import Outcome
 from energy_opt.motion.reshape.nodes import node_functions
@@ -137,9 +138,9 @@ def test_a_first_path_without_timing():
     """Where TOPP-RA finds no timing there are no baselines to state a saving against."""
     robot = load_robot("panda")
     start, goal = np.array([0, -0.785, 0, -0.4, 0, 1.571, 0.785]), np.array([1.2, 0.3, 0.4, -0.12, -0.5, 2.2, -0.4])
-    via = np.array([0.5, -0.5, 0.2, robot.limits.upper[3], 0, 1.8, 0.5])  # every spline through it leaves the limits
+    via = np.array([0.5, -0.5, 0.2, robot.limits.upper[3], 0, 1.8, 0.5])  # the spline through it leaves the limits
     planner = Planner(robot, source_method_2(), Settings(starts=1, controls=16, compile="never"))
-    result = planner.solve(Move(start, goal, duration=3.0, via=(via,)))
+    result = planner.solve(Move(start, goal, duration=3.0, path=through(np.stack([start, via, goal]))))
     assert result.certificate.valid and result.chosen == "reshape"
     assert result.baseline("scaled") is None and result.saving is None
     assert result.document()["saving"] is None and result.document()["baselines"] == []

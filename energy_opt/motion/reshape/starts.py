@@ -23,7 +23,7 @@ from energy_opt.motion.reshape.task import REPAIRABLE, Level, Line, Task, at_mos
 
 log = logging.getLogger(__name__)
 FEWEST, OFTEN = 10, 3  # fewest starts, and how many of them must have found the best optimum
-NEAR = 0.01  # relative: coarse costs that differ by less count as equal
+NEAR = 0.005  # relative: coarse costs that differ by less count as equal; of free durations they include standby
 BETWEEN = (0.25, 0.5, 0.75)  # shares of the way between two optima at which a ridge is looked for
 SAME = 0.5  # [rad] coarse curves of equal cost that differ by less everywhere are one optimum
 # Kinds of bends, used in turns: share of joints that bend, standard deviation of their amplitudes as a share of half

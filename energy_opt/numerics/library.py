@@ -72,7 +72,8 @@ def folder() -> Path:
             _private(out)
         tag = above / OWN / TAG
         if not tag.is_file():
-            if any(path.name != TAG for path in (above / OWN).iterdir()):
+            others = any(path.name != TAG for path in (above / OWN).iterdir())
+            if others and not tag.is_file():  # another thread or process may have made both in the meantime
                 raise Unusable(f"{above / OWN}: not a cache of this program: it contains files, but no {TAG}")
             tag.touch(mode=0o600)
     except (OSError, RuntimeError) as error:  # RuntimeError: there is no home

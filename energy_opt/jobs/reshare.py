@@ -24,6 +24,7 @@ from energy_opt.motion.timing.law import Timing
 PROBE = 1.08  # factor of the durations at which each leg is solved a second time
 TRUST = 1.3  # largest change of a duration in one round, as a factor
 ROUNDS = 3  # most rounds
+HURRIED = 1.02  # times the shortest duration: below, a search takes several times as long
 APART = 1.01  # least ratio of two durations from which a slope is computed
 WORTH = 2e-3  # share of the losses: shares that promise less are not solved
 
@@ -59,7 +60,9 @@ def reshared(
                     points[k] |= {probe.trajectory.duration: probe.energy.total} if probe.status == "solved" else {}
             saved[k], holding[k] = _fitted(points[k], durations[k], saved[k], holding[k])
         near = [
-            replace(front, shortest=max(front.shortest, d / trust), longest=min(front.longest, d * trust))
+            replace(
+                front, shortest=max(min(HURRIED * front.shortest, d), d / trust), longest=min(front.longest, d * trust)
+            )
             for front, d in zip(fronts, durations.tolist(), strict=True)
         ]
         wanted = modelled(near, saved, holding, job.cycle_time - job.waiting, plan.rest.power)

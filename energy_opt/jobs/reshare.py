@@ -1,7 +1,7 @@
 """Sharing a cycle's time anew, by the energies of its reshaped legs.
 
 `allocate` shares the time by the energies of first paths. Those of reshaped motions have other slopes: on ten random
-cycles of two robots, shares by these take 14 % less loss (`benchmarks/job.py --random 5`).
+cycles of two robots, shares by these take 12 % less loss (`benchmarks/job.py --random 5`).
 
 Near a duration, the energy of a leg is E(T) = c + h T + k / (3 T^3): it moves against its losses, which fall with the
 third power of T, and takes h W besides. h and k follow from the energies at two or three durations.

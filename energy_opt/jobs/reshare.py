@@ -21,6 +21,7 @@ from energy_opt.jobs.cycle import Plan, energy_of
 from energy_opt.jobs.work import Worker
 from energy_opt.motion.timing.law import Timing
 
+BEFORE = 0.5  # approximate share of a job's work before this
 PROBE = 1.08  # factor of the durations at which each leg is solved a second time
 TRUST = 1.3  # largest change of a duration in one round, as a factor
 ROUNDS = 3  # most rounds
@@ -31,13 +32,14 @@ WORTH = 2e-3  # share of the losses: shares that promise less are not solved
 
 def reshared(
     work: Worker, plan: Plan, timings: Sequence[Timing], fronts: Sequence[Front], shares: Shares,
-    plan_of: Callable[[np.ndarray], Plan],
+    plan_of: Callable[[np.ndarray, float, float], Plan],
 ) -> Plan:  # fmt: skip
     """The plan with shares of the time by which its reshaped legs take the least energy.
 
     Args:
         plan: with the shares of the first paths. timings, fronts: of the first paths, by leg.
-        shares: as `allocate` found them. plan_of: solves every leg in these durations (L,) [s].
+        shares: as `allocate` found them.
+        plan_of: solves every leg in these durations (L,) [s], from one share of all work to another.
     """
     job, answers = work.job, plan.answers
     # as first guess, losses depend on time as those of the first path do
@@ -48,7 +50,7 @@ def reshared(
     saved, holding = ratio * shares.saved, standby + ratio * (shares.holding - standby)
     points: list[dict[float, float]] = [{} for _ in answers]
     trust = TRUST
-    for _ in range(ROUNDS):
+    for done in range(ROUNDS):
         durations = np.array([answer.trajectory.duration for answer in plan.answers])
         for known, answer in zip(points, plan.answers, strict=True):
             known[answer.trajectory.duration] = answer.energy.total
@@ -69,7 +71,7 @@ def reshared(
         change = (holding - plan.rest.power) * (wanted - durations) + saved / 3 * (wanted**-3 - durations**-3)
         if work.stopped() or -change.sum() < WORTH * losses.sum():
             break
-        found = plan_of(wanted)
+        found = plan_of(wanted, *(BEFORE + (1 - BEFORE) * k / ROUNDS for k in (done, done + 1)))
         if energy_of(job, work.scorers, found) < energy_of(job, work.scorers, plan):
             plan = found
             continue

@@ -28,7 +28,7 @@ from energy_opt.jobs.cycle import (
 )
 from energy_opt.jobs.file import Job, Step
 from energy_opt.jobs.legs import Leg, legs_of, slope_of_slowing
-from energy_opt.jobs.reshare import reshared
+from energy_opt.jobs.reshare import BEFORE, reshared
 from energy_opt.jobs.work import Answers, Cells, Worker
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.move import Settings
@@ -181,9 +181,9 @@ def run_job(
     progress("sharing the cycle's time", SHARING)
     fronts, shares = shares_of(job, work, legs, timings, rest)
     retimed = all(leg.mode == "retime" for leg in legs)
-    best = plan_of(shares.durations, 2 * SHARING, 1.0 if retimed else 0.6, worker is None)
+    best = plan_of(shares.durations, 2 * SHARING, 1.0 if retimed else BEFORE, worker is None)
     if not retimed and not stopped():
-        best = reshared(work, best, timings, fronts, shares, lambda durations: plan_of(durations, 0.6, 1.0))
+        best = reshared(work, best, timings, fronts, shares, plan_of)
     for other in plain.values():
         if other is not None and energy(other) < energy(best):
             best = other

@@ -3,7 +3,7 @@
 A coarse problem (few control points) is cheap to solve, and already has most local optima (see `starts`). If the
 duration is given, the starts are solved at the next larger one of a series of durations with ratio `RUNG`. So nearby
 durations share their starts, and a start can be feasible even if the move itself hardly is. If starts of another
-duration of the same move are known, their optima are continued instead.
+duration nearby are known, their optima are continued instead.
 
 But a coarse problem ranks optima badly: its loss is up to twice that of the fine problem, by different amounts, and
 another duration changes the order. So the best of every valley is solved at the duration itself with more control
@@ -42,6 +42,7 @@ AGAIN = 20
 NEAR_KINKS = 0.02  # [rad, m] first step of descents with kinked laws
 WIDTHS, ROUGHLY = (3.0, 1.7), 20  # decreasing factors of that width before the final solve, and most iterations of each
 RUNG = 1.5  # ratio of the durations at which starts are solved
+FOLLOWED = 2.3  # largest ratio of durations over which optima are continued: other valleys are the best beyond
 # most valleys compared at the move's own duration, and their largest cost relative to the best
 KEPT, WORTH_KEEPING = 3, 2.0
 REFINED, WORTH_REFINING = 2, 1.03  # most of these solved in full, and their largest cost relative to the best
@@ -135,11 +136,12 @@ class Reshaper:
             there = there.lasting(float(RUNG ** np.ceil(np.log(task.durations[0]) / np.log(RUNG) - 1e-9)))
         rung = there.durations[1]
         kept = {} if kept is None else kept
-        done = [duration for duration, o in kept.items() if o.enough or o.starts >= starts]
+        done = {duration: o for duration, o in kept.items() if o.enough or o.starts >= starts}
         if rung not in done:
             known = kept.get(rung, Optima())
-            if done and task.fixed:
-                found = followed(coarse, there, kept[min(done, key=lambda d: abs(np.log(d / rung)))])
+            searched = any(max(d / rung, rung / d) <= FOLLOWED for d, o in done.items() if not o.continued)
+            if searched and task.fixed:
+                found = followed(coarse, there, done[min(done, key=lambda d: abs(np.log(d / rung)))])
             else:
                 found = search(coarse, there, lines[0], starts, seed, stopped, known)
             kept[rung] = found

@@ -40,7 +40,7 @@ ITERATIONS, TRUST = 60, 0.6  # iterations of a coarse solve, and its first step 
 class Optima:
     """Different optima of a coarse problem, in the order found, with the starts and iterations spent.
 
-    `enough`: no better one is to be expected.
+    `enough`: no better one is to be expected. `continued`: from another duration, not from starts.
     """
 
     found: tuple[Outcome, ...] = ()
@@ -48,6 +48,7 @@ class Optima:
     iterations: int = 0
     costs: tuple[float, ...] = ()  # of all outcomes whose excess can be repaired
     enough: bool = False
+    continued: bool = False
 
 
 def search(
@@ -90,7 +91,7 @@ def followed(level: Level, task: Task, known: Optima) -> Optima:
         if not any(_same(other, outcome, task) for other in found):
             found.append(outcome)
     costs = tuple(task.cost(outcome) for outcome in found if outcome.broken <= REPAIRABLE)
-    return Optima(tuple(found), len(known.found), spent, costs, enough=True)
+    return Optima(tuple(found), len(known.found), spent, costs, enough=True, continued=True)
 
 
 def _enough(costs: np.ndarray, starts: int) -> bool:

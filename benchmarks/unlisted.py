@@ -223,7 +223,7 @@ def main() -> int:
             what = " ".join(filter(None, (row["category"], row["arm"], row["noise"], row["unlisted"], row["cause"])))
             left = f"{row['after_over_best']:.2f} x best" if "after_over_best" in row else row["error"]
             flags = [f"FALSE {row['false']}"] * bool(row["false"]) + row["contradictions"]
-            flags += [f"usable {row['usable']}, off by {row['difference_error']:.2f}"] * (
+            flags += [f"usable {row.get('usable')}, off by {row.get('difference_error', np.nan):.2f}"] * (
                 not row.get("usable_right", True)
             )
             took = f"{row.get('seconds', 0):.1f} s"

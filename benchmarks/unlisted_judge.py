@@ -50,7 +50,7 @@ def foreseen(model: PowerModel, robot: Robot, q: np.ndarray, v: np.ndarray, a: n
 
     power, bus = law(np.zeros(len(t)))
     if store_of(model) is not None:
-        power, _ = law(returned_power(model, np.gradient(t), bus))
+        power, _ = law(returned_power(model, np.gradient(t), bus)[0])
     return power
 
 

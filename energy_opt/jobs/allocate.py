@@ -29,7 +29,7 @@ ENOUGH = 1e-5  # share of the energy: ends once no other shares can save more
 NEAR = 1e-3  # relative: durations whose sum is this close to the shared time are scaled to it
 # [W] least distance of a price from a leg's holding power: nearer to it the leg's duration would be infinite
 FLAT = 1e-3
-TINY = 1e-12  # [W] the same where bounds of the durations are close
+TINY = 1e-12  # [W] least such distance where the durations are bounded anyway
 
 
 @dataclass(frozen=True)

@@ -19,13 +19,14 @@ from energy_opt.errors import Infeasible
 from energy_opt.jobs.allocate import Front, Shares, modelled
 from energy_opt.jobs.cycle import Plan, energy_of
 from energy_opt.jobs.work import Worker
+from energy_opt.motion.plan.candidates import NEAR_FASTEST
 from energy_opt.motion.timing.law import Timing
 
 BEFORE = 0.5  # approximate share of a job's work before this
 PROBE = 1.08  # factor of the durations at which each leg is solved a second time
 TRUST = 1.3  # largest change of a duration in one round, as a factor
 ROUNDS = 3  # most rounds
-HURRIED = 1.02  # times the shortest duration: below, a search takes several times as long
+UNHURRIED = 1.001 * NEAR_FASTEST  # times the shortest duration: below, a search takes several times as long
 APART = 1.01  # least ratio of two durations from which a slope is computed
 WORTH = 2e-3  # share of the losses: shares that promise less are not solved
 
@@ -63,7 +64,9 @@ def reshared(
             saved[k], holding[k] = _fitted(points[k], durations[k], saved[k], holding[k])
         near = [
             replace(
-                front, shortest=max(min(HURRIED * front.shortest, d), d / trust), longest=min(front.longest, d * trust)
+                front,
+                shortest=max(min(UNHURRIED * front.shortest, d), d / trust),
+                longest=min(front.longest, d * trust),
             )
             for front, d in zip(fronts, durations.tolist(), strict=True)
         ]

@@ -100,23 +100,6 @@ payload = 0.0
     assert all(energy is None or result.energy <= energy for energy in result.energies.values())
 
 
-def test_reshaped_moves_share_the_time_by_their_own_energies(panda: Robot, tmp_path: Path) -> None:
-    """Shared by the energies of straight moves, the cycle took 516.3 J."""
-    job = load_job(_written(tmp_path, EXAMPLE), lambda _: panda)
-    assert run_job(job, source_method_2()).energy < 515.0
-
-
-@pytest.mark.slow
-def test_a_longer_step_does_not_make_a_reshaped_cycle_cheaper(panda: Robot, tmp_path: Path) -> None:
-    """It took 0.3 J less when one step had 7 % more time, 1.3 % of the losses."""
-    job = load_job(_written(tmp_path, EXAMPLE), lambda _: panda)
-    found = run_job(job, source_method_2())
-    long = next(piece for piece in found.pieces if piece.name == "to the camera").trajectory.duration
-    longer = EXAMPLE.replace('to = "camera"', f'to = "camera"\nmin_duration = {1.07 * long}')
-    again = run_job(load_job(_written(tmp_path, longer), lambda _: panda), source_method_2())
-    assert again.energy > found.energy - 0.1
-
-
 @pytest.mark.slow
 def test_the_example_on_the_command_line(panda: Robot, tmp_path: Path) -> None:
     out = tmp_path / "out"

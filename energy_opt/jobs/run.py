@@ -188,7 +188,8 @@ def run_job(
         if other is not None and energy(other) < energy(best):
             best = other
     bound = None
-    if shares.bound is not None and retimed:
+    # of legs alone; what came before may take power from a leg, as warm joints and full stores do
+    if shares.bound is not None and retimed and not work.scorers.of(job.steps[0]).depends_on_past:
         waits = [step for step in job.steps if step.wait is not None]
         bound = shares.bound + sum(standing_power(work.scorers, step, step.brakes) * (step.wait or 0) for step in waits)
     pairs = list(zip(asked, given, legs, strict=True))

@@ -118,3 +118,15 @@ def test_a_job_counts_what_came_before_each_step(z1: Robot, tmp_path: Path) -> N
     time, *_, power = np.genfromtxt(tmp_path / "out" / "step_04.csv", delimiter=",", skip_header=1).T
     seconds = time + steps[3]["start"]
     assert power == pytest.approx(10.0 + 6.0 * (1 - np.exp(-seconds / 2.0)), rel=1e-6)
+
+
+def test_no_bound_is_stated_that_leaves_out_what_came_before(z1: Robot, tmp_path: Path) -> None:
+    """Braking of one leg fed the next: the bound of the legs alone was 0.6 % above the energy."""
+    free = [line for line in JOB.splitlines() if "duration" not in line]
+    (tmp_path / "job.toml").write_text("\n".join(free))
+    job = load_job(tmp_path / "job.toml", lambda name: z1)
+    plain, stored = (
+        run_job(job, eo.PowerModel("z1", (*OVERHEAD, *more))) for more in ((), (eo.effects.DcLink(capacity=50.0),))
+    )
+    assert plain.bound is not None and plain.bound <= plain.energy
+    assert stored.bound is None

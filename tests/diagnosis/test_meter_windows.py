@@ -29,3 +29,14 @@ def test_a_moving_mean_is_named(tmp_path, name, seed):
     (row,) = found["effects"]
     low, high = np.ravel(row["ci95"]["duration"])
     assert row["name"] == "meter_window" and low <= 0.2 <= high
+
+
+def test_a_declared_window_is_applied_and_never_claimed(tmp_path):
+    """Beside a declared window of half the size, another one was claimed."""
+    folder = record(tmp_path / "set", Hidden("ur5e"), over(0.4), seed=1)
+    with (folder / "log.toml").open("a") as log:
+        log.write("\n[meter]\nwindow = 0.2\n")
+    declared = PowerModel("ur5e", (Standby(power=STANDBY), CopperLoss(r_over_kt2=COPPER)))
+    found = diagnose(read_set(folder), declared).document
+    named = {row["name"] for row in found["effects"]}.union(*map(set, found["alternatives"]))
+    assert "meter_window" not in named

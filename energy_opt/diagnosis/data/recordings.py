@@ -139,6 +139,7 @@ def take_samples(measured: MeasuredSet) -> tuple[Samples, Smoothing]:
         meter_noise([(r.power_time, r.power) for r in measured.runs]),
         tuple(r.file for r in measured.runs), tuple(r.kind for r in measured.runs), tuple(single), group,
         _logged(measured.runs, [m[0] for m in motion]), blur, _lag(measured, smoothing, v, smoothed),
+        averaged=any(run.window.any() for run in measured.runs),
     )  # fmt: skip
     return samples, smoothing
 

@@ -37,6 +37,7 @@ class Samples:
         blur: (K, 2 n) standard deviations of v and a by errors of the logged positions or velocities.
         lag: [s] time uncertainty of the motion by sampling, quantisation and smoothing of the positions.
         allowed: (M,) [W^2] variance of single readings by these errors and by clocks, see `weighted`.
+        averaged: True if the window over which the meter averages is known.
         elsewhere: times (H,) [s] and rigid torque (H, n) [N m] of the set's other runs, in which windings get warm.
     """
 
@@ -63,6 +64,7 @@ class Samples:
     blur: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
     lag: float = 0.0
     allowed: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    averaged: bool = False
     elsewhere: tuple[np.ndarray, np.ndarray] | None = None
 
     @property

@@ -12,7 +12,7 @@ from energy_opt.diagnosis.data.predict import predict, recorded
 from energy_opt.diagnosis.data.samples import Samples
 from energy_opt.diagnosis.fit.posterior import Fit, Free
 from energy_opt.diagnosis.hypothesis.terms import USUAL, Chart, Term, chart, entries, sized
-from energy_opt.effects import Effect, LinkInertia, MeterEffect, RunOffset, StoreEffect, known_effects
+from energy_opt.effects import Effect, LinkInertia, MeterEffect, MeterWindow, RunOffset, StoreEffect, known_effects
 
 # effects that every hypothesis includes; they are never reported as a cause
 ALLOWED_FOR = (LinkInertia.name, RunOffset.name)
@@ -47,6 +47,8 @@ def candidates(now: Fit) -> Iterator[Candidate]:
     drives = [e.name for e in model.effects if e.stage == "drive"]
     absent: list[tuple[type[Effect], Term]] = []
     for kind in known_effects().values():
+        if kind is MeterWindow and now.world.samples.averaged:  # a window that is known is applied, and never claimed
+            continue
         if kind.name in taken or kind.name in ALLOWED_FOR or not kind.sought or not _sizes_known(kind):
             continue
         if declared.get(kind.name) is not None:

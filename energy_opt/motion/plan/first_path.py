@@ -143,6 +143,8 @@ def _path_through(cell: Cell | None, limits: Sequence[Limit], legs: Sequence[Ini
     """One path along others in order: a spline that passes their ends, within position limits and free; or None."""
     source = max((leg.source for leg in legs), key=("straight", "own", "ompl").index)
     legs = [leg for leg in legs if leg.path.moves]
+    if not legs:
+        return None
     chords = [np.linalg.norm(np.diff(leg.path(np.linspace(0, 1, CHECKS)), axis=0), axis=1).sum() for leg in legs]
     bounds = box_of(limits, legs[0].path.n)
     for step in STEPS:

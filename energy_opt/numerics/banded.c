@@ -82,7 +82,7 @@ static void solve(double *f, I size, I width, double *x) {
 }
 
 /* The product of a symmetric band with x (N,). */
-void banded_multiply(const double *ab, I size, I width, const double *x, double *out) {
+static void multiply(const double *ab, I size, I width, const double *x, double *out) {
     memset(out, 0, size * sizeof(double));
     for (I c = 0; c < size; c++) {
         const double *p = ab + c * width;
@@ -382,9 +382,10 @@ static void gather(const double *y, const Bounds *b, const Matrix *a, I rows, do
     back(by_row, b->size - a->border, a, out);
 }
 
+/* The product of a bordered band with d (inner + k,). */
 static void bordered(const double *ab, const double *edge, const double *corner, I inner, I width, I count,
                      const double *d, double *out) {
-    banded_multiply(ab, inner, width, d, out);
+    multiply(ab, inner, width, d, out);
     for (I k = 0; k < count; k++) {
         double s = 0;
         for (I i = 0; i < inner; i++) {
@@ -397,8 +398,8 @@ static void bordered(const double *ab, const double *edge, const double *corner,
 }
 
 /* The interior-point loop; see `interior.py` for what goes in. `band`, `edge` and `corner` are changed where damping is
-   added. Out: d (size,), multipliers `by_row` (R,), and `told`: sum of e, damping, steps. Returns 0, 1 where no damping
-   makes the program convex, 2 where there is no memory. */
+   added. Out: d (size,), multipliers `by_row` (R,), and `told`: sum of e, damping, steps, decrease of the cost. Returns 0,
+   1 where no damping makes the program convex, 2 where there is no memory. */
 int banded_interior(double *band, double *edge, double *corner, const double *mass, const double *mass_corner, I width,
              const double *g, const double *low_box, const double *high_box, const Matrix *given, const Bounds *at,
              const double *floor_, const double *ceiling, double price, double tolerance, double *d, double *by_row,
@@ -560,6 +561,9 @@ int banded_interior(double *band, double *edge, double *corner, const double *ma
     told[1] = damping;
     told[2] = (double)steps;
     for (I i = 0; i < size; i++) d[i] = smaller(larger(d[i], low_box[i]), high_box[i]);
+    bordered(band, edge, corner, inner, width, count, d, residual);
+    told[3] = 0;
+    for (I i = 0; i < size; i++) told[3] -= (g[i] + residual[i] / 2) * d[i];
     free(work);
     return 0;
 }

@@ -8,7 +8,7 @@ u_i = (1 - p) x_i + p (1 - cos(pi x_i)) / 2 for evenly spaced x_i, with the pack
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -41,16 +41,14 @@ class Basis:
 
     def matrix(self, u: np.ndarray, order: int = 0) -> np.ndarray:
         """Derivative of `order` of every basis function at u (M,): (M, controls)."""
-        spline = BSpline(self.knots, np.eye(self.controls), DEGREE)
-        return (spline.derivative(order) if order else spline)(np.clip(u, 0.0, 1.0))
+        return _functions(self, order)(np.clip(u, 0.0, 1.0))
 
     def polygon(self, order: int) -> np.ndarray:
         """Control points of the derivative of `order` from those of the curve, (controls - order, controls).
 
         A derivative lies in the hull of its control points, so bounds on these hold at every u.
         """
-        derivative = BSpline(self.knots, np.eye(self.controls), DEGREE).derivative(order)
-        return np.asarray(derivative.c[: self.controls - order])
+        return np.asarray(_functions(self, order).c[: self.controls - order])
 
     def gauss(self, per_span: int) -> tuple[np.ndarray, np.ndarray]:
         """Nodes and weights of Gauss quadrature over every knot span, (spans * per_span,) each."""
@@ -89,6 +87,13 @@ class Basis:
         system = np.vstack([b[:, inner], weight * second[:, inner]])
         free = np.linalg.lstsq(system, np.vstack([rest, -weight * fixed]), rcond=None)[0]
         return np.vstack([head, free, tail])
+
+
+@cache
+def _functions(basis: Basis, order: int) -> BSpline:
+    """All functions of a basis, or their derivatives of `order`, as one spline of values (controls,)."""
+    spline = BSpline(basis.knots, np.eye(basis.controls), DEGREE)
+    return spline.derivative(order) if order else spline
 
 
 def greville(knots: np.ndarray) -> np.ndarray:

@@ -63,15 +63,10 @@ def _times(parts: Parts, d: np.ndarray) -> np.ndarray:
     """The product with a bordered band."""
     band, border, corner = parts
     n = len(band)
-    return np.concatenate([multiply(band, d[:n]) + border @ d[n:], border.T @ d[:n] + corner @ d[n:]])
-
-
-def multiply(band: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """The product of a symmetric band (N, w) with x (N,)."""
-    out = band[:, 0] * x
-    for o in range(1, min(band.shape[1], len(x))):
-        out[o:] += band[:-o, o] * x[:-o]
-        out[:-o] += band[:-o, o] * x[o:]
+    out = np.concatenate([band[:, 0] * d[:n] + border @ d[n:], border.T @ d[:n] + corner @ d[n:]])
+    for o in range(1, min(band.shape[1], n)):
+        out[o:n] += band[:-o, o] * d[: n - o]
+        out[: n - o] += band[:-o, o] * d[o:n]
     return out
 
 
@@ -97,8 +92,8 @@ def add_nodes(band: np.ndarray, blocks: np.ndarray, local: np.ndarray, first: np
 def interior(
     parts: Parts, mass: Parts, g: np.ndarray, box: tuple[np.ndarray, np.ndarray], a: csr_matrix, floor: np.ndarray,
     ceiling: np.ndarray, price: float, damping: float, tolerance: float,
-) -> tuple[np.ndarray, np.ndarray, float, float, int]:  # fmt: skip
-    """The step d (N + k,), multipliers (R,), sum of e, damping and steps.
+) -> tuple[np.ndarray, np.ndarray, float, float, int, float]:  # fmt: skip
+    """The step d (N + k,), multipliers (R,), sum of e, damping, steps, and by how much the cost falls.
 
     Args:
         parts: the Hessian; mass: the matrix for its damping.
@@ -163,4 +158,6 @@ def interior(
     multipliers = np.zeros(len(floor))
     multipliers[low] -= lam[begin : begin + len(low)]
     multipliers[high] += lam[begin + len(low) :]
-    return np.clip(d, *box), multipliers, float(e[begin:].sum()), damping, steps
+    d = np.clip(d, *box)
+    saved = float(-(g + _times(parts, d) / 2) @ d)
+    return d, multipliers, float(e[begin:].sum()), damping, steps, saved

@@ -92,6 +92,7 @@ def pointer(x: np.ndarray) -> ctypes.c_void_p:
     return ctypes.c_void_p(ctypes.addressof(ctypes.c_char.from_buffer(x.data)) if x.size else None)
 
 
+@cache
 def library(part: str) -> ctypes.CDLL | None:
     """The compiled functions of a part; None without a compiler, or if it fails."""
     return started(part).result()

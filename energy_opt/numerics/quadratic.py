@@ -65,21 +65,6 @@ class Banded:
     border: np.ndarray
     corner: np.ndarray
 
-    def times(self, d: np.ndarray) -> np.ndarray:
-        """The product with d (N + k,)."""
-        n = len(self.band)
-        out = np.empty(len(d))
-        c = native.library("quadratic")
-        if c is None:
-            out[:n] = interior.multiply(self.band, d[:n])
-        else:
-            band, x = np.ascontiguousarray(self.band), np.ascontiguousarray(d, dtype=np.float64)
-            c.banded_multiply(pointer(band), *map(ctypes.c_int64, band.shape), pointer(x), pointer(out))
-        if len(d) > n:
-            out[:n] += self.border @ d[n:]
-            out[n:] = self.border.T @ d[:n] + self.corner @ d[n:]
-        return out
-
 
 @dataclass(frozen=True)
 class Constraints:
@@ -204,13 +189,17 @@ BY_KIND = ("border", "floor", "ceiling", "keys")  # arrays with one entry for ea
 
 @dataclass(frozen=True)
 class Minimum:
-    """The step d, multipliers (R,) (positive at the ceiling), sum of e, damping used, steps taken."""
+    """The step d, multipliers (R,) (positive at the ceiling), sum of e, damping used, steps taken.
+
+    `saved`: by how much d'Hd / 2 + g'd falls, with the damping in H.
+    """
 
     d: np.ndarray
     multipliers: np.ndarray
     broken: float
     damping: float
     steps: int
+    saved: float
 
 
 def minimise(
@@ -228,7 +217,7 @@ def minimise(
     changed = [x.copy() for x in (h.band, h.border, h.corner)]
     numbers = mass.band, mass.corner, g, *box, held.floor, held.ceiling
     given = [np.ascontiguousarray(x, dtype=np.float64) for x in numbers]
-    d, multipliers, said = np.empty(size), np.empty(held.count), np.array([0.0, damping, 0.0])
+    d, multipliers, said = np.empty(size), np.empty(held.count), np.array([0.0, damping, 0.0, 0.0])
     failed = c.banded_interior(
         *map(pointer, changed), *map(pointer, given[:2]), ctypes.c_int64(h.band.shape[1]), *map(pointer, given[2:5]),
         ctypes.byref(held.matrix), ctypes.byref(where), *map(pointer, given[5:]), ctypes.c_double(price),
@@ -236,4 +225,5 @@ def minimise(
     )  # fmt: skip
     if failed:
         raise np.linalg.LinAlgError("not positive definite" if failed == 1 else "no memory")
-    return Minimum(d, multipliers, float(said[0]), float(said[1]), int(said[2]))
+    broken, damping, steps, saved = said.tolist()
+    return Minimum(d, multipliers, broken, damping, int(steps), saved)

@@ -69,7 +69,8 @@ def test_the_conditions_of_an_optimum_hold(seed: int, border: int) -> None:
     assert found.damping == 0 and found.steps < 40
     d, lam = found.d, found.multipliers
     value, slope = matrix @ d, full @ d + g + matrix.T @ lam
-    assert held.times(d) == pytest.approx(value) and h.times(d) == pytest.approx(full @ d)
+    assert held.times(d) == pytest.approx(value)
+    assert found.saved == pytest.approx(-(g @ d + d @ full @ d / 2))
     assert np.all(d >= low) and np.all(d <= high)
     inside = (d > low + 1e-3) & (d < high - 1e-3)
     assert np.abs(slope[inside]).max() < 2e-3
@@ -126,7 +127,8 @@ def test_where_the_hessian_is_not_convex_enough_mass_is_added() -> None:
     h, mass = (Banded(banded(m), np.zeros((SIZE, 0)), np.zeros((0, 0))) for m in (full, np.eye(SIZE)))
     found = minimise(h, g, (np.full(SIZE, -0.1), np.full(SIZE, 0.1)), held, PRICE, mass)
     assert found.damping > 0
-    assert g @ found.d + found.d @ full @ found.d / 2 < 0
+    saved = -(g @ found.d + found.d @ (full + found.damping * np.eye(SIZE)) @ found.d / 2)
+    assert found.saved == pytest.approx(saved) and saved > 0
 
 
 def test_overflowing_numbers_are_reported_as_no_program() -> None:
@@ -164,7 +166,7 @@ def test_c_and_numpy_find_the_same(seed: int, border: int, convex: bool, monkeyp
         found = minimise(h, g, (np.full(len(g), -1.0), np.full(len(g), 0.7)), held, PRICE, mass)
         add_nodes(h.band, blocks, local, first, JOINTS)
         add_places(h.band, blocks[:, :JOINTS, :JOINTS], local[:, 0], first, JOINTS)
-        both.append((found.d, found.multipliers, found.broken, found.damping, h.band, h.times(d), held.times(d)))
+        both.append((found.d, found.multipliers, found.broken, found.damping, found.saved, h.band, held.times(d)))
     for one, two in zip(*both, strict=True):
         assert one == pytest.approx(two, rel=1e-6, abs=1e-7)
 

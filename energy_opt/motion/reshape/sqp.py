@@ -20,7 +20,7 @@ import numpy as np
 
 from energy_opt.motion.reshape.evaluation import Point
 from energy_opt.motion.reshape.model import Model
-from energy_opt.numerics.quadratic import LEAST_DAMPING, Banded, Minimum, minimise
+from energy_opt.numerics.quadratic import LEAST_DAMPING, minimise
 
 # last barrier parameter of quadratic programs, at most, and as a share of the tolerance
 BARRIER, CLOSER = 1e-6, 0.01
@@ -97,7 +97,7 @@ def descend(
                 held = model.smooth_steps(constraints, point, BEND * trust) if now.smooth else constraints
                 found = minimise(hessian, gradient, bounds, held, PRICE, model.mass, damping, barrier)
                 least = tolerance * max(abs(point.cost), 0.02)
-                unmet = found.broken > UNMET or saved(hessian, gradient, model.mass, found) < least
+                unmet = found.broken > UNMET or found.saved < least
                 if unmet and (allowed := model.relaxed(held, give, slack)) is not held:
                     found = minimise(hessian, gradient, bounds, allowed, PRICE, model.mass, damping, barrier)
             except np.linalg.LinAlgError:  # no damping makes the program convex, because numbers overflowed
@@ -107,7 +107,7 @@ def descend(
                 now.convex, damping = True, 0.0
                 hessian = model.hessian(point, known, convex=True)
                 continue
-            predicted = saved(hessian, gradient, model.mass, found)
+            predicted = found.saved
             elastic = found.broken if found.broken > UNMET else 0.0
             if elastic > broken and constraints is not near:  # constraints at both ends of a step contradict each other
                 constraints = near
@@ -155,12 +155,6 @@ def descend(
     before = costs[-LAST:][0]
     now.converged |= broken <= give and before - costs[-1] < LITTLE * max(abs(point.cost), 0.02)
     return now
-
-
-def saved(hessian: Banded, gradient: np.ndarray, mass: Banded, found: Minimum) -> float:
-    """By how much a step lowers the cost of its quadratic program, which includes the damping."""
-    out = -(gradient @ found.d + hessian.times(found.d) @ found.d / 2)
-    return float(out - (found.damping * mass.times(found.d) @ found.d / 2 if found.damping else 0.0))
 
 
 def box(model: Model, point: Point, trust: float) -> tuple[np.ndarray, np.ndarray]:

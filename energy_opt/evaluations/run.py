@@ -130,8 +130,7 @@ def _intervals(motion: Recorded, payload: bool) -> list[Stretch]:
     """Cut the motion where it starts or stops, and where the load changes.
 
     In a cycle with accelerations spread over milliseconds, motions start and stop slightly earlier or later than its
-    steps
-    state: changes of load are moved into the waits.
+    steps state: changes of load are moved into the waits.
     """
     end = motion.trajectory.duration
     marks = {0.0, end, *motion.waits.ravel().tolist()}

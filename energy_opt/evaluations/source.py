@@ -17,11 +17,15 @@ from energy_opt.folders import wrote
 from energy_opt.formats.program import Load
 from energy_opt.formats.waypoints import Samples
 from energy_opt.measured.differentiate import smooth
+from energy_opt.measured.run import SHORTEST
+from energy_opt.measured.run import standstills as measured_standstills
+from energy_opt.motion.plan.unsearched import RESOLUTION
 from energy_opt.motion.standing import standstills
 from energy_opt.motion.trajectory import Trajectory
 
 CUTOFF = 10.0  # [Hz] cut-off frequency for recorded positions
 NOISY = 3.0  # accelerations over those of the smoothed positions above which a recording is noisy
+SIGMAS = 6.0  # times the noise's standard deviation: readings within belong to a standstill
 COARSE = 0.02  # [s] between samples above which positions are not smoothed
 ANSWERS = {"result.json": "trajectory.csv", "job.json": "cycle.csv"}
 STEP = re.compile(r"step_(\d+)\.csv")  # a step's own file in the folder of a job
@@ -172,10 +176,46 @@ def _payload(mass: float, centre: Sequence[float]) -> Load:
 
 
 def _motion(samples: Samples) -> tuple[Trajectory, tuple[str, ...]]:
-    """Samples as a trajectory; noisy positions of a recording are smoothed before they are differentiated twice."""
-    t = samples.trajectory()
+    """Samples as a trajectory. Noise of a recording is removed: positions are smoothed, and an arm at rest rests."""
+    read = samples.trajectory()
+    if samples.planned or samples.acceleration is not None:
+        return read, ()
+    t, notes = _smoothed(read, samples.where)
+    q, v, a, seconds = t.position.copy(), t.velocity.copy(), t.acceleration.copy(), 0.0
+    for begin, end in _rests(read):
+        part = (t.time >= begin) & (t.time <= end)
+        seconds += float(end - begin) if v[part].any() else 0.0
+        q[part], v[part], a[part] = q[part].mean(axis=0), 0.0, 0.0
+    if seconds == 0:
+        return t, notes
+    note = f"{samples.where}: the arm stands still for {seconds:.3g} s, where its readings are noise"
+    return replace(t, position=q, velocity=v, acceleration=a), (*notes, note)
+
+
+def _rests(t: Trajectory) -> list[tuple[float, float]]:
+    """Times [s] between which the readings of a recording are those of an arm at rest.
+
+    They are near their median there: within `SIGMAS` of the noise, which follows from the differences of successive
+    readings, so that a slow motion does not count as noise.
+    """
+    out = []
+    for first, last in measured_standstills(t.time, t.position):
+        q = t.position[first : last + 1]
+        noise = np.diff(q, axis=0).std(axis=0) / np.sqrt(2)
+        off = np.abs(t.position - np.median(q, axis=0))
+        moves = (off > np.maximum(SIGMAS * noise, RESOLUTION)).any(axis=1)
+        edges = np.concatenate([[-1], np.flatnonzero(moves), [len(moves)]])
+        k = int(np.searchsorted(edges, (first + last) // 2))
+        begin, end = t.time[edges[k - 1] + 1], t.time[edges[k] - 1]
+        if end - begin >= SHORTEST:
+            out.append((float(begin), float(end)))
+    return out
+
+
+def _smoothed(t: Trajectory, where: str) -> tuple[Trajectory, tuple[str, ...]]:
+    """A recording, smoothed if its positions are too noisy to be differentiated twice; `where` it was read."""
     step = float(np.median(np.diff(t.time)))
-    if samples.planned or samples.acceleration is not None or step > COARSE or len(t.time) < 20:
+    if step > COARSE or len(t.time) < 20:
         return t, ()
     from scipy.interpolate import CubicSpline
 
@@ -188,5 +228,5 @@ def _motion(samples: Samples) -> tuple[Trajectory, tuple[str, ...]]:
     rough = np.sqrt(np.mean(t.acceleration**2, axis=0)) > NOISY * np.sqrt(np.mean(a**2, axis=0))
     if not rough.any():
         return t, ()
-    note = f"{samples.where}: noisy recording: positions are smoothed at {CUTOFF:g} Hz"
+    note = f"{where}: noisy recording: positions are smoothed at {CUTOFF:g} Hz"
     return Trajectory(t.joints, time, q, v, a), (note,)

@@ -12,6 +12,7 @@ import pytest
 
 from energy_opt import formats
 from energy_opt.cli.main import main
+from energy_opt.effects import IdleHold, MotionPower
 from energy_opt.errors import BadInput
 from energy_opt.evaluations.source import load
 from energy_opt.files import write_json
@@ -21,7 +22,7 @@ from energy_opt.front.evaluate import evaluate
 from energy_opt.motion.path import straight, through
 from energy_opt.motion.timing.toppra import fastest
 from energy_opt.motion.trajectory import Trajectory
-from energy_opt.power import source_method_2
+from energy_opt.power import PowerModel, source_method_2
 from energy_opt.robot import Robot, load_robot
 
 Z1 = load_robot("z1")
@@ -252,3 +253,26 @@ def test_recordings_that_end_in_motion_do_so() -> None:
     q = 0.3 * np.sin(1.0 + t)[:, None] * np.ones(6) + 1e-4 * np.random.default_rng(0).normal(size=(len(t), 6))
     found = Samples("", Z1.joints, q, t).trajectory()
     np.testing.assert_allclose(found.velocity[[0, -1]], 0.3 * np.cos(1.0 + t[[0, -1]])[:, None] * np.ones(6), atol=0.15)
+
+
+@pytest.mark.parametrize("logged", [False, True])
+def test_noise_of_a_recording_is_no_motion(logged: bool, tmp_path: Path) -> None:
+    """The arm moves for one second of five; noise of 1e-5 rad at 125 Hz looks like 2e-3 rad/s."""
+    time = np.arange(626) / 125
+    way = np.interp(time, [1.0, 1.5, 3.5, 4.0], [0.0, 1.0, 1.0, 2.0])
+    u = way % 1.0 + (way == 2.0)
+    share = np.floor(np.minimum(way, 1.999)) * (way < 2) + u**3 * (10 - 15 * u + 6 * u**2) + (way == 2.0)
+    q = START + 2 * share[:, None] * (GOAL - START)
+    rng = np.random.default_rng(3)
+    columns, names = [time, q + rng.normal(0, 1e-5, q.shape)], [f"{joint}.position" for joint in Z1.joints]
+    if logged:
+        columns.append(np.gradient(q, time, axis=0) + rng.normal(0, 2e-3, q.shape))
+        names += [f"{joint}.velocity" for joint in Z1.joints]
+    header = ",".join(["time", *names])
+    np.savetxt(tmp_path / "run.csv", np.column_stack(columns), delimiter=",", header=header, comments="")
+    effects = MotionPower(power=10.0), IdleHold(power=20.0, duration=0.3)
+    (found,) = evaluate(tmp_path / "run.csv", Z1, PowerModel("z1", effects)).found
+    (energy,) = found.energies.values()
+    assert energy.by_effect["motion_power"] == pytest.approx(10.0, rel=0.1)
+    assert energy.by_effect["idle_hold"] == pytest.approx(12.0, rel=0.1)
+    assert "stands still" in found.motion.notes[-1]

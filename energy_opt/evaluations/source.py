@@ -17,11 +17,14 @@ from energy_opt.folders import wrote
 from energy_opt.formats.program import Load
 from energy_opt.formats.waypoints import Samples
 from energy_opt.measured.differentiate import smooth
+from energy_opt.measured.log import NAME as LOG
 from energy_opt.measured.run import SHORTEST
 from energy_opt.measured.run import standstills as measured_standstills
+from energy_opt.measured.sets import read_set
 from energy_opt.motion.plan.unsearched import RESOLUTION
 from energy_opt.motion.standing import standstills
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.robot import Robot
 
 CUTOFF = 10.0  # [Hz] cut-off frequency for recorded positions
 NOISY = 3.0  # accelerations over those of the smoothed positions above which a recording is noisy
@@ -81,6 +84,38 @@ def joints_in(path: Path) -> Sequence[str]:
     return formats.read(_table(path)).joints
 
 
+def is_set(path: Path) -> bool:
+    """Is a path that of a measured set: its folder, or its log.toml?"""
+    return path.name == LOG or (path / LOG).is_file()
+
+
+def load_set(path: Path, robot: Robot) -> list[Recorded]:
+    """The motions of a measured set: its runs but static ones, with the payload that its recorder states.
+
+    Raises:
+        BadInput: a fault of the set, or it has no motion.
+    """
+    measured, out = read_set(path, robot, meter=False), []
+    load = None if measured.payload is None else _payload(measured.payload.mass, measured.payload.com.tolist())
+    for run in measured.runs:
+        if run.kind == "motion":
+            name = str(measured.path / run.file)
+            held = Samples(name, robot.joints, run.position, run.time, run.velocity, run.acceleration)
+            out.append(_recorded(name, held, load=load))
+    if not out:
+        raise BadInput(f"{path}: no run is a motion")
+    out[0] = replace(out[0], notes=(*measured.remarks, *out[0].notes))
+    return out
+
+
+def _recorded(name: str, samples: Samples, load: Load | None = None) -> Recorded:
+    """The motion of samples, from time 0 on, with one load."""
+    trajectory, notes = _motion(samples)
+    trajectory = replace(trajectory, time=trajectory.time - trajectory.time[0]).on_nanoseconds()
+    whole = (Stretch(0.0, trajectory.duration, load),)
+    return Recorded(name, trajectory, whole, standstills(trajectory), (*samples.notes, *notes))
+
+
 def load(path: Path, joints: Sequence[str], prefix: str = "") -> Recorded:
     """The motion in a file, for the robot's `joints`; in the file their names begin with `prefix`.
 
@@ -93,20 +128,18 @@ def load(path: Path, joints: Sequence[str], prefix: str = "") -> Recorded:
     path = Path(path)
     table, answer = _table(path), _result_json(path)
     records = formats.read(table).of(joints, "" if table.name in ANSWERS.values() and answer is not None else prefix)
-    trajectory, notes = _motion(records)
-    trajectory = replace(trajectory, time=trajectory.time - trajectory.time[0]).on_nanoseconds()
-    whole = (Stretch(0.0, trajectory.duration),)
-    step = STEP.fullmatch(table.name)
-    number = int(step[1]) if step else None
-    stretches = whole if answer is None else _stretches(read_json(answer), trajectory, number) or whole
+    motion, notes = _recorded(str(path), records), list[str]()
     if records.velocity is not None and not records.velocity.any() and np.ptp(records.position, axis=0).any():
-        notes = (*notes, f"{records.where}: velocity is 0 in every row: the arm is taken to stop at each")
-    if answer is not None and _robots(answer):
-        notes = (*notes, f"{path}: of a job of several robots, whose payloads, modes of waits and bases are not taken")
-    notes = (*records.notes, *notes, *([] if answer is not None else _foreign(path)))
-    base = None if answer is None else _request(read_json(answer)).get("base")
+        notes.append(f"{records.where}: velocity is 0 in every row: the arm is taken to stop at each")
+    if answer is None:
+        return replace(motion, notes=(*motion.notes, *notes, *_foreign(path)))
+    if _robots(answer):
+        notes.append(f"{path}: of a job of several robots, whose payloads, modes of waits and bases are not taken")
+    document, step = read_json(answer), STEP.fullmatch(table.name)
+    stretches = _stretches(document, motion.trajectory, int(step[1]) if step else None) or motion.stretches
+    base = _request(document).get("base")
     on = tuple(base) if isinstance(base, list) else None
-    return Recorded(str(path), trajectory, stretches, standstills(trajectory), notes, on)
+    return replace(motion, stretches=stretches, notes=(*motion.notes, *notes), base=on)
 
 
 def _foreign(path: Path) -> list[str]:
@@ -188,7 +221,7 @@ def _motion(samples: Samples) -> tuple[Trajectory, tuple[str, ...]]:
         q[part], v[part], a[part] = q[part].mean(axis=0), 0.0, 0.0
     if seconds == 0:
         return t, notes
-    note = f"{samples.where}: the arm stands still for {seconds:.3g} s, where its readings are noise"
+    note = f"{samples.where}: the arm is at rest for {seconds:.3g} s, where its readings are noise"
     return replace(t, position=q, velocity=v, acceleration=a), (*notes, note)
 
 

@@ -14,7 +14,7 @@ from energy_opt.cell.load import load_cell
 from energy_opt.errors import BadInput
 from energy_opt.evaluations.run import Evaluation
 from energy_opt.evaluations.run import evaluate as evaluated
-from energy_opt.evaluations.source import Recorded, Stretch, joints_in, load, robot_named
+from energy_opt.evaluations.source import Recorded, Stretch, is_set, joints_in, load, load_set, robot_named
 from energy_opt.files import plain, write_json
 from energy_opt.folders import written_whole
 from energy_opt.formats.cycle import write_cycle
@@ -25,6 +25,8 @@ from energy_opt.front.desk import Answered, Desk, verb
 from energy_opt.front.given import cell_of, named_robot, payload_document, refuse_degrees, robot_of
 from energy_opt.front.moves import documents
 from energy_opt.front.rivals import rivals_of
+from energy_opt.measured.log import read_log
+from energy_opt.measured.sets import robot_of as robot_of_log
 from energy_opt.motion.standing import standstills
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.requests.verbs import EvaluateRequest
@@ -121,10 +123,11 @@ def run(request: EvaluateRequest, desk: Desk) -> Answers:
     rivals, _ = rivals_of(request, robot, desk)
     cell = load_cell(robot, cell_of(request))
     cell = cell if cell is not None and cell.checks else None
-    motions = [_on_base(_motion(given, robot, request.joint_prefix), cell_of(request).base) for given in files]
+    read = [_motions(given, robot, request.joint_prefix) for given in files]
+    motions = [_on_base(motion, cell_of(request).base) for of_file in read for motion in of_file]
     found = tuple(evaluated(robot, motion, rivals, cell, request.payload is not None) for motion in motions)
     asked = replace(
-        request, files=tuple(motion.name for motion in motions), robot=named_robot(robot, request.robot or robot),
+        request, files=tuple(map(_name, files)), robot=named_robot(robot, request.robot or robot),
         model=documents(rivals), payload=payload_document(request.payload),
     )  # fmt: skip
     desk.take(ANSWER, asked)
@@ -140,7 +143,7 @@ evaluate = verb(EvaluateRequest, run)
 
 
 def robot_of_files(files: Sequence[AnyMotion], prefix: str = "") -> str:
-    """The name of the robot of some files: the one that they name, or the known one with the same joints.
+    """The robot of some files, by name or URDF: the one that they name, or the known one with the same joints.
 
     Args:
         files: motions. prefix: of the joint names in the files.
@@ -150,6 +153,8 @@ def robot_of_files(files: Sequence[AnyMotion], prefix: str = "") -> str:
     """
     paths = [Path(given) for given in files if not isinstance(given, Trajectory)]
     for path in paths:
+        if is_set(path):
+            return named_robot(robot_of_log(read_log(path)), None)
         if (named := robot_named(path)) in known_robots():
             return str(named)
     names = joints_in(paths[0]) if paths else files[0].joints if isinstance(files[0], Trajectory) else ()
@@ -160,16 +165,23 @@ def robot_of_files(files: Sequence[AnyMotion], prefix: str = "") -> str:
     return matching[0]
 
 
-def _motion(given: AnyMotion, robot: Robot, prefix: str) -> Recorded:
-    """A motion of a file, or a trajectory with its columns in the robot's order."""
+def _name(given: AnyMotion) -> str:
+    return "trajectory" if isinstance(given, Trajectory) else str(given)
+
+
+def _motions(given: AnyMotion, robot: Robot, prefix: str) -> list[Recorded]:
+    """The motion of a file, those of a measured set, or a trajectory with its columns in the robot's order."""
     if not isinstance(given, Trajectory):
-        found = load(Path(given), robot.joints, prefix)
+        path = Path(given)
+        if is_set(path):
+            return load_set(path, robot)
+        found = load(path, robot.joints, prefix)
         warnings = refuse_degrees(robot, found.trajectory.position, found.name)
-        return replace(found, notes=(*found.notes, *warnings))
+        return [replace(found, notes=(*found.notes, *warnings))]
     q, v, a = (np.asarray(x) for x in (given.position, given.velocity, given.acceleration))
     samples = Samples("the trajectory", given.joints, q, given.time - given.time[0], v, a)
     trajectory = samples.of(robot.joints).trajectory().on_nanoseconds()
-    return Recorded("trajectory", trajectory, (Stretch(0.0, trajectory.duration),), standstills(trajectory))
+    return [Recorded("trajectory", trajectory, (Stretch(0.0, trajectory.duration),), standstills(trajectory))]
 
 
 def _on_base(motion: Recorded, base: Sequence[float] | None) -> Recorded:

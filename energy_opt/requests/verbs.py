@@ -175,8 +175,8 @@ class EvaluateRequest(CellGroup, SeedGroup, WriteGroup, PayloadGroup, PrefixGrou
     always: ClassVar[tuple[str, ...]] = ("files", "robot", "payload", "limits")
 
     files: Trajectory | str | PathLike[str] | Sequence[Trajectory | str | PathLike[str]] = option(
-        ..., "a trajectory, a program, a bag, a recording, or a result of optimize or job (folder, JSON or table)",
-        "FILE", place="+",
+        ..., "a trajectory, a program, a bag, a recording, a measured set, or a result of optimize or job "
+        "(folder, JSON or table)", "FILE", place="+",
     )  # fmt: skip
     robot: AnyRobot | None = option(None, f"{ROBOT} (the one that the files name)", "NAME_OR_URDF", main=True)
     model: AnyModel | Sequence[AnyModel] | None = option(

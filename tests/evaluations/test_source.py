@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -275,4 +276,33 @@ def test_noise_of_a_recording_is_no_motion(logged: bool, tmp_path: Path) -> None
     (energy,) = found.energies.values()
     assert energy.by_effect["motion_power"] == pytest.approx(10.0, rel=0.1)
     assert energy.by_effect["idle_hold"] == pytest.approx(12.0, rel=0.1)
-    assert "stands still" in found.motion.notes[-1]
+    assert "is at rest" in found.motion.notes[-1]
+
+
+def test_the_motions_of_a_measured_set(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Columns and units as log.toml states them; the runs of poses are left out, and `run` repeats the request."""
+    t = motion(Z1).slowed(2.0)
+    header = ",".join(["ms", *(f"q{k} [deg]" for k in range(Z1.n)), "W"])
+    moving = np.column_stack([1e3 * t.time, np.degrees(t.position), np.full(len(t.time), 40.0)])
+    still = np.column_stack([10.0 * np.arange(300), np.degrees(np.tile(START, (300, 1))), np.full(300, 30.0)])
+    for name, rows in (("move.csv", moving), ("pose.csv", still)):
+        np.savetxt(tmp_path / name, rows, delimiter=",", header=header, comments="", fmt="%.10g")
+    columns = [f'"{j}.position" = {{ column = "q{k} [deg]", unit = "deg" }}' for k, j in enumerate(Z1.joints)]
+    head = ['format = "energy-opt/log/1"', 'robot = "z1"', "[columns]", 'power = { column = "W", unit = "W" }']
+    runs = [f'[[run]]\nfile = "{name}.csv"\nkind = "{kind}"' for name, kind in (("move", "motion"), ("pose", "static"))]
+    lines = [*head, 'time = { column = "ms", unit = "ms" }', *columns, *runs]
+    (tmp_path / "log.toml").write_text("\n".join(lines) + "\n")
+    (found,) = evaluate(tmp_path, model="source-method-2").found
+    assert found.motion.name == str(tmp_path / "move.csv")
+    exact = evaluate(t, Z1, "source-method-2").found[0].energies["source-method-2"]
+    assert found.energies["source-method-2"].total == pytest.approx(exact.total, rel=1e-3)
+    out = tmp_path / "out"
+    assert (
+        main(["evaluate", str(tmp_path / "log.toml"), "--model", "source-method-2", "--out", str(out), "--quiet"]) == 0
+    )
+    capsys.readouterr()
+    assert main(["run", str(out / "evaluate.json"), "--out", str(tmp_path / "again"), "--json", "--quiet"]) == 0
+    assert json.loads(capsys.readouterr().out)["motions"][0]["file"] == found.motion.name
+    (tmp_path / "log.toml").write_text("\n".join([*lines[:-2], runs[1]]) + "\n")
+    with pytest.raises(BadInput, match="no run is a motion"):
+        evaluate(tmp_path)

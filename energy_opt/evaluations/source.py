@@ -15,21 +15,14 @@ from energy_opt.errors import BadInput
 from energy_opt.files import read_json
 from energy_opt.folders import wrote
 from energy_opt.formats.program import Load
+from energy_opt.formats.recording import motion_of
 from energy_opt.formats.waypoints import Samples
-from energy_opt.measured.differentiate import smooth
 from energy_opt.measured.log import NAME as LOG
-from energy_opt.measured.run import SHORTEST
-from energy_opt.measured.run import standstills as measured_standstills
 from energy_opt.measured.sets import read_set
-from energy_opt.motion.plan.unsearched import RESOLUTION
 from energy_opt.motion.standing import standstills
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.robot import Robot
 
-CUTOFF = 10.0  # [Hz] cut-off frequency for recorded positions
-NOISY = 3.0  # accelerations over those of the smoothed positions above which a recording is noisy
-SIGMAS = 6.0  # times the noise's standard deviation: readings within belong to a standstill
-COARSE = 0.02  # [s] between samples above which positions are not smoothed
 ANSWERS = {"result.json": "trajectory.csv", "job.json": "cycle.csv"}
 STEP = re.compile(r"step_(\d+)\.csv")  # a step's own file in the folder of a job
 
@@ -110,7 +103,7 @@ def load_set(path: Path, robot: Robot) -> list[Recorded]:
 
 def _recorded(name: str, samples: Samples, load: Load | None = None) -> Recorded:
     """The motion of samples, from time 0 on, with one load."""
-    trajectory, notes = _motion(samples)
+    trajectory, notes = motion_of(samples)
     trajectory = replace(trajectory, time=trajectory.time - trajectory.time[0]).on_nanoseconds()
     whole = (Stretch(0.0, trajectory.duration, load),)
     return Recorded(name, trajectory, whole, standstills(trajectory), (*samples.notes, *notes))
@@ -206,60 +199,3 @@ def _stretches(document: Any, trajectory: Trajectory, number: int | None) -> tup
 def _payload(mass: float, centre: Sequence[float]) -> Load:
     x, y, z = map(float, centre)
     return float(mass), x, y, z
-
-
-def _motion(samples: Samples) -> tuple[Trajectory, tuple[str, ...]]:
-    """Samples as a trajectory. Noise of a recording is removed: positions are smoothed, and an arm at rest rests."""
-    read = samples.trajectory()
-    if samples.planned or samples.acceleration is not None:
-        return read, ()
-    t, notes = _smoothed(read, samples.where)
-    q, v, a, seconds = t.position.copy(), t.velocity.copy(), t.acceleration.copy(), 0.0
-    for begin, end in _rests(read):
-        part = (t.time >= begin) & (t.time <= end)
-        seconds += float(end - begin) if v[part].any() else 0.0
-        q[part], v[part], a[part] = q[part].mean(axis=0), 0.0, 0.0
-    if seconds == 0:
-        return t, notes
-    note = f"{samples.where}: the arm is at rest for {seconds:.3g} s, where its readings are noise"
-    return replace(t, position=q, velocity=v, acceleration=a), (*notes, note)
-
-
-def _rests(t: Trajectory) -> list[tuple[float, float]]:
-    """Times [s] between which the readings of a recording are those of an arm at rest.
-
-    They are near their median there: within `SIGMAS` of the noise, which follows from the differences of successive
-    readings, so that a slow motion does not count as noise.
-    """
-    out = []
-    for first, last in measured_standstills(t.time, t.position):
-        q = t.position[first : last + 1]
-        noise = np.diff(q, axis=0).std(axis=0) / np.sqrt(2)
-        off = np.abs(t.position - np.median(q, axis=0))
-        moves = (off > np.maximum(SIGMAS * noise, RESOLUTION)).any(axis=1)
-        edges = np.concatenate([[-1], np.flatnonzero(moves), [len(moves)]])
-        k = int(np.searchsorted(edges, (first + last) // 2))
-        begin, end = t.time[edges[k - 1] + 1], t.time[edges[k] - 1]
-        if end - begin >= SHORTEST:
-            out.append((float(begin), float(end)))
-    return out
-
-
-def _smoothed(t: Trajectory, where: str) -> tuple[Trajectory, tuple[str, ...]]:
-    """A recording, smoothed if its positions are too noisy to be differentiated twice; `where` it was read."""
-    step = float(np.median(np.diff(t.time)))
-    if step > COARSE or len(t.time) < 20:
-        return t, ()
-    from scipy.interpolate import CubicSpline
-
-    time = np.linspace(t.time[0], t.time[-1], len(t.time))
-    even = CubicSpline(t.time, t.position)(time)
-    q = smooth(even, float(time[1] - time[0]), CUTOFF)
-    curve = CubicSpline(time, q)
-    v, a = curve(time, 1), curve(time, 2)
-    v[[0, -1]] *= t.velocity[[0, -1]].any(axis=1, keepdims=True)  # ends at rest stay so
-    rough = np.sqrt(np.mean(t.acceleration**2, axis=0)) > NOISY * np.sqrt(np.mean(a**2, axis=0))
-    if not rough.any():
-        return t, ()
-    note = f"{where}: noisy recording: positions are smoothed at {CUTOFF:g} Hz"
-    return Trajectory(t.joints, time, q, v, a), (note,)

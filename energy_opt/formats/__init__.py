@@ -11,6 +11,7 @@ from pathlib import Path
 
 from energy_opt.errors import BadInput
 from energy_opt.formats import bags, franka, messages, table, urscript
+from energy_opt.formats.recording import path_of
 from energy_opt.formats.waypoints import Samples
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.trajectory import Trajectory
@@ -105,7 +106,7 @@ def read_path(path: str | Path, joints: Sequence[str]) -> JointPath:
     Raises:
         BadInput: the file is not readable, or lacks a joint.
     """
-    return read(path).of(joints).path()
+    return path_of(read(path).of(joints))[0]
 
 
 __all__ = ["FORMATS", "Format", "JointPath", "Samples", "Trajectory", "read", "read_path", "read_trajectory", "write"]

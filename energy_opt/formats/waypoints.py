@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.motion.path import JointPath, of_trajectory, through
-from energy_opt.motion.standing import check_moves_on
 from energy_opt.motion.trajectory import Trajectory
 
 LARGEST = 1e9  # largest plausible value [rad or m, and per second, ...]
@@ -150,18 +148,6 @@ class Samples:
                     f"{'position changes' if of is self.position else 'velocity changes'}: in {unit}? Expected rad and "
                     f"s (m for joints that slide): multiply by {1 / factor:.4g}"
                 )
-
-    def path(self) -> JointPath:
-        """The samples as a path: that of the trajectory, which it keeps, or the spline through waypoints.
-
-        Raises:
-            BadInput: the trajectory rests on its way, which a path cannot represent.
-        """
-        if self.time is None:
-            return through(self.position)
-        trajectory = self.trajectory()
-        check_moves_on(trajectory, self.where)
-        return of_trajectory(trajectory)
 
 
 def _resting(time: np.ndarray, position: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput
 from energy_opt.front.given import named_robot, payload_document, positions, refuse_degrees
 from energy_opt.motion import Move, Settings, Trajectory
-from energy_opt.motion.path import JointPath, of_trajectory, through
+from energy_opt.motion.path import JointPath, of_trajectory
 from energy_opt.motion.plan.rivals import Rival
 from energy_opt.motion.plan.robust import Kind
 from energy_opt.motion.standing import check_moves_on
@@ -41,14 +41,17 @@ def path_from(given: Any, robot: Robot, prefix: str = "", say: Say = lambda _: N
     Raises:
         BadInput: of another number of joints, or not finite.
     """
+    from energy_opt.formats.recording import past, path_of
+
     if isinstance(given, (str, PathLike)):
         from energy_opt.formats import read
 
         table = read(Path(given))
         notes, table = table.notes, table.of(robot.joints, prefix)
-        for note in (*notes, *refuse_degrees(robot, table.position, table.where)):
+        warnings = refuse_degrees(robot, table.position, table.where)
+        given, more = path_of(table)
+        for note in (*notes, *warnings, *more):
             say(note)
-        given = table.path()
     if isinstance(given, Mapping):
         try:
             given = Trajectory(robot.joints, *(np.asarray(given[name], dtype=float) for name in OF_TRAJECTORY))
@@ -69,7 +72,9 @@ def path_from(given: Any, robot: Robot, prefix: str = "", say: Say = lambda _: N
             ) from None
         if points.ndim != 2 or len(points) < 2 or points.shape[1] != robot.n or not np.isfinite(points).all():
             raise BadInput(f"--path: shape {points.shape}; expected waypoints (K, {robot.n}), K at least 2, all finite")
-        path = through(points)
+        path, notes = past(points, "--path")
+        for note in notes:
+            say(note)
     if path.n != robot.n:
         raise BadInput(f"--path: {path.n} joints; {robot.name} has {robot.n}")
     return path

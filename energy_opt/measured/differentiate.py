@@ -1,9 +1,6 @@
 """Velocities and accelerations from positions, without phase shift; cut-offs are chosen from each run's data.
 
-The smoother minimises sum (y - x)^2 + lambda sum (third difference of x)^2 (Whittaker's smoother). Its response at
-frequency f is 1 / (1 + (sin(pi f dt) / sin(pi f_c dt))^6). It is one half at the cut-off f_c, has no phase, and has
-natural ends. This follows from |1 - exp(-i w)|^6 = (2 sin(w / 2))^6 with w = 2 pi f dt, and lambda = 1 / (2
-sin(pi f_c dt))^6.
+The smoother is Whittaker's (`numerics.signals`).
 """
 
 from __future__ import annotations
@@ -14,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from energy_opt.measured.run import Run
+from energy_opt.numerics.signals import smooth
 
 CUTOFFS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.0, 20.0, 25.0)  # [Hz]
 MOVED = 0.01  # [rad] a joint that moves less in a run is not used to estimate noise
@@ -56,29 +54,6 @@ def _uniform(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarr
     if np.abs(time - grid).max() < 1e-3 * step:
         return grid, values
     return grid, CubicSpline(time, values)(grid)
-
-
-def smooth(values: np.ndarray, step: float, cutoff: float) -> np.ndarray:
-    """The smoother on evenly spaced samples: solves (1 + lambda D^T D) x = y, D the third differences (banded
-    Cholesky).
-
-    Args:
-        values: y (N, n). step: [s] between samples. cutoff: [Hz]; at 0.45 / step or above nothing is smoothed.
-    """
-    from scipy.linalg import solveh_banded
-
-    if cutoff >= 0.45 / step or len(values) < 8:
-        return values
-    weight = 1 / (2 * np.sin(np.pi * cutoff * step)) ** 6
-    n = len(values)
-    third = np.array([-1.0, 3.0, -3.0, 1.0])
-    band = np.zeros((4, n))
-    for lag in range(4):
-        for k in range(4 - lag):  # D^T D summed over the samples of D
-            band[lag, k : n - 3 + k] += third[k] * third[k + lag]
-    band *= weight
-    band[0] += 1.0
-    return solveh_banded(band, values, lower=True)
 
 
 def _noise_gain(cutoff: float, step: float) -> float:

@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from energy_opt.numerics.signals import standstills
 from energy_opt.robot import PointMass, Robot
 
 if TYPE_CHECKING:
@@ -109,8 +110,6 @@ class MeasuredSet:
     remarks: tuple[str, ...] = ()
 
 
-STILL_SPEED = 0.01  # [rad/s] the arm is at rest if slower than this for `SHORTEST`
-SHORTEST = 0.25  # [s] a shorter halt does not separate two runs
 LONG = 1.5  # [s] a standstill of at least this duration becomes a static run
 MARGIN = 0.15  # [s] of it that go to the motion before and after
 FEW_READINGS = 4  # least meter readings of a piece
@@ -123,25 +122,6 @@ def is_at_rest(time: np.ndarray, position: np.ndarray) -> bool:
     wide = max(1, min(len(time), round(0.1 / max(float(np.median(np.diff(time))), 1e-9)))) if len(time) > 1 else 1
     sums = np.cumsum(np.vstack([np.zeros(position.shape[1]), position - position[0]]), axis=0)
     return bool(np.ptp((sums[wide:] - sums[:-wide]) / wide, axis=0).max() <= MOVES)
-
-
-def standstills(time: np.ndarray, position: np.ndarray) -> list[tuple[int, int]]:
-    """Index ranges [first, last] in which no joint moves for at least `SHORTEST`.
-
-    Speed is the slope over a window of about 0.1 s, so that encoder steps do not count as motion.
-
-    Args:
-        time: (N,) [s]. position: (N, n) [rad, m].
-    """
-    step = float(np.median(np.diff(time)))
-    half = max(1, round(0.05 / step))
-    lo = np.clip(np.arange(len(time)) - half, 0, None)
-    hi = np.clip(np.arange(len(time)) + half, None, len(time) - 1)
-    speed = np.abs(position[hi] - position[lo]).max(axis=1) / (time[hi] - time[lo])
-    still = np.concatenate([[False], speed < STILL_SPEED, [False]])
-    edges = np.flatnonzero(np.diff(still.astype(int)))
-    pairs = zip(edges[::2], edges[1::2] - 1, strict=True)
-    return [(int(a), int(b)) for a, b in pairs if time[b] - time[a] >= SHORTEST]
 
 
 def cut_at_standstill(run: Run) -> list[Run]:

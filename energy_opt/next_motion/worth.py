@@ -15,9 +15,9 @@ from energy_opt.cell.request import CellRequest
 from energy_opt.diagnosis import Diagnosis
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.measured import MeasuredSet
-from energy_opt.measured.run import standstills
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.judge.energy import Scorer
+from energy_opt.numerics.signals import standstills
 from energy_opt.power import PowerModel
 
 ROOM = 1.2  # least duration over the shortest one, which leaves the planner no choice

@@ -20,8 +20,9 @@ import numpy as np
 from energy_opt.effects import CopperLoss, Standby
 from energy_opt.errors import BadInput
 from energy_opt.measured import MeasuredSet
-from energy_opt.measured.run import LONG, standstills
+from energy_opt.measured.run import LONG
 from energy_opt.measured.sets import moves_though_static
+from energy_opt.numerics.signals import standstills
 from energy_opt.power import PowerModel
 from energy_opt.results import Found
 from energy_opt.robot import PointMass, RigidBody

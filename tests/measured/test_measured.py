@@ -20,7 +20,7 @@ from energy_opt.measured import (
     read_log,
     read_set,
 )
-from energy_opt.measured.run import standstills
+from energy_opt.numerics.signals import standstills
 from energy_opt.robot import load_robot
 
 FIG9 = Path(__file__).resolve().parents[3] / "shared/data/rad_ur3e_power/fig9.csv"

@@ -190,7 +190,8 @@ def _exact(work: Retiming, start: Timing, duration: float) -> _Plan:
                 other = _equality(work, other.timing, price, duration) if far else best
             if other.energy < best.energy:
                 best = replace(other, bound=best.bound)
-    slowed = _feasible_start(work, start, best.message, best.bound)
+    reason = "the search ended at a timing of more energy" if best.converged else best.message
+    slowed = _feasible_start(work, start, reason, best.bound)
     if np.isinf(best.energy):
         return slowed
     if all(work.rest) and slowed.energy < best.energy:

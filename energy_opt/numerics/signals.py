@@ -1,0 +1,56 @@
+"""Sampled signals: a smoother without phase shift, and spans in which nothing moves.
+
+The smoother minimises sum (y - x)^2 + lambda sum (third difference of x)^2 (Whittaker's smoother). Its response at
+frequency f is 1 / (1 + (sin(pi f dt) / sin(pi f_c dt))^6). It is one half at the cut-off f_c, has no phase, and has
+natural ends. This follows from |1 - exp(-i w)|^6 = (2 sin(w / 2))^6 with w = 2 pi f dt, and lambda = 1 / (2
+sin(pi f_c dt))^6.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+STILL_SPEED = 0.01  # [rad/s] the arm is at rest if slower than this for `SHORTEST`
+SHORTEST = 0.25  # [s] a shorter halt does not separate two runs
+
+
+def smooth(values: np.ndarray, step: float, cutoff: float) -> np.ndarray:
+    """The smoother on evenly spaced samples: solves (1 + lambda D^T D) x = y, D the third differences (banded
+    Cholesky).
+
+    Args:
+        values: y (N, n). step: [s] between samples. cutoff: [Hz]; at 0.45 / step or above nothing is smoothed.
+    """
+    from scipy.linalg import solveh_banded
+
+    if cutoff >= 0.45 / step or len(values) < 8:
+        return values
+    weight = 1 / (2 * np.sin(np.pi * cutoff * step)) ** 6
+    n = len(values)
+    third = np.array([-1.0, 3.0, -3.0, 1.0])
+    band = np.zeros((4, n))
+    for lag in range(4):
+        for k in range(4 - lag):  # D^T D summed over the samples of D
+            band[lag, k : n - 3 + k] += third[k] * third[k + lag]
+    band *= weight
+    band[0] += 1.0
+    return solveh_banded(band, values, lower=True)
+
+
+def standstills(time: np.ndarray, position: np.ndarray) -> list[tuple[int, int]]:
+    """Index ranges [first, last] in which no joint moves for at least `SHORTEST`.
+
+    Speed is the slope over a window of about 0.1 s, so that encoder steps do not count as motion.
+
+    Args:
+        time: (N,) [s]. position: (N, n) [rad, m].
+    """
+    step = float(np.median(np.diff(time)))
+    half = max(1, round(0.05 / step))
+    lo = np.clip(np.arange(len(time)) - half, 0, None)
+    hi = np.clip(np.arange(len(time)) + half, None, len(time) - 1)
+    speed = np.abs(position[hi] - position[lo]).max(axis=1) / (time[hi] - time[lo])
+    still = np.concatenate([[False], speed < STILL_SPEED, [False]])
+    edges = np.flatnonzero(np.diff(still.astype(int)))
+    pairs = zip(edges[::2], edges[1::2] - 1, strict=True)
+    return [(int(a), int(b)) for a, b in pairs if time[b] - time[a] >= SHORTEST]

@@ -25,6 +25,7 @@ RESOLUTION = 2e-5  # [rad, m] and within this: the resolution of an 18-bit encod
 DIGITS = 3, 4  # decimal places to which waypoints may be rounded
 CLOSE = 10.0  # times their rounding: waypoints nearer to each other are not passed exactly
 NEAR = 0.75  # times their rounding: largest distance of the path from them
+MOST = 200  # control points of the curve near rounded waypoints: timings have as many intervals
 PROJECTIONS = 4  # fits of the curve near rounded waypoints
 PIECES = 4  # pieces of the path for each control point of the curve near rounded waypoints
 
@@ -122,7 +123,7 @@ def past(q: np.ndarray, where: str) -> tuple[JointPath, tuple[str, ...]]:
         return exact
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1))])
     controls = DEGREE + 1
-    while controls < len(q) / 3 and length[-1] > 0:
+    while controls < min(len(q) / 3, MOST) and length[-1] > 0:
         basis, u = Basis(controls, packing=0.0), length / length[-1]
         for _ in range(PROJECTIONS):
             points = basis.fit(u, q, q[:1], q[-1:])

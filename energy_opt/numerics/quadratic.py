@@ -15,7 +15,8 @@ implementation of a primal-dual interior point method, SIAM Journal on Optimizat
 from __future__ import annotations
 
 import ctypes
-from dataclasses import dataclass, fields, replace
+from copy import copy
+from dataclasses import dataclass, fields
 from functools import cache, cached_property
 
 import numpy as np
@@ -160,9 +161,8 @@ class Constraints:
 
     def within(self, floor: np.ndarray, ceiling: np.ndarray) -> Constraints:
         """The same linear functions within other bounds (R,)."""
-        out = replace(self, floor=floor, ceiling=ceiling)
-        if "matrix" in self.__dict__:  # it does not hold the bounds
-            out.__dict__["matrix"] = self.matrix
+        out = copy(self)
+        out.__dict__.update(floor=floor, ceiling=ceiling)  # a cached `matrix` does not hold them
         return out
 
     def moved(self, d: np.ndarray) -> Constraints:

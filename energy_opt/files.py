@@ -282,7 +282,7 @@ def _yaml(path: Path, text: str, load: Callable[..., Any]) -> Any:
 
 
 def read_table(path: Path) -> dict[str, np.ndarray]:
-    """Columns of a CSV file by header; every entry must be a finite number.
+    """Columns of a CSV file by header; every entry must be a finite number. Columns of text alone are left out.
 
     Raises:
         BadInput: names the file, the row (the header is row 1) and the column at fault.
@@ -306,6 +306,9 @@ def read_table(path: Path) -> dict[str, np.ndarray]:
     for k, row in body:
         if len(row) != len(header):
             raise BadInput(f"{path}: row {k}: {len(row)} cells, the header has {len(header)}")
+    kept = [c for c in range(len(header)) if not all(_is_text(row[c]) for _, row in body)]
+    if 0 < len(kept) < len(header):
+        header, body = [header[c] for c in kept], [(k, [row[c] for c in kept]) for k, row in body]
     try:
         values = np.array([row for _, row in body], dtype=float)
     except ValueError:
@@ -316,6 +319,15 @@ def read_table(path: Path) -> dict[str, np.ndarray]:
             for name, cell in zip(header, row, strict=True):
                 finite_number(cell, f"{path}: row {k}, column {name}")
     return {name: values[:, c] for c, name in enumerate(header)}
+
+
+def _is_text(cell: str) -> bool:
+    """Is a cell of a table neither empty nor a number?"""
+    try:
+        float(cell)
+    except ValueError:
+        return bool(cell.strip())
+    return False
 
 
 def words_of(text: str) -> list[str]:

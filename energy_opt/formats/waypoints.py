@@ -87,7 +87,9 @@ class Samples:
         if missing:
             names = ", ".join(self.joints[:12]) + (", ..." if len(self.joints) > 12 else "")
             other = fitting_prefix(self.joints, joints)
-            hint = "" if other is None else f"; they fit with --joint-prefix {other!r}"
+            hint = f"; they fit with --joint-prefix {other!r}" if other else ""
+            if other is None and self.time is not None:
+                hint = "; `energy-opt import` makes a measured set of a log with other columns, for `evaluate`"
             raise BadInput(f"{self.where}: joint {missing[0]} is missing; the file has {names}{hint}")
         index = [self.joints.index(name) for name in wanted]
         columns = {kind: getattr(self, kind) for kind in KINDS}

@@ -71,6 +71,16 @@ def test_faults_in_tables_are_named(tmp_path: Path, text: str, says: str) -> Non
     assert says in str(caught.value)
 
 
+def test_columns_of_text_are_left_out(tmp_path: Path) -> None:
+    """Recorders add dates and labels; one bad cell among numbers is still a fault, and so is an empty column."""
+    path = tmp_path / "table.csv"
+    path.write_text("_id,time,phase,x\n2021:10:05,0,go,1\n2021:10:06,1,stop,2\n")
+    assert {name: x.tolist() for name, x in read_table(path).items()} == {"time": [0, 1], "x": [1, 2]}
+    path.write_text("phase\ngo\nstop\n")
+    with pytest.raises(BadInput, match="row 2, column phase: 'go' is not a number"):
+        read_table(path)
+
+
 def test_spreadsheets_habits_are_understood(tmp_path: Path) -> None:
     """A byte-order mark, spaces after commas, Windows line ends and a blank last line are no faults."""
     path = tmp_path / "table.csv"

@@ -83,7 +83,7 @@ BY_NAME: dict[str, type[Effect]] = {effect.name: effect for effect in ALL_EFFECT
 
 # Methods for the law of an effect, by the base class of its stage: at least one must be defined.
 LAWS: dict[type[Effect], tuple[str, ...]] = {
-    stages.RigidEffect: ("gravity", "point_mass", "links", "held"),
+    stages.RigidEffect: ("gravity", "point_mass", "links", "changing_mass"),
     stages.TorqueEffect: ("torque",),
     stages.HeatEffect: ("heat",),
     stages.WindingEffect: ("factor",),

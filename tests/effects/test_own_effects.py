@@ -95,6 +95,14 @@ def test_an_effect_that_takes_the_place_of_an_earlier_one_has_its_own_form(tmp_p
     assert forms[0] != forms[1]
 
 
+def test_an_own_effect_may_change_the_rigid_body(tmp_path: Path) -> None:
+    path = tmp_path / "laws.py"
+    path.write_text(LAW.format(base="RigidEffect", law="gravity(cls, gravity, p)", value="gravity * (1 + p.p)"))
+    (kind,) = load_file(path)
+    assert check_effect(kind) == []
+    unregister("mine")
+
+
 def test_other_processes_get_only_registered_effects():
     kinds = load_file(OWN)
     assert [where for _, where in loaded_sources()] == [str(OWN)]

@@ -91,22 +91,23 @@ def write_toml(path: Path, value: Mapping[str, Any]) -> None:
     write_text(path, tomli_w.dumps(plain(value)))
 
 
+def write_yaml(path: Path, value: Mapping[str, Any]) -> None:
+    """Write `value` as YAML, with numbers' every digit and a line for each vector, as `write_text` does."""
+    dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # none without libyaml
+    write_text(path, yaml.dump(value, Dumper=dumper, default_flow_style=None, width=10**9, sort_keys=False))
+
+
 def write_table(path: Path, header: Sequence[str], columns: Sequence[np.ndarray]) -> None:
     """Write a table as CSV with full double precision.
 
     Args:
-        path: the file. header: name of each column. columns: (N,) each.
+        path: the file. header: name of each column; characters that would break its line become "_".
+        columns: (N,) each.
     """
     with replacing(path) as aside, aside.open("w", newline="", encoding="utf-8") as stream:
-        stream.write(",".join(map(_cell, header)) + "\n")
-        for row in np.column_stack(columns).tolist():
-            stream.write(",".join(map(repr, row)) + "\n")
-
-
-def _cell(name: str) -> str:
-    """A name as one cell of a table's header: quoted where it must be, and on one line."""
-    flat = "".join(c if c.isprintable() else "_" for c in name)
-    return '"' + flat.replace('"', '""') + '"' if any(c in flat for c in ',"') else flat
+        table = csv.writer(stream, lineterminator="\n")
+        table.writerow("".join(c if c.isprintable() else "_" for c in name) for name in header)
+        table.writerows(np.column_stack(columns).tolist())
 
 
 def inside(folder: Path, name: str, allow_outside: bool = False) -> Path:

@@ -29,7 +29,7 @@ from energy_opt.requests.verbs import SimulateRequest
 from energy_opt.results import FoundSet
 from energy_opt.robot import Robot, robot_named
 from energy_opt.virtual_arm.plant import Plant, load_plant
-from energy_opt.virtual_arm.simulate import Instruments, Reference, Run, pose, reference_of
+from energy_opt.virtual_arm.simulate import Instruments, Reference, Run, pose
 from energy_opt.virtual_arm.simulate import simulate as simulated
 
 MOST_REPEATS = 100_000
@@ -159,7 +159,7 @@ def _references(request: SimulateRequest, robot: Robot, desk: Desk) -> tuple[lis
         (read_trajectory(path, robot.joints, request.joint_prefix), path) for path in map(Path, request.trajectories)
     ]
     _check_clear(request, robot, files, desk)
-    read = [(reference_of(trajectory, path.stem), str(path)) for trajectory, path in files]
+    read = [(Reference(path.stem, t.time, t.position, t.velocity), str(path)) for t, path in files]
     out: list[Reference] = []
     sources: list[str] = []
     seconds = request.repeat * sum(reference.duration + 2 * request.rest + request.static for reference, _ in read)

@@ -12,7 +12,6 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.files import replacing, write_toml
-from energy_opt.motion.trajectory import Trajectory
 from energy_opt.virtual_arm.drives import electrical_power, reading
 from energy_opt.virtual_arm.mujoco_arm import STEP, MujocoArm, Played
 from energy_opt.virtual_arm.plant import Plant
@@ -59,11 +58,6 @@ def pose(name: str, position: np.ndarray, duration: float) -> Reference:
     """A reference that holds `position` (n,) for `duration` [s]."""
     two = np.tile(position, (2, 1))
     return Reference(name, np.array([0.0, duration]), two, np.zeros_like(two))
-
-
-def reference_of(trajectory: Trajectory, name: str) -> Reference:
-    """The reference for a trajectory."""
-    return Reference(name, trajectory.time, trajectory.position, trajectory.velocity)
 
 
 LOG_FORMAT = "energy-opt/log/1"
@@ -278,6 +272,5 @@ def _decimals(step: float) -> int:
 def _write_columns(path: Path, header: Sequence[str], columns: Sequence[np.ndarray], digits: Sequence[int]) -> None:
     """A CSV file with the number of decimals that each instrument shows."""
     form = ",".join(f"%.{places}f" for places in digits)
-    with replacing(path) as aside, aside.open("w", encoding="utf-8") as stream:
-        stream.write(",".join(header) + "\n")
-        stream.writelines(form % tuple(row) + "\n" for row in np.column_stack(columns).tolist())
+    with replacing(path) as aside:
+        np.savetxt(aside, np.column_stack(columns), form, header=",".join(header), comments="", encoding="utf-8")

@@ -216,22 +216,22 @@ Shares = dict[str, float]  # shares of the limits' bounds, by the limits' names
 Answer = TypeVar("Answer")
 
 
-@dataclass(frozen=True)
-class Files:
-    """Files to write: formats, and samples per second (None: the judged samples)."""
+def certificates(
+    trajectory: Trajectory, judge: Judging, formats: Sequence[Format], rate: float | None
+) -> list[Certificate]:
+    """Certificates of the samples for every format, before slowing; none if all files have the judged samples.
 
-    formats: Sequence[Format] = ()
-    rate: float | None = None
-
-    def certificates(self, trajectory: Trajectory, judge: Judging) -> list[Certificate]:
-        """Certificates of the samples for every format, before slowing; none if all files have the judged samples."""
-        known: dict[tuple[float, bool], Certificate] = {}
-        for form in self.formats:
-            got, pace = sample(trajectory, judge, form, self.rate)
-            stepped = pace == STEPS.get(form.name)
-            if pace is not None and (pace, stepped) not in known:
-                known[pace, stepped] = judge.at_steps(got, pace) if stepped else judge(got)
-        return list(known.values())
+    Args:
+        trajectory: the motion. judge: of the motion. formats: that are asked for.
+        rate: [Hz] of the samples; None: those of the plan, or the controller's own.
+    """
+    known: dict[tuple[float, bool], Certificate] = {}
+    for form in formats:
+        got, pace = sample(trajectory, judge, form, rate)
+        stepped = pace == STEPS.get(form.name)
+        if pace is not None and (pace, stepped) not in known:
+            known[pace, stepped] = judge.at_steps(got, pace) if stepped else judge(got)
+    return list(known.values())
 
 
 def with_room(

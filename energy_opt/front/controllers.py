@@ -104,7 +104,7 @@ class Controllers:
         Args:
             move: as solved. result: the plan. moves: standard moves that replace it, if any.
         """
-        from energy_opt.formats.output import Files, Shares, said, wanted, with_room
+        from energy_opt.formats.output import Shares, certificates, said, wanted, with_room
 
         if result.interrupted or result.status != "solved":
             return result, moves
@@ -116,9 +116,10 @@ class Controllers:
             narrow = replace(self, planner=self.planner.within(shares), robust=several)
             return narrow.moves(move, narrow.solver.solve(move))
 
-        files = Files(formats, self.request.rate)
         (found, chosen), shares = with_room(
-            (result, moves), lambda answer: files.certificates(answer[0].trajectory, judge), again
+            (result, moves),
+            lambda answer: certificates(answer[0].trajectory, judge, formats, self.request.rate),
+            again,
         )
         if not shares or found.status != "solved":
             return result, moves

@@ -8,7 +8,6 @@ from types import MappingProxyType
 from typing import Any
 
 from energy_opt.errors import BadInput
-from energy_opt.formats.output import Files
 from energy_opt.front.controllers import check_rate_of, check_written
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, robot_of, several
@@ -61,7 +60,7 @@ def run(request: JobRequest, desk: Desk) -> JobAnswer:
                     both = {name: shares.get(name, 1.0) * held.get(name, 1.0) for name in {*shares, *held}}
                     return planned(model, both)
 
-                return output.with_room(result, Files(formats, request.rate), again)
+                return output.with_room(result, formats, request.rate, again)
 
             def under(model: PowerModel, shares: Shares = MappingProxyType({})) -> JobResult:
                 return roomy(planned(model, shares), model, shares)

@@ -21,6 +21,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import brentq
 
 ROUNDS = 9  # most prices to try; three are usual
 SLOW = 5.0  # times the shortest duration: longer durations are not used to fit k
@@ -162,14 +163,8 @@ def _next(
     if mixed is not None and _mixed(seen[:-1], time) is not None:
         return float(np.clip(mixed.price, min(short.price, long.price), max(short.price, long.price)))
     a, b = short.durations**-4.0, long.durations**-4.0
-    below, above = INSIDE, 1 - INSIDE
-    for _ in range(60):
-        share = (below + above) / 2
-        if (((1 - share) * a + share * b) ** -0.25).sum() > time:
-            above = share
-        else:
-            below = share
-    return short.price + below * (long.price - short.price)
+    share = brentq(lambda x: float((((1 - x) * a + x * b) ** -0.25).sum()) - time, 0.0, 1.0)
+    return short.price + float(np.clip(share, INSIDE, 1 - INSIDE)) * (long.price - short.price)
 
 
 def _fitted(seen: Sequence[_Seen], best: _Seen, holding: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

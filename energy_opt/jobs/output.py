@@ -15,7 +15,7 @@ from energy_opt.files import plain, write_json
 from energy_opt.formats import Format, output
 from energy_opt.formats.cycle import certificates, without_jumps, write_cycle
 from energy_opt.formats.judging import CycleJudging
-from energy_opt.formats.output import Files, Shares, Written, unchanged
+from energy_opt.formats.output import Shares, Written, unchanged
 from energy_opt.formats.program import joined
 from energy_opt.jobs.cycle import Piece
 from energy_opt.jobs.legs import Step
@@ -41,16 +41,19 @@ def judging_of(result: JobResult) -> CycleJudging:
     return CycleJudging.of((seconds, result.scorer(step), result.cells.of(step)) for seconds, step in steps)
 
 
-def with_room(result: JobResult, files: Files, again: Callable[[Shares], JobResult]) -> JobResult:
-    """The job, or one planned again so that its cycle as one motion, and the programs in `files`, hold all limits.
+def with_room(
+    result: JobResult, formats: Sequence[Format], rate: float | None, again: Callable[[Shares], JobResult]
+) -> JobResult:
+    """The job, or one planned again so that its cycle as one motion, and its programs, hold all limits.
 
     Args:
+        result: the solved job. formats: of the programs. rate: [Hz] of their samples; None: those of the plan.
         again: plans the job with these shares of the limits' bounds.
     """
 
     def certificates_of(found: JobResult) -> list[Certificate]:
         judge = judging_of(found)
-        return [judge(whole_cycle(found)), *certificates(found.pieces, judge, files.formats, files.rate)]
+        return [judge(whole_cycle(found)), *certificates(found.pieces, judge, formats, rate)]
 
     found, shares = output.with_room(result, certificates_of, again)
     if not shares or not found.solved:

@@ -213,18 +213,17 @@ def _search(
     best = float(offsets[int(np.argmax(scores))])
 
     def loss(x: np.ndarray) -> float:
-        if abs(x[1]) > DRIFT * own / 2:
+        """Less the log likelihood of an offset [s], and of the drift over half of the readings [s], if there is one."""
+        offset, drift = (*x, 0.0)[:2]
+        if abs(drift) > DRIFT * own / 2:
             return 1e9
-        score = evidence(motion, stamps + x[0] + x[1] * (stamps - middle) / (own / 2), window, power)[0]
+        score = evidence(motion, stamps + offset + drift * (stamps - middle) / (own / 2), window, power)[0]
         return max(-score, -1e9) if np.isfinite(score) else 1e9
 
-    start = np.array([[best, 0.0], [best + step, 0.0], [best, min(0.05, DRIFT * own / 4)]])
-    fine = minimize(loss, start[0], method="Nelder-Mead", options={"initial_simplex": start, "xatol": 1e-4})
-    alone = minimize(
-        lambda x: loss(np.array([x[0], 0.0])),
-        start[0, :1],
-        method="Nelder-Mead",
-        options={"initial_simplex": start[:2, :1], "xatol": 1e-4},
+    both = np.array([[best, 0.0], [best + step, 0.0], [best, min(0.05, DRIFT * own / 4)]])
+    fine, alone = (
+        minimize(loss, x[0], method="Nelder-Mead", options={"initial_simplex": x, "xatol": 1e-4})
+        for x in (both, both[:2, :1])  # offset and drift, and the offset alone
     )
     drifts = alone.fun - fine.fun > 5.0 + 0.5 * np.log(len(power))
     offset, drift = (float(fine.x[0]), float(fine.x[1]) / (own / 2)) if drifts else (float(alone.x[0]), 0.0)

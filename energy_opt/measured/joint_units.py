@@ -208,20 +208,15 @@ def contradicting(run: Run) -> Iterator[str]:
     """The logged rates of a run that are not the slope of its positions: "velocity", "acceleration"."""
     slope = run.position
     for name, rate in (("velocity", run.velocity), ("acceleration", run.acceleration)):
-        if rate is not None and _is_slope(rate, slope, run.time):
-            slope = rate
-            continue
         if rate is not None:
+            ratio = _slope_ratio(rate, slope, run.time)
+            if ratio is None or abs(ratio - 1) < ALIKE:
+                slope = rate
+                continue
             yield name
         ends = [np.clip(run.time + x, run.time[0], run.time[-1]) for x in (-LASTS / 2, LASTS / 2)]
         change = [np.interp(ends[1], run.time, x) - np.interp(ends[0], run.time, x) for x in slope.T]
         slope = np.column_stack(change) / (ends[1] - ends[0])[:, None]
-
-
-def _is_slope(velocity: np.ndarray, position: np.ndarray, time: np.ndarray) -> bool:
-    """Whether velocities (N, n) are the slope of positions (N, n), all in SI units, as far as these move."""
-    ratio = _slope_ratio(velocity, position, time)
-    return ratio is None or abs(ratio - 1) < ALIKE
 
 
 def _slope_ratio(velocity: np.ndarray, position: np.ndarray, time: np.ndarray) -> float | None:

@@ -72,11 +72,6 @@ def quantity(table: Table, name: str, rule: Rule) -> np.ndarray:
     return values
 
 
-def named_columns(rules: Mapping[str, Rule], table: Table) -> list[str]:
-    """The columns of a table that rules name, to be read in one pass."""
-    return [name for rule in rules.values() if rule.has_columns(table) for name in rule.columns]
-
-
 def read_joints(table: Table, rules: Mapping[str, Rule], robot: Robot, kind: str) -> Joints | None:
     """The joints' samples of a table; None if it has faults, which are then in `table.faults`.
 
@@ -87,7 +82,7 @@ def read_joints(table: Table, rules: Mapping[str, Rule], robot: Robot, kind: str
         BadInput: no column is named for a joint's position.
     """
     _check_columns_differ(table, rules, robot)
-    table.load(named_columns(rules, table))
+    table.load(name for rule in rules.values() if rule.has_columns(table) for name in rule.columns)
     time = quantity(table, "time", rules["time"])
     signals = {}
     for signal in JOINT_SIGNALS:

@@ -89,8 +89,7 @@ class Identification(Found):
         """Write identify.json, the models of both methods, plot.png and report.html into the folder `out`."""
         from energy_opt.static_poses.output import write  # plots are slow to import
 
-        load, power = [pose.load for pose in self.poses], [pose.power for pose in self.poses]
-        write(out, self.document(), {"model_method1": self.model_1(), "model_method2": self.model_2()}, load, power)
+        write(out, self.document(), {"model_method1": self.model_1(), "model_method2": self.model_2()})
         return self
 
     def __repr__(self) -> str:

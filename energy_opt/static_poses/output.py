@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,34 +17,24 @@ from energy_opt.reports.page import Report
 ANSWER = "identify.json"
 
 
-def write(
-    out: Path, document: Mapping[str, Any], models: Mapping[str, PowerModel | None], load: Sequence[float],
-    power: Sequence[float],
-) -> None:  # fmt: skip
-    """Write identify.json (`document`), the models by their names, plot.png and report.html into a folder.
-
-    Args:
-        load, power: of the poses, |gravity torque|^2 [(N m)^2] and mean power [W].
-    """
+def write(out: Path, document: Mapping[str, Any], models: Mapping[str, PowerModel | None]) -> None:
+    """Write identify.json (`document`), the models by their names, plot.png and report.html into the folder `out`."""
     with written_whole(out, ANSWER) as aside:
         for name, model in models.items():
             if model is not None:
                 model.save(aside / f"{name}.toml")
         write_json(aside / ANSWER, document)
-        page(document, load, power, document["robot"]).write(aside / "report.html", aside / "plot.png")
+        page(document).write(aside / "report.html", aside / "plot.png")
 
 
-def page(document: Mapping[str, Any], load: Sequence[float], power: Sequence[float], robot: str) -> Report:
-    """The report of an identify.json.
-
-    Args:
-        load, power: of the poses, |gravity torque|^2 [(N m)^2] and mean power [W].
-    """
-    report = Report(f"{robot}: overhead and copper loss from {len(power)} static poses")
+def page(document: Mapping[str, Any]) -> Report:
+    """The report of an identify.json."""
+    load, power = (np.array([p[name] for p in document["poses"]]) for name in ("gravity_torque_squared", "power"))
+    report = Report(f"{document['robot']}: overhead and copper loss from {len(power)} static poses")
     first, second = document["method1"], document.get("method2")
-    ends = np.array([0.0, 1.05 * max(load, default=1.0)])
+    ends = np.array([0.0, 1.05 * load.max()])
     lines = [
-        Line("poses", np.asarray(load), np.asarray(power), "points", "measured"),
+        Line("poses", load, power, "points", "measured"),
         Line("Method 1", ends, np.full(2, first["standby"]), "dash", "declared"),
     ]
     records: list[list[object]] = [["Method 1", first["standby"], None, None, None, None]]

@@ -85,7 +85,7 @@ class StepTable(Table):
     stop: StrictBool = True
     zone: Name | None = None
     after: Name | None = None
-    lag: Annotated[tuple[Number, Number], Field()] | None = None
+    lag: tuple[Number, Number] | None = None
     any_order: StrictBool = False
 
     @model_validator(mode="after")

@@ -131,13 +131,9 @@ def _posed(task: Task, planner: Planner, solver: Any, row: dict[str, Any]) -> Re
     return solve_to(ends, move, robot, [model for _, model in task.powers()], cell, settings, solver).result
 
 
-def resident_memory() -> int | None:
-    """Memory of this process, bytes; None if the system does not provide it."""
-    try:
-        with open("/proc/self/statm", encoding="ascii") as stream:
-            return int(stream.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-    except OSError:
-        return None
+def resident_memory() -> int:
+    """Memory of this process [bytes]."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
 # For workers: one thread for linear algebra, and no imports from the current folder (such as a `selectors.py` there).

@@ -174,12 +174,9 @@ def machine() -> dict[str, Any]:
 
 def _cpu() -> str:
     """The name of the processor."""
-    try:
-        with open("/proc/cpuinfo", encoding="utf-8") as stream:
-            names = (line.partition(":")[2].strip() for line in stream if line.startswith("model name"))
-            return next(names, platform.processor())
-    except OSError:
-        return platform.processor()
+    lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(names, platform.processor())
 
 
 def table(summary: Mapping[str, Any], out: Path) -> str:

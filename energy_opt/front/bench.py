@@ -37,8 +37,7 @@ def run(request: BenchRequest, desk: Desk) -> Batch | Listing:
         return Listing(found, comparison_text(found))
     if request.suite is None:
         raise BadInput("no suite: give SUITE.toml, or --compare OLD NEW")
-    free = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    jobs = free if request.jobs is None else request.jobs
+    jobs = len(os.sched_getaffinity(0)) if request.jobs is None else request.jobs
     if not 1 <= jobs <= MOST_JOBS:
         raise BadInput(f"--jobs {str(jobs)[:24]}: expected 1 to {MOST_JOBS} processes")
     if request.seed is not None and request.seed < 0:

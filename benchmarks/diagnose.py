@@ -136,8 +136,8 @@ def _right(job: Job, row: dict[str, Any]) -> bool:
 def _ratio(made: MadeSet, model: PowerModel, folder: Path, train: list[str]) -> float:
     """Power RMSE on fresh motions over that of a fit to the same runs that knows the true effects."""
     fresh = fresh_motions(made, folder)
-    samples, _ = take_samples(read_set(fresh.folder, made.robot))
-    whole, _ = take_samples(read_set(made.folder, made.robot))
+    samples = take_samples(read_set(fresh.folder, made.robot))
+    whole = take_samples(read_set(made.folder, made.robot))
     fitted = whole.part([whole.files.index(name) for name in train])
     n, truth = made.robot.n, made.declared
     for effect in made.model.effects:

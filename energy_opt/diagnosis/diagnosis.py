@@ -116,7 +116,7 @@ def diagnose(
     limits, joints = measured.robot.limits, measured.robot.joints
 
     def inferred(measured: MeasuredSet, clock: bool) -> tuple[Samples, list[int], list[int], Inference]:
-        samples, _ = take_samples(measured)
+        samples = take_samples(measured)
         if len(samples.power) < FEWEST:
             raise BadInput(
                 f"{measured.path}: {len(samples.power)} readings in all; a diagnosis needs at least {FEWEST}"

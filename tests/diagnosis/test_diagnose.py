@@ -61,7 +61,7 @@ def test_runs_of_which_only_the_total_is_known_have_a_step(coulomb):
         replace(r, power_time=r.time[-1:], power=r.power[:1], window=r.time[-1:] - r.time[:1], meter="total")
         for r in measured.runs
     ]
-    samples, _ = take_samples(replace(measured, runs=tuple(runs)))
+    samples = take_samples(replace(measured, runs=tuple(runs)))
     lengths = [float(np.ptp(r.time)) for r in runs]
     assert min(lengths) < samples.step < max(lengths)
 

@@ -102,14 +102,14 @@ def test_power_that_an_unlisted_cause_rules_still_follows_the_motion(tmp_path):
     """A strong spring takes over most of the gravity torque, so that the declared power fits badly everywhere."""
     spring = GravitySpring(stiffness=[0, 25.0, 20.0, 0, 0, 0], rest=[0, 1.2, -1.0, 0, 0, 0])
     made = make_set(tmp_path / "set", "z1", [spring], seed=4)
-    samples, _ = take_samples(read_set(made.folder))
+    samples = take_samples(read_set(made.folder))
     assert follows(samples, predict(made.declared, samples))
 
 
 def test_the_best_of_many_candidates_is_no_evidence_on_noise(tmp_path):
     """White noise and noise with memory around the declared model: nothing is claimed; friction is, beside either."""
     made = make_set(tmp_path / "set", "z1", seed=5)
-    samples, _ = take_samples(read_set(made.folder))
+    samples = take_samples(read_set(made.folder))
     samples = samples.part(range(5))
     limits, moving = made.robot.limits, np.ones(6, dtype=bool)
     level = predict(made.declared, samples).reading

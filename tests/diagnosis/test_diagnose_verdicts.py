@@ -53,7 +53,7 @@ def diagnosed(truth, out: Path, *more: str) -> dict:
 
 
 def test_repeats_of_a_motion_are_one_cluster_and_stay_together(repeats):
-    samples, _ = take_samples(repeats)
+    samples = take_samples(repeats)
     groups = clusters.clusters(samples)
     assert sorted(len(group) for group in groups) == [2] * 6
     for seed in range(4):

@@ -42,7 +42,7 @@ def test_a_declared_effect_that_is_not_refitted_stays_for_those_that_need_it():
 def test_windings_are_as_warm_as_the_whole_set_made_them(tmp_path):
     """Some of the runs alone foresee the same power as within their set; so do temperatures relative to it."""
     truth = write_world(World("z1", 5, motions=3, poses=1), tmp_path)
-    samples, _ = take_samples(read_set(truth.folder))
+    samples = take_samples(read_set(truth.folder))
     warming = np.linspace(20, 30, len(samples.t))[:, None] + np.zeros(samples.n)
     samples = replace(samples, temperature=warming)
     model = truth.declared.replaced(WindingSelfHeating(rate=0.2, time_constant=60.0))

@@ -48,9 +48,9 @@ def test_averaged_readings_name_the_same_cause(made, whole, monkeypatch):
 
 
 def test_what_averaged_readings_show_is_the_mean_of_what_the_readings_show(made, whole, monkeypatch):
-    fine, _ = take_samples(whole)
+    fine = take_samples(whole)
     monkeypatch.setattr(recordings, "MOST_READINGS", -(-len(fine.power) // 3))
-    coarse, _ = take_samples(whole)
+    coarse = take_samples(whole)
     assert coarse.group == 3 and coarse.noise == pytest.approx(fine.noise / 3**0.5)
     shown = [predict(made.declared, s).reading for s in (fine, coarse)]
     steady = PowerModel("panda", (Standby(power=90.0),))
@@ -68,7 +68,7 @@ def test_what_averaged_readings_show_is_the_mean_of_what_the_readings_show(made,
 
 def test_pieces_of_the_nodes_give_what_all_at_once_do(made, whole, monkeypatch):
     model = made.declared.replaced(Payload(mass=1.2, com=[0.02, 0.0, 0.05]))
-    once, _ = take_samples(whole)
+    once = take_samples(whole)
     one = predict(model, once)
     monkeypatch.setattr("energy_opt.diagnosis.data.samples.PIECE", 100)
     monkeypatch.setattr("energy_opt.diagnosis.data.predict.AT_ONCE", 64)

@@ -101,7 +101,7 @@ def test_logged_signals_are_read_and_hold_until_they_change(recorded_set):
     run = measured.runs[0]
     assert set(run.logged) == {"gripper", "flow"}  # `mode` is neither 0 and 1 nor asked for
     np.testing.assert_array_equal(run.logged["gripper"], run.time > 3.304)
-    samples, _ = take_samples(measured)
+    samples = take_samples(measured)
     assert {"signal.gripper", "signal.flow", "temperature", "dwell"} <= set(recorded(samples))
     assert "day" not in recorded(samples)  # a set of half a minute
 
@@ -139,7 +139,7 @@ MODEL = eo.PowerModel(
 
 def test_a_payload_is_there_from_one_dwell_to_the_next(recorded_set):
     measured = read_set(recorded_set)
-    samples, _ = take_samples(measured)
+    samples = take_samples(measured)
     tau, _ = rigid_torque(MODEL, samples)
     body, there = measured.robot.body, (samples.dwell >= 1) & (samples.dwell < 2)
     assert 0.2 < there.mean() < 0.5
@@ -149,7 +149,7 @@ def test_a_payload_is_there_from_one_dwell_to_the_next(recorded_set):
 
 
 def test_the_power_of_a_recording_is_that_of_the_formulas(recorded_set):
-    samples, _ = take_samples(read_set(recorded_set))
+    samples = take_samples(read_set(recorded_set))
     shown = predict(MODEL, samples)
     tau, r = rigid_torque(MODEL, samples)[0], np.array([0.01] * 3 + [0.05] * 3)
     dry = np.array([2.0, 2.5, 1.5, 0.6, 0.5, 0.4])
@@ -167,7 +167,7 @@ def test_the_power_of_a_recording_is_that_of_the_formulas(recorded_set):
 
 def test_derivatives_agree_with_finite_differences(recorded_set):
     """Of friction and copper loss only to a tenth: what they do to the heat of before is left out of the slope."""
-    samples, _ = take_samples(read_set(recorded_set))
+    samples = take_samples(read_set(recorded_set))
     values, exact = MODEL.values(N), predict(MODEL, samples).jacobian
     for effect, where in zip(MODEL.effects, MODEL.slices(N), strict=True):
         fixed = [p.steps for p in effect.parameters for _ in range(p.count(N, effect.extents))]

@@ -193,7 +193,7 @@ def test_levels_of_power_at_rest_are_found_in_a_log_and_shown(tmp_path, capsys):
         np.savetxt(tmp_path / f"run{k}.csv", rows, "%.6f", ",", header=header, comments="")
         entries.append(f'[[run]]\nfile = "run{k}.csv"\nkind = "static"\nstart = {60.0 * k}\n')
     (tmp_path / "log.toml").write_text('format = "energy-opt/log/1"\nrobot = "ur5"\n' + "".join(entries))
-    samples, _ = take_samples(read_set(tmp_path, robot))
+    samples = take_samples(read_set(tmp_path, robot))
     found = modes_of(declared, samples)
     np.testing.assert_allclose([m.power for m in found], [70, 31, 12], atol=0.3)
     np.testing.assert_allclose([m.seconds for m in found], [22, 8, 6], atol=0.2)

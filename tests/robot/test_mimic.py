@@ -334,7 +334,7 @@ def test_a_log_without_the_gripper_is_a_set(files: Path, tmp_path: Path) -> None
     assert main([*words, "--robot", urdf, *lock]) == 0
     assert main(["check", str(tmp_path / "set"), "--quiet"]) == 2
     assert main(["check", str(tmp_path / "set"), "--quiet", *lock]) == 0
-    samples, _ = take_samples(read_set(tmp_path / "set", held))
+    samples = take_samples(read_set(tmp_path / "set", held))
     links = LinkInertia(mass=[0.5, 0.4, 0.3, 0.2], com=np.full((4, 3), 0.01), inertia=np.full((4, 6), 1e-3))
     model = PowerModel("palletizer", (Payload(mass=2.0, com=[0.01, 0.0, -0.1]), links))
     found, _ = predict.rigid_torque(model, samples)

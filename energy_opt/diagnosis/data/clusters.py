@@ -67,7 +67,7 @@ def _by_time(run: Run) -> list[Run]:
 
 def _motions(measured: MeasuredSet) -> int:
     """Number of distinct motions of a set."""
-    samples, _ = take_samples(measured)
+    samples = take_samples(measured)
     return sum(samples.kinds[group[0]] == "motion" for group in clusters(samples))
 
 

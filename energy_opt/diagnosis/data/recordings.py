@@ -114,8 +114,8 @@ def on_time(measured: MeasuredSet, late: float) -> MeasuredSet:
     return replace(measured, runs=tuple(runs), remarks=(*measured.remarks, remark))
 
 
-def take_samples(measured: MeasuredSet) -> tuple[Samples, Smoothing]:
-    """All runs of a set as samples, and the smoothing chosen from the data."""
+def take_samples(measured: MeasuredSet) -> Samples:
+    """All runs of a set as samples; the smoothing is chosen from the data."""
     smoothing = choose_smoothing(measured.runs)
     taken = [_windows(run, smoothing) if run.window.any() else _bins(run, smoothing) for run in measured.runs]
     first = min(float(run.start + run.time[0]) for run in measured.runs)
@@ -133,7 +133,7 @@ def take_samples(measured: MeasuredSet) -> tuple[Samples, Smoothing]:
     t, q, v, a, temperature, blur, smoothed = (np.concatenate(column) for column in zip(*motion, strict=True))
     at, power = (np.concatenate(column) for column in zip(*readings, strict=True))
     parts = laid([slice(0, len(r[0])) for r in readings])
-    samples = Samples(
+    return Samples(
         measured.robot.body, q, v, a, t - first, laid([slice(0, len(m[0])) for m in motion]), temperature,
         at - first, power, parts, operators, counts, np.ones(len(at)), noise / group**0.5,
         meter_noise([(r.power_time, r.power) for r in measured.runs]),
@@ -141,7 +141,6 @@ def take_samples(measured: MeasuredSet) -> tuple[Samples, Smoothing]:
         _logged(measured.runs, [m[0] for m in motion]), blur, _lag(measured, smoothing, v, smoothed),
         averaged=any(run.window.any() for run in measured.runs),
     )  # fmt: skip
-    return samples, smoothing
 
 
 def _lag(measured: MeasuredSet, smoothing: Smoothing, v: np.ndarray, smoothed: np.ndarray) -> float:

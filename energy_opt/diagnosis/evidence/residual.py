@@ -105,11 +105,14 @@ FEW = 3.0  # least readings per column; with fewer, the columns fit anything
 SHOWN = 0.5  # share of the meter's noise below which variations of mechanical power are not visible
 
 
-def follows(samples: Samples, now: Prediction, seed: int = 0) -> bool:
+def follows(samples: Samples, now: Prediction) -> bool:
     """False if the power follows the motion no better than by chance.
 
-    Args: now: the declared model at the samples. The power must correlate with its mechanical power, torques, reading
-    or the speed, which friction follows.
+    The power must correlate with the mechanical power, torques or reading of a model, or with the speed, which friction
+    follows.
+
+    Args:
+        samples: of the set. now: the declared model at the samples.
     """
     mechanical = np.einsum("nj,nj->n", now.tau, samples.v)
     speed = np.abs(samples.v)
@@ -125,8 +128,7 @@ def follows(samples: Samples, now: Prediction, seed: int = 0) -> bool:
     u = u[:, s > 1e-6 * s[0]]
     power = _centred(samples.power[:, None], samples)[:, 0]
     seen = float(np.sum((u.T @ power) ** 2))
-    rng = np.random.default_rng(seed)
-    by_chance = 0
+    rng, by_chance = np.random.default_rng(0), 0
     for _ in range(SHIFTS):
         turned = np.concatenate([np.roll(power[s], rng.integers(1, max(s.stop - s.start, 2))) for s in samples.parts])
         by_chance += float(np.sum((u.T @ turned) ** 2)) >= seen

@@ -61,7 +61,7 @@ class JointSide:
         unit: of the readings, "A" or "N m". scale, scale_deviation: torque by reading, N m/A (Kt) or 1.
         values: (3, n) dry friction [N m], viscous friction [N m s/rad], rotor inertia [kg m^2].
         covariance: (3, n, n) of each across the joints. pair: (n,) covariance of the first two.
-        usual: [rad/s] the median speed in motion. noise: [N m] robust rms of the residual.
+        usual: [rad/s] the median speed in motion.
         left: (K, n) residual of the readings [N m].
         multiple: reading by torque where the data alone show it, without a prior; else nan.
     """
@@ -74,7 +74,6 @@ class JointSide:
     covariance: np.ndarray
     pair: np.ndarray
     usual: np.ndarray
-    noise: np.ndarray
     left: np.ndarray
     multiple: np.ndarray
     samples: JointSamples
@@ -175,7 +174,7 @@ def _fit(samples: JointSamples, robot: Robot, unit: str) -> JointSide:
             noise[j] = max(1.4826 * float(np.median(np.abs(r[live]))), 1e-9)
             trust[:, j] = np.where(still[:, j], HELD, 1.0) * np.minimum(1.0, HUBER * noise[j] / np.abs(r).clip(1e-12))
             memory[j] = _memory(samples.run[u], r[u])
-    return _side(samples, robot, unit, x, np.linalg.inv(h), residual, noise, used, multiple)
+    return _side(samples, robot, unit, x, np.linalg.inv(h), residual, used, multiple)
 
 
 def _slopes(samples: JointSamples) -> np.ndarray:
@@ -219,7 +218,7 @@ def _memory(run: np.ndarray, r: np.ndarray) -> float:
 
 def _side(
     samples: JointSamples, robot: Robot, unit: str, x: np.ndarray, spread: np.ndarray, residual: np.ndarray,
-    noise: np.ndarray, used: list[np.ndarray], multiple: np.ndarray,
+    used: list[np.ndarray], multiple: np.ndarray,
 ) -> JointSide:  # fmt: skip
     """Values in N m with their covariance: c = beta / k, to first order."""
     n = len(used)
@@ -244,8 +243,7 @@ def _side(
     with np.errstate(divide="ignore", invalid="ignore"):
         return JointSide(
             robot, unit, np.where(sure, 1 / k, np.nan), np.where(sure, deviation / k**2, np.nan), values, covariance,
-            pair, usual, np.where(sure, noise / np.abs(k), np.nan), np.where(sure, residual / k, np.nan), multiple,
-            samples,
+            pair, usual, np.where(sure, residual / k, np.nan), multiple, samples,
         )  # fmt: skip
 
 

@@ -75,11 +75,6 @@ class Payload(RigidEffect):
     products = {"com": ("mass", 100.0)}  # [kg m] the torque is linear in these except for the second moment
 
     @classmethod
-    def inertia(cls, p: SimpleNamespace) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Mass m, first moment h = m c (3, 1) and second moment S = m c c^T (3, 3) about the last joint's origin."""
-        return p.mass, p.mass * p.com, p.mass * (p.com @ p.com.T)
-
-    @classmethod
     def point_mass(cls, p: SimpleNamespace) -> tuple[ca.SX, ca.SX] | None:
         """The mass [kg] and its place (3, 1) [m]."""
         return p.mass, p.com

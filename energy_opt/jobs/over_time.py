@@ -45,11 +45,6 @@ class JobPoint:
             return "infeasible"
         return "solved" if self.result.solved else "not_converged"
 
-    @property
-    def energy(self) -> float:
-        """Energy [J] of the cycle; nan without a result."""
-        return np.nan if self.result is None else self.result.energy
-
 
 def over_time(
     job: Job,

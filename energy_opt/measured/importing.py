@@ -30,9 +30,8 @@ FEW = 6  # from this number of files on, recordings are not cut: each file is as
 
 @dataclass(frozen=True)
 class Imported:
-    """An imported set: its folder, robot, log as written, and what was guessed and found, one sentence each."""
+    """An imported set: its robot, log as written, and what was guessed and found, one sentence each."""
 
-    folder: Path
     robot: Robot
     log: dict[str, Any]
     words: tuple[str, ...]
@@ -100,7 +99,7 @@ def import_files(
                 raise BadInput("\n".join(_with_original_path(fault, folder, tables) for fault in faults))
             if not again:
                 _kinds(document, runs, words)
-    return Imported(out, robot, document, tuple(words), tuple(remarks), tuple(runs))
+    return Imported(robot, document, tuple(words), tuple(remarks), tuple(runs))
 
 
 def _without_repeats(files: Sequence[Path]) -> list[Path]:

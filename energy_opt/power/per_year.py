@@ -41,10 +41,6 @@ class PerYear:
             "co2_kg": None if kwh is None or self.co2 is None else kwh * self.co2,
         }
 
-    def document(self) -> dict[str, float | None]:
-        """Content of a request's document."""
-        return {"cycles_per_year": self.cycles_per_year, "price": self.price, "co2": self.co2}
-
 
 def per_year_of(cycles: float | None, price: float | None, co2: float | None) -> PerYear | None:
     """`PerYear` from the options; None if none is given.

@@ -59,14 +59,12 @@ class Played:
     Attributes:
         time: (N,) s, from 0.
         position, velocity, torque: (N, n) rad, rad/s and N m (the motor's torque at the joint side).
-        tracking_error: largest distance from the reference, rad, shape (n,).
     """
 
     time: np.ndarray
     position: np.ndarray
     velocity: np.ndarray
     torque: np.ndarray
-    tracking_error: np.ndarray
 
 
 class MujocoArm:
@@ -93,7 +91,8 @@ class MujocoArm:
         self.model = self._compile(robot, plant.number("payload", "mass", 0.0), plant.value("payload", "com"))
         if tuple(self.model.joint(k).name for k in range(self.model.njnt)) != self.joints:
             raise BadInput(f"{robot.urdf}: joints {', '.join(self.joints)} are not in the order of the kinematic tree")
-        tilt = _rotation_of(np.array([*(plant.number("base_tilt", name, 0.0) for name in ("roll", "pitch")), 0.0]))
+        roll, pitch = (plant.number("base_tilt", name, 0.0) for name in ("roll", "pitch"))
+        tilt = Rotation.from_euler("xy", [roll, pitch]).as_matrix()
         self.model.opt.gravity[:] = tilt.T @ np.asarray(robot.body.gravity)
         self.data = self.mujoco.MjData(self.model)
 
@@ -218,15 +217,14 @@ class MujocoArm:
                 f"{error[worst]:.3g} rad (or m); is the trajectory smooth and within the robot's limits?"
             )
         time = (np.arange(steps) + 0.5) * STEP
-        return Played(time, (qs[1:] + qs[:-1]) / 2, (vs[1:] + vs[:-1]) / 2, us, error)
+        return Played(time, (qs[1:] + qs[:-1]) / 2, (vs[1:] + vs[:-1]) / 2, us)
 
     def hold(self, position: np.ndarray, duration: float) -> Played:
         """Hold a pose (n,) [rad]: the settled torque throughout."""
         steps = round(duration / STEP)
         few = self.play(np.tile(position, (2, 1)), np.zeros((2, len(position))))
-        records = (np.repeat(x[-1:], steps, axis=0) for x in (few.position, few.torque))
-        q, u = records
-        return Played((np.arange(steps) + 0.5) * STEP, q, np.zeros_like(q), u, few.tracking_error)
+        q, u = (np.repeat(x[-1:], steps, axis=0) for x in (few.position, few.torque))
+        return Played((np.arange(steps) + 0.5) * STEP, q, np.zeros_like(q), u)
 
 
 COUNT = ("origin", "parent", "child", "axis")  # elements of joints that place and move links
@@ -252,13 +250,8 @@ def _inertial(given: ElementTree.Element | None) -> Inertial:
     numbers = {} if given is None else {key: text for part in given.iter() for key, text in part.attrib.items()}
     place, rpy = (np.array([float(x) for x in numbers.get(key, "0 0 0").split()]) for key in ("xyz", "rpy"))
     xx, yy, zz, xy, xz, yz = (float(numbers.get(f"i{key}", "0")) for key in ("xx", "yy", "zz", "xy", "xz", "yz"))
-    turn = _rotation_of(rpy)
+    turn = Rotation.from_euler("xyz", rpy).as_matrix()  # as URDF defines roll, pitch and yaw
     return float(numbers.get("value", "0")), place, turn @ [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]] @ turn.T
-
-
-def _rotation_of(rpy: np.ndarray) -> np.ndarray:
-    """The rotation matrix (3, 3) of roll, pitch, yaw [rad] as URDF defines them."""
-    return np.asarray(Rotation.from_euler("xyz", rpy).as_matrix())
 
 
 def _fix_joint(mujoco: Any, joint: Any, position: float) -> None:

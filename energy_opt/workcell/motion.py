@@ -58,17 +58,6 @@ class PeriodicMotion:
         self.time = np.append(np.concatenate(times), self.begin + cycle)
         self._curve = MotionCurve.of_pieces(self.time, np.concatenate(pieces, axis=1))
 
-    def trajectory(self) -> Trajectory:
-        """The cycle as one trajectory from time 0 on; at a join the samples of the following part."""
-        samples, times = [], []
-        for k, part in enumerate(self.parts):
-            t, last = part.trajectory, k == len(self.parts) - 1
-            keep = slice(None) if last else slice(0, -1)
-            times.append(part.start - self.begin + (t.time[keep] - t.time[0]) * part.duration / t.duration)
-            samples.append([x[keep] for x in (t.position, t.velocity, t.acceleration)])
-        q, v, a = (np.concatenate(values) for values in zip(*samples, strict=True))
-        return Trajectory(self.parts[0].trajectory.joints, np.concatenate(times), q, v, a)
-
     def part_at(self, time: float) -> Part:
         """The part that runs at a time [s]."""
         at = self.begin + (time - self.begin) % self.cycle

@@ -71,7 +71,7 @@ def test_files_are_paired_and_runs_ordered(tmp_path):
     made = import_files(sorted(tmp_path.glob("*.csv")), tmp_path / "set", Z1)
     rows = [(row["file"], row["power_file"], row["start"]) for row in made.log["run"]]
     assert rows == [("motion_10.csv", "meter_10.csv", 0.0), ("motion_2.csv", "meter_2.csv", 100.0)]
-    assert made.runs[0].power[0] == pytest.approx(70) and read_set(made.folder).clock
+    assert made.runs[0].power[0] == pytest.approx(70) and read_set(tmp_path / "set").clock
 
 
 @pytest.mark.parametrize(
@@ -159,8 +159,8 @@ def test_a_real_recording_with_a_meter_of_one_hertz(tmp_path, offset):
     names = [f"actual_q_{k}" for k in SIX]
     put(tmp_path / "joints.csv", lines(",".join(["timestamp", *names]), [t, *(table.column(x) for x in names)], "%.9f"))
     put(tmp_path / "meter.csv", lines("Time [s],Power [W]", [t[ends] - t[0] + offset, mean]))
-    made = import_files([tmp_path / "joints.csv", tmp_path / "meter.csv"], tmp_path / "set", load_robot("ur3e"))
-    measured = read_set(made.folder)
+    import_files([tmp_path / "joints.csv", tmp_path / "meter.csv"], tmp_path / "set", load_robot("ur3e"))
+    measured = read_set(tmp_path / "set")
     stamps = np.concatenate([run.start + run.power_time for run in measured.runs])
     assert len(stamps) >= 33 and all(len(run.power) >= 4 for run in measured.runs)
     assert all(run.window == pytest.approx(np.full(len(run.power), 1.0), abs=0.01) for run in measured.runs)

@@ -251,8 +251,8 @@ def test_columns_of_a_joint_states_bag_follow_the_names_in_the_message(tmp_path)
     run = read_set(tmp_path).runs[0]
     np.testing.assert_allclose(run.position, q, atol=1e-6)
     np.testing.assert_allclose(run.time, t, atol=1e-6)
-    made = import_files([tmp_path / "js.csv"], tmp_path / "set", UR)
-    first = read_set(made.folder).runs[0].position
+    import_files([tmp_path / "js.csv"], tmp_path / "set", UR)
+    first = read_set(tmp_path / "set").runs[0].position
     np.testing.assert_allclose(first, q[: len(first)], atol=1e-6)
 
 
@@ -268,7 +268,7 @@ def test_a_slow_meter_in_the_same_table(tmp_path, sparse):
     put(tmp_path / "a.csv", "\n".join([",".join(["time", *(f"q{k}" for k in SIX), "power"]), *rows]) + "\n")
     made = import_files([tmp_path / "a.csv"], tmp_path / "set", Z1)
     assert any("means over 0.5 s" in remark for remark in made.remarks)
-    for run in read_set(made.folder).runs:
+    for run in read_set(tmp_path / "set").runs:
         assert len(run.power) >= 4 and run.window == pytest.approx(np.full(len(run.power), 0.5), abs=0.02)
         at = nodes(run)
         expected = operator(run, at) @ np.interp(run.start + at, t, p)

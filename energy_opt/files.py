@@ -91,12 +91,6 @@ def write_toml(path: Path, value: Mapping[str, Any]) -> None:
     write_text(path, tomli_w.dumps(plain(value)))
 
 
-def write_yaml(path: Path, value: Mapping[str, Any]) -> None:
-    """Write `value` as YAML, with numbers' every digit and a line for each vector, as `write_text` does."""
-    dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # none without libyaml
-    write_text(path, yaml.dump(value, Dumper=dumper, default_flow_style=None, width=10**9, sort_keys=False))
-
-
 def write_table(path: Path, header: Sequence[str], columns: Sequence[np.ndarray]) -> None:
     """Write a table as CSV with full double precision.
 

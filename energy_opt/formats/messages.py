@@ -7,6 +7,7 @@ results and responses of planning. Times are those of ROS 2 ({sec, nanosec}), RO
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,9 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt import files
 from energy_opt.errors import BadInput
-from energy_opt.files import read_json, read_yaml_documents, write_json
+from energy_opt.files import read_json, read_yaml_documents, write_json, write_text
 from energy_opt.formats.waypoints import Samples
 from energy_opt.motion.trajectory import Trajectory
 
@@ -200,7 +200,7 @@ def goal(trajectory: Trajectory) -> dict[str, Any]:
 
 def write_yaml(trajectory: Trajectory, path: Path) -> None:
     """Write trajectory_msgs/JointTrajectory as YAML; every digit, times to the nanosecond."""
-    files.write_yaml(path, message(trajectory))
+    write_text(path, "\n".join(_yaml(message(trajectory))) + "\n")
 
 
 def write_json_file(trajectory: Trajectory, path: Path) -> None:
@@ -210,4 +210,35 @@ def write_json_file(trajectory: Trajectory, path: Path) -> None:
 
 def write_goal(trajectory: Trajectory, path: Path) -> None:
     """Write a FollowJointTrajectory goal as YAML, ready for `ros2 action send_goal`."""
-    files.write_yaml(path, goal(trajectory))
+    write_text(path, "\n".join(_yaml(goal(trajectory))) + "\n")
+
+
+def _yaml(value: Mapping[str, Any], indent: str = "") -> Iterator[str]:
+    """Lines of YAML with numbers' every digit and a line for each vector; much faster than a general writer."""
+    for key, item in value.items():
+        if isinstance(item, Mapping) and any(isinstance(x, (Mapping, list)) for x in item.values()):
+            yield f"{indent}{key}:"
+            yield from _yaml(item, indent + "  ")
+        elif isinstance(item, list) and item and isinstance(item[0], Mapping):
+            yield f"{indent}{key}:"
+            for entry in item:
+                lines = _yaml(entry, indent + "  ")
+                yield f"{indent}- {next(lines).lstrip()}"
+                yield from lines
+        elif isinstance(item, Mapping):
+            yield f"{indent}{key}: {{{', '.join(f'{k}: {_word(v)}' for k, v in item.items())}}}"
+        elif isinstance(item, list):
+            yield f"{indent}{key}: [{', '.join(map(_word, item))}]"
+        else:
+            yield f"{indent}{key}: {_word(item)}"
+
+
+def _word(value: Any) -> str:
+    """A scalar of YAML; a float with an exponent gets a point, without which YAML 1.1 reads it as text."""
+    if isinstance(value, str):
+        return json.dumps(value)  # JSON text is YAML, too, and stays on one line
+    text = repr(value)
+    if isinstance(value, float) and "e" in text and "." not in text:
+        mantissa, exponent = text.split("e")
+        return f"{mantissa}.0e{exponent}"
+    return text

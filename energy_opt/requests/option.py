@@ -1,7 +1,8 @@
 """A field of a request, and the request itself: checked when it is built, written down as a document, read back.
 
 A request is a frozen dataclass. Each field is declared once with `option(...)`: default, one sentence, unit. From these
-the command line derives its options, `document` and `from_document` the JSON that repeats a request.
+the command line derives its options, `document` and `from_document` the JSON that repeats a request, and `schema` its
+JSON schema.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from energy_opt.files import path_of
 from energy_opt.files import plain as of_json
 
 ON_OFF = ("on", "off")  # True and False, as words
+KINDS = {float: "number", int: "integer", bool: "boolean"}  # types of JSON schema, by kind of value
 TEXTS = {"str", "Sequence[str]", "None"}  # parts of the types of fields that take only text
 NESTED = ("settings", "cell", "per_year")  # tables in requests of earlier versions, whose keys are options now
 STAMP = ("verb", "version", "command")  # entries of a document besides the request's own fields
@@ -152,6 +154,26 @@ class Request:
     def read(cls, given: dict[str, Any]) -> dict[str, Any]:
         """The keys of a document as fields. Requests whose documents differ from their fields override this."""
         return given
+
+    @classmethod
+    def schema(cls) -> dict[str, Any]:
+        """The JSON schema of the request's document."""
+        properties: dict[str, Any] = {"verb": {"const": cls.verb}}
+        for name, (_, spelled) in options_of(cls).items():
+            if not spelled.written:
+                continue
+            row: dict[str, Any] = {"type": KINDS[spelled.kind]} if spelled.kind in KINDS else {}
+            row |= {"enum": list(spelled.choices)} if spelled.choices else {}
+            row = {"type": "array", "items": row} if spelled.many else row
+            properties[name] = {**row, "description": spelled.help}
+        required = [f.name for f, s in options_of(cls).values() if f.default is MISSING and s.written]
+        return {
+            "$schema": "https://json-schema.org/draft/2020-12/schema",
+            "title": cls.__name__,
+            "type": "object",
+            "properties": properties,
+            "required": required,
+        }
 
     def __getitem__(self, key: str) -> Any:
         """A value as it is in the document."""

@@ -240,10 +240,12 @@ def test_requests_survive_being_written() -> None:
             assert to_json(again.document()) == to_json(request.document()), verb
 
 
-def test_every_field_is_explained() -> None:
+def test_every_field_is_explained_and_has_a_schema() -> None:
     for name, verb in VERBS.items():
+        schema = verb.schema()
         for field in fields(verb):
-            assert options_of(verb)[field.name][1].help, (name, field.name)
+            option = options_of(verb)[field.name][1]
+            assert option.help and (option.written == (field.name in schema["properties"])), (name, field.name)
 
 
 @pytest.mark.parametrize("verb", VERBS)

@@ -181,13 +181,13 @@ def _solids(body: Body) -> list[Solid]:
         half = LARGE / 5
         square = np.array([[-half, -half, 0], [half, -half, 0], [half, half, 0], [-half, half, 0]])
         return [replace(_placed(body, square, np.array([[0, 1, 2], [0, 2, 3]])), surface=True)]
-    return [solid for piece in body.solid.pieces if (solid := _hull(body, piece)) is not None]
+    return [_hull(body, piece) for piece in body.solid.pieces]
 
 
-def _hull(body: Body, piece: Piece) -> Solid | None:
+def _hull(body: Body, piece: Piece) -> Solid:
     """The convex hull of a piece, with all triangles seen from outside and at most about MOST_CORNERS corners."""
     points = piece.points
-    if piece.radius > 0:
+    if len(points) < 4:  # a ball or a capsule; some have no radius
         ball = directions(max(POINTS // len(points), LEAST_POINTS))
         points = (points[:, None] + piece.radius * ball).reshape(-1, 3)
     hull = ConvexHull(points, qhull_options="QJ")

@@ -10,9 +10,13 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgba
 
+from energy_opt.cell.cell import Cell
+from energy_opt.cell.request import CellRequest
 from energy_opt.reports import plots
 from energy_opt.reports.charts import Chart, Line
+from energy_opt.reports.motion import drawn
 from energy_opt.reports.page import Report, shown
+from energy_opt.robot import load_robot
 
 PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -96,3 +100,16 @@ def test_a_page_writes_the_charts_that_are_pictured(tmp_path: Path) -> None:
     assert not (tmp_path / "plot.png").exists()
     report.write(tmp_path / "report.html", tmp_path / "plot.png")
     assert (tmp_path / "plot.png").read_bytes().startswith(PNG)
+
+
+@pytest.mark.parametrize("shape", ['sphere radius="0"', 'capsule radius="0" length="0.2"', 'box size="0.1 0 0"'])
+def test_bodies_without_volume_are_drawn(tmp_path: Path, shape: str) -> None:
+    """Descriptions in use mark points by spheres of radius 0; a plan was lost where its picture could not have them."""
+    text = f"""<robot name="marked"><link name="base"/><link name="arm"><inertial><mass value="1"/>
+    <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+    <collision><origin xyz="1 0 0"/><geometry><{shape}/></geometry></collision></link>
+    <joint name="turn" type="revolute"><parent link="base"/><child link="arm"/>
+    <limit lower="-3" upper="3" velocity="2" effort="100"/></joint></robot>"""
+    (tmp_path / "marked.urdf").write_text(text)
+    (arm,), scene = drawn(Cell(load_robot(tmp_path / "marked.urdf"), CellRequest()))
+    assert scene == [] and arm.name == "arm"

@@ -65,15 +65,11 @@ def plain(value: Any) -> Any:
         return plain(value.tolist())
     if isinstance(value, (list, tuple)):
         return [plain(item) for item in value]
-    if isinstance(value, (bool, np.bool_)):
-        return bool(value)
-    if isinstance(value, (int, np.integer)):
-        return int(value)
-    if isinstance(value, (float, np.floating)):
-        return float(value) if math.isfinite(value) else None
-    if isinstance(value, Path):
-        return str(value)
-    return value
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return str(value) if isinstance(value, Path) else value
 
 
 def to_json(value: Any) -> str:
@@ -122,9 +118,9 @@ def inside(folder: Path, name: str, allow_outside: bool = False) -> Path:
 
 def path_of(given: object, what: str) -> Path:
     """The path of a `what`, such as "model"; BadInput where it is none."""
-    if not isinstance(given, (str, os.PathLike)):
-        raise BadInput(f"{what} {given!r:.60}: expected the name of a file")
-    return Path(given)
+    if isinstance(given, (str, os.PathLike)):
+        return Path(given)
+    raise BadInput(f"{what} {given!r:.60}: expected the name of a file")
 
 
 def read_text(path: Path, most: int = LARGEST_TEXT) -> str:
@@ -193,7 +189,7 @@ def read_json(path: Path) -> Any:
 
 
 def _once(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
-    """A JSON object; ValueError for a key that is given twice, of which one value would be lost."""
+    """A table of JSON or YAML; ValueError for a key that is given twice, of which one value would be lost."""
     found: dict[str, Any] = {}
     for key, value in pairs:
         if key in found:
@@ -210,8 +206,7 @@ def _reason(error: Exception) -> str:
 class _Loader(yaml.SafeLoader):
     """YAML with the angle tags of ROS parameter files (`!degrees 360.0`), bounded in depth and in size.
 
-    Size counts every alias as the values that it refers to, so that a few lines of
-    aliases of aliases do not become billions of values.
+    Size counts an alias as the values that it refers to: a few lines of aliases may mean billions of values.
     """
 
     def __init__(self, text: str) -> None:
@@ -241,7 +236,16 @@ class _FastLoader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignor
     """The same by libyaml: five times as fast, but without bounds; deep nesting overruns its stack: see `_tame`."""
 
 
+def _table(loader: Any, node: Any) -> dict[Any, Any]:
+    """A YAML table, each key once."""
+    _once([(key.value, None) for key, _ in node.value if isinstance(key, yaml.ScalarNode)])
+    return dict(loader.construct_mapping(node, deep=True))
+
+
+EXPONENT = re.compile(r"[-+]?(\d+\.?|\d*\.\d+)[eE][-+]?\d+$")  # a number in YAML 1.2 and ROS, text in YAML 1.1
 for _loader in (_Loader, _FastLoader):
+    _loader.add_constructor("tag:yaml.org,2002:map", _table)
+    _loader.add_implicit_resolver("tag:yaml.org,2002:float", EXPONENT, list("-+.0123456789"))
     _loader.add_constructor("!degrees", lambda loader, node: math.radians(float(str(node.value))))
     _loader.add_constructor("!radians", lambda loader, node: float(str(node.value)))
 

@@ -139,13 +139,13 @@ def _vector(values: Any, count: int, where: str) -> list[float]:
 
 
 def number(value: Any, where: str) -> float:
-    """A field as a finite number; text such as 1e-05, which YAML does not read as a number, is accepted.
+    """A field as a finite number.
 
     Raises:
         BadInput: it is not a finite number.
     """
     try:
-        if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
             raise ValueError
         out = float(value)
     except (ValueError, OverflowError):

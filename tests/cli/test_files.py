@@ -140,12 +140,24 @@ def test_files_that_would_not_end_are_refused(tmp_path: Path, name: str, text: s
     assert "\n" not in str(caught.value)
 
 
-def test_a_json_key_given_twice_is_refused(tmp_path: Path) -> None:
+def test_a_key_given_twice_is_refused(tmp_path: Path) -> None:
     """The last value had been taken, and the other one lost without a word."""
-    file = tmp_path / "request.json"
-    file.write_text('{"verb": "optimize", "duration": 2, "duration": 5}')
+    request, limits = tmp_path / "request.json", tmp_path / "joint_limits.yaml"
+    request.write_text('{"verb": "optimize", "duration": 2, "duration": 5}')
     with pytest.raises(BadInput, match="key 'duration' is given twice"):
-        read_json(file)
+        read_json(request)
+    for end in ("", "\n*all : 3"):  # without and with an alias there are two parsers
+        limits.write_text(f"x: &all y\njoint_limits:\n  j: {{max_velocity: 1}}\n  j: {{max_velocity: 9}}{end}\n")
+        with pytest.raises(BadInput, match="key 'j' is given twice"):
+            read_yaml(limits)
+    limits.write_text("usual: &usual {a: 1, b: 2}\nj: {<<: *usual, b: 3}\n")
+    assert read_yaml(limits)["j"] == {"a": 1, "b": 3}
+
+
+def test_numbers_with_an_exponent_and_without_a_point_are_numbers(tmp_path: Path) -> None:
+    """As in YAML 1.2, and as ROS reads them; YAML 1.1 calls them text."""
+    (tmp_path / "x.yaml").write_text("[1e-5, -2E3, +5.e1, .5e+1, 1e, e5, '1e5', 1e5x]")
+    assert read_yaml(tmp_path / "x.yaml") == [1e-5, -2000.0, 50.0, 5.0, "1e", "e5", "1e5", "1e5x"]
 
 
 def test_a_json_document_may_be_a_number(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -152,14 +152,11 @@ def sequence(value: Any, what: str) -> Sequence[Any]:
 
 
 def number(value: Any, what: str) -> float:
-    """A finite number; words such as 1e-3, which YAML leaves as text, are accepted. `what` names it in messages.
+    """A finite number; `what` names it in messages.
 
     Raises:
         BadInput: it is no finite number.
     """
-    if isinstance(value, str):
-        with suppress(ValueError):
-            value = float(value)
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise BadInput(f"{what} is {brief(value)}; expected a number")
     if not abs(value) <= sys.float_info.max:  # whole numbers may be larger

@@ -7,6 +7,7 @@ warning names them. A pair that was never seen near is kept: this costs little, 
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Collection, Container, Sequence
 from dataclasses import dataclass
 
@@ -131,8 +132,9 @@ def kept_apart(things: Sequence[Kept], own: OwnPairs | None, allowed: AllowedPai
         own: pairs of links that may touch; None: all of them may.
     """
     out = []
+    moving = [i for i, thing in enumerate(things) if thing.body.joint >= 0]
     for i, a in enumerate(things):
-        for j in range(i):
+        for j in range(i) if a.body.joint >= 0 else moving[: bisect_left(moving, i)]:
             b = things[j]
             if a.body.joint == b.body.joint:
                 continue

@@ -160,7 +160,7 @@ def _motion(links: Sequence[Link], time: np.ndarray, q: np.ndarray, tools: Seque
 
 
 MOST_CORNERS = 300  # most corners of one hull: more are not visible
-POINTS = 200  # points for drawing a body with a radius, shared among its corners
+POINTS, ALL_POINTS = 200, 20_000  # most points for drawing one body with a radius, and all of them
 LEAST_POINTS = 12  # least points around one corner
 
 
@@ -170,25 +170,26 @@ def drawn(cell: Cell | None) -> tuple[list[Solid], list[Solid]]:
     scene: list[Solid] = []
     if cell is None:
         return arm, scene
+    points = min(POINTS, ALL_POINTS // max(len(cell.bodies.all), 1))
     for k, body in enumerate(cell.bodies.all):
-        (arm if k < cell.links or body.joint >= 0 else scene).extend(_solids(body))
+        (arm if k < cell.links or body.joint >= 0 else scene).extend(_solids(body, points))
     return arm, scene
 
 
-def _solids(body: Body) -> list[Solid]:
-    """The bodies to draw for one collision body: its pieces, or a square for a half-space."""
+def _solids(body: Body, points: int) -> list[Solid]:
+    """The bodies to draw for one body: its pieces, of `points` if they are round; of a half-space a square."""
     if body.solid.corners is None:  # a half-space: its surface
         half = LARGE / 5
         square = np.array([[-half, -half, 0], [half, -half, 0], [half, half, 0], [-half, half, 0]])
         return [replace(_placed(body, square, np.array([[0, 1, 2], [0, 2, 3]])), surface=True)]
-    return [_hull(body, piece) for piece in body.solid.pieces]
+    return [_hull(body, piece, points) for piece in body.solid.pieces]
 
 
-def _hull(body: Body, piece: Piece) -> Solid:
+def _hull(body: Body, piece: Piece, count: int) -> Solid:
     """The convex hull of a piece, with all triangles seen from outside and at most about MOST_CORNERS corners."""
     points = piece.points
     if len(points) < 4:  # a ball or a capsule; some have no radius
-        ball = directions(max(POINTS // len(points), LEAST_POINTS))
+        ball = directions(max(count // len(points), LEAST_POINTS))
         points = (points[:, None] + piece.radius * ball).reshape(-1, 3)
     hull = ConvexHull(points, qhull_options="QJ")
     if len(hull.vertices) > MOST_CORNERS:

@@ -52,12 +52,12 @@ class Room:
         for q in ends:  # an end itself must keep the margin
             for p, distance in cell.distances(q, float(looked.max(initial=0.0))):
                 looked[p] = min(looked[p], (self._kept[p] + distance) / 2)
+        near = self._only_hulls_are_near(ends, looked)
         parts: list[tuple[int, np.ndarray, Any]] = []
         known: dict[tuple[int, bool], range] = {}
         pairs, margins = [], []
         for p, pair in enumerate(cell.bodies.pairs.tolist()):
-            margin = float(looked[p])
-            fine = any(self._only_hulls_are_near(p, q, margin) for q in ends)
+            fine = p in near
             for k in pair:
                 if (k, fine) not in known:
                     body = cell.bodies.all[k]
@@ -68,17 +68,14 @@ class Room:
             for a in known[pair[0], fine]:
                 for b in known[pair[1], fine]:
                     pairs.append((a, b))
-                    margins.append(margin)
+                    margins.append(float(looked[p]))
         check = cell.robot.body.collision_check
         self._touches = check(parts, np.array(pairs, dtype=int).reshape(-1, 2), np.array(margins))
 
-    def _only_hulls_are_near(self, pair: int, q: np.ndarray, margin: float) -> bool:
-        """True if a pair's convex shapes are nearer than `margin` at an end, but the bodies themselves are not."""
-        ruler, scene = self._bodies.ruler(pair), Scenery(self._bodies, q[None])
-        if ruler.convex:
-            return False
-        at, bt = (scene.placed(0, k) for k in self._bodies.pairs[pair].tolist())
-        return ruler.near(at, bt) <= margin and ruler.mid(at, bt) <= margin
+    def _only_hulls_are_near(self, ends: np.ndarray, margins: np.ndarray) -> set[int]:
+        """Pairs whose convex shapes are nearer than their margins (P,) [m] at an end, but the bodies are not."""
+        near = Scenery(self._bodies, ends).hulls(margins)
+        return {p for _, p, ruler, at, bt, _ in near if not ruler.convex and ruler.mid(at, bt) <= margins[p]}
 
     def clear(self, q: np.ndarray) -> bool:
         """True if the pose q (n,) keeps the margin of pose checks."""

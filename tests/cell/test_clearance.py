@@ -326,3 +326,24 @@ def test_a_scene_of_a_thousand_objects_costs_in_proportion(panda: Robot) -> None
 
     few, many = (min(measured(count) for _ in range(2)) for count in (250, 1000))  # the quicker run of two
     assert many[0] < 8 * few[0] and many[1] < 5 * few[1]  # quadratic would be 16 times
+
+
+def test_poses_among_thousands_of_objects_are_checked_alike_and_quickly(panda: Robot) -> None:
+    """Boxes in reach, alone and with thousands far away: a path's room calls the same poses clear, in a short time."""
+    rng = np.random.default_rng(0)
+
+    def boxes(count: int, radius: float) -> tuple[SceneObject, ...]:
+        out = []
+        for k in range(count):
+            pose, angle = np.eye(4), rng.uniform(0, 2 * np.pi)
+            pose[:3, 3] = radius * np.cos(angle), radius * np.sin(angle), rng.uniform(0, 1)
+            out.append(SceneObject(f"{radius} {k}", (Shape("box", (0.1, 0.1, 0.1)),), pose))
+        return tuple(out)
+
+    near, ends = boxes(6, 0.7), np.array([START, START])
+    few = Room(Cell(panda, CellRequest(), Scene(near)), ends)
+    crowded, begin = Cell(panda, CellRequest(), Scene(near + boxes(2500, 3.0))), time.process_time()
+    many, poses = Room(crowded, ends), START + rng.normal(0.0, 0.5, (200, 7))
+    verdicts = [many.clear(q) for q in poses]
+    assert time.process_time() - begin < 5  # it was 20 s
+    assert verdicts == [few.clear(q) for q in poses] and 0 < sum(verdicts) < 200

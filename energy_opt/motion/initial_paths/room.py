@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ TOOL = 0.2  # [m] reach of the last link beyond its joint
 # [m] proven clearance of a path: smoothing bends it slightly later; half of an end's clearance if that is less
 KEPT = 0.002
 LOOKED = 1.5  # factor of this clearance when poses are checked: room for rounding corners
+MANY = 200  # bodies from which on Pinocchio's check, whose time grows with their square, is the slower one
 
 
 def steps(links: Sequence[Link]) -> np.ndarray:
@@ -52,12 +53,16 @@ class Room:
         for q in ends:  # an end itself must keep the margin
             for p, distance in cell.distances(q, float(looked.max(initial=0.0))):
                 looked[p] = min(looked[p], (self._kept[p] + distance) / 2)
-        near = self._only_hulls_are_near(ends, looked)
+        self._looked, self._fine = looked, self._only_hulls_are_near(ends, looked)
+        self._touches = self._by_boxes if len(cell.bodies.all) > MANY else self._by_pinocchio(cell)
+
+    def _by_pinocchio(self, cell: Cell) -> Callable[[np.ndarray], bool]:
+        """A check of one pose (n,) that takes microseconds where there are few bodies."""
         parts: list[tuple[int, np.ndarray, Any]] = []
         known: dict[tuple[int, bool], range] = {}
         pairs, margins = [], []
         for p, pair in enumerate(cell.bodies.pairs.tolist()):
-            fine = p in near
+            fine = p in self._fine
             for k in pair:
                 if (k, fine) not in known:
                     body = cell.bodies.all[k]
@@ -68,9 +73,16 @@ class Room:
             for a in known[pair[0], fine]:
                 for b in known[pair[1], fine]:
                     pairs.append((a, b))
-                    margins.append(float(looked[p]))
+                    margins.append(float(self._looked[p]))
         check = cell.robot.body.collision_check
-        self._touches = check(parts, np.array(pairs, dtype=int).reshape(-1, 2), np.array(margins))
+        return check(parts, np.array(pairs, dtype=int).reshape(-1, 2), np.array(margins))
+
+    def _by_boxes(self, q: np.ndarray) -> bool:
+        """The same check of the pose q (n,) in a time that grows with the number of bodies."""
+        return any(
+            (ruler.exact if p in self._fine else ruler.mid)(at, bt) <= self._looked[p]
+            for _, p, ruler, at, bt, _ in Scenery(self._bodies, q[None]).hulls(self._looked)
+        )
 
     def _only_hulls_are_near(self, ends: np.ndarray, margins: np.ndarray) -> set[int]:
         """Pairs whose convex shapes are nearer than their margins (P,) [m] at an end, but the bodies are not."""

@@ -252,6 +252,7 @@ class Scenery:
 
 
 MOST_TRIANGLES = 1_000_000  # most triangles of a mesh, as in a scene
+OVERSIZE = 10.0  # [reaches of the arm, at least metres] a longer mesh of a moving link is in another unit
 
 
 def arm_bodies(robot: Robot, package_dirs: Sequence[Path] = (), allow_large: bool = False) -> list[Body]:
@@ -262,9 +263,10 @@ def arm_bodies(robot: Robot, package_dirs: Sequence[Path] = (), allow_large: boo
         allow_large: meshes may have more than MOST_TRIANGLES triangles.
 
     Raises:
-        BadInput: a mesh is missing, too large, or cannot be read; names the link.
+        BadInput: a mesh is missing, too large, in another unit, or cannot be read; names the link.
     """
     description, frames = robot.description, robot.body.link_frames()
+    longest = OVERSIZE * max(1.0, sum(float(np.linalg.norm(link.placement[:3, 3])) for link in robot.body.tree()))
     files = mesh_files(description, package_dirs, allow_large)
     known: dict[tuple[object, ...], Solid] = {}
     most = sys.maxsize if allow_large else MOST_TRIANGLES
@@ -283,5 +285,11 @@ def arm_bodies(robot: Robot, package_dirs: Sequence[Path] = (), allow_large: boo
                 except BadInput as error:
                     remedy = "; --self-collision off plans without the arm's body"
                     raise BadInput(f"{description.path}: link {link.name}: {error}{remedy}") from None
+            extent = float(np.ptp(known[key].hull.points, axis=0).max())
+            if joint >= 0 and body.kind == "mesh" and extent > longest:
+                raise BadInput(
+                    f"{description.path}: link {link.name}: {body.file} is {extent:.4g} m long; if it is in "
+                    'millimetres, scale="0.001 0.001 0.001" is missing'
+                )
             out.append(Body(link.name, joint, at @ placed(body.pose), known[key]))
     return out

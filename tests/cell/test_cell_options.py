@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene import AllowedPairs, Scene, SceneObject, Shape
 from energy_opt.cli.options import add_options, request_of
@@ -15,7 +17,7 @@ from energy_opt.front.given import cell_of
 from energy_opt.front.verbs import VERBS
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.power import PowerModel
-from energy_opt.robot import Robot
+from energy_opt.robot import Robot, load_robot
 
 
 def asked(*words: str) -> CellRequest:
@@ -100,3 +102,27 @@ def test_named_pairs_go_before_defaults_and_one_no_is_a_no() -> None:
     assert not pairs.allows("b", "a") and pairs.allows("c", "b")
     assert pairs.allows("a", "x") and not pairs.allows("a", "d") and not pairs.allows("x", "y")
     assert AllowedPairs({("a", "z"): True}).allows("z", "a")
+
+
+@pytest.mark.parametrize(("scale", "moving"), [("1 1 1", True), ("0.001 0.001 -0.001", True), ("1 1 1", False)])
+def test_a_moving_link_s_mesh_in_millimetres_is_refused(tmp_path: Path, scale: str, moving: bool) -> None:
+    """Its body was 300 m long: around the other links, or far away from them, and its clearance was "proven"."""
+    corners = [(x, y, z) for x in (170, 470) for y in (0, 60) for z in (0, 60)]
+    faces = [(1, 2, 4), (1, 4, 3), (5, 7, 8), (5, 8, 6), (1, 5, 6), (1, 6, 2), (3, 4, 8), (3, 8, 7), (1, 3, 7),
+             (1, 7, 5), (2, 6, 8), (2, 8, 4)]  # fmt: skip
+    lines = ["v {} {} {}".format(*corner) for corner in corners] + ["f {} {} {}".format(*face) for face in faces]
+    (tmp_path / "part.obj").write_text("\n".join(lines))
+    shape = f'<collision><geometry><mesh filename="part.obj" scale="{scale}"/></geometry></collision>'
+    (tmp_path / "arm.urdf").write_text(
+        f"""<robot name="arm"><link name="base">{"" if moving else shape}</link>
+        <link name="arm"><inertial><mass value="1"/>
+        <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+        {shape if moving else ""}</link><joint name="turn" type="revolute"><parent link="base"/><child link="arm"/>
+        <axis xyz="0 0 1"/><limit lower="-3" upper="3" velocity="2" effort="100"/></joint></robot>"""
+    )
+    robot = load_robot(tmp_path / "arm.urdf")
+    if moving and scale == "1 1 1":
+        with pytest.raises(BadInput, match=r'link arm: part\.obj is 300 m long; .* scale="0.001'):
+            Cell(robot, CellRequest())
+    else:
+        assert Cell(robot, CellRequest()).links == 1

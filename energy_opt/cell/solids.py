@@ -8,6 +8,7 @@ suffices.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -117,14 +118,19 @@ def mesh(vertices: np.ndarray, triangles: np.ndarray) -> Solid:
 def mesh_file(path: Path, scale: tuple[float, ...], most: int) -> Solid:
     """The solid within the surface of a mesh file, scaled along x, y and z to metres.
 
+    As in ROS, numbers of a COLLADA file are in the unit that it states. Coal ignores this unit.
+
     Args:
         most: triangles that it may have.
 
     Raises:
         BadInput: it cannot be read, has numbers that are not finite, or more triangles.
     """
+    collada = path.suffix.lower() == ".dae"
+    unit = re.search(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']\s*([0-9.eE+-]+)", path.read_bytes()) if collada else None
     try:
-        model = coal.MeshLoader(coal.NODE_TYPE.BV_OBBRSS).load(str(path), np.array(scale, dtype=float))
+        size = np.array(scale, dtype=float) * (float(unit[1]) if unit else 1.0)
+        model = coal.MeshLoader(coal.NODE_TYPE.BV_OBBRSS).load(str(path), size)
     except (ValueError, RuntimeError) as error:
         words = " ".join(str(error).rpartition("message:")[2].split())[:200]
         words = "it holds no triangles" if "No meshes" in words else words

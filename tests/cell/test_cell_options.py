@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from energy_opt.cell import solids
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene import AllowedPairs, Scene, SceneObject, Shape
@@ -126,3 +127,22 @@ def test_a_moving_link_s_mesh_in_millimetres_is_refused(tmp_path: Path, scale: s
             Cell(robot, CellRequest())
     else:
         assert Cell(robot, CellRequest()).links == 1
+
+
+@pytest.mark.parametrize(
+    ("unit", "metres"), [('meter="0.0254" name="inch"', 0.0254), ("name='mm' meter='1e-3'", 1e-3), ("", 1.0)]
+)
+def test_collada_files_are_in_the_unit_that_they_state(tmp_path: Path, unit: str, metres: float) -> None:
+    """As RViz and MoveIt read them; coal takes every number for metres, and inches made bodies 39 times too large."""
+    (tmp_path / "part.dae").write_text(
+        f"""<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1"><asset><unit {unit}/></asset>
+        <library_geometries><geometry id="g"><mesh><source id="p"><float_array id="a" count="12">0 0 0 1 0 0 0 2 0 0 0 3
+        </float_array><technique_common><accessor source="#a" count="4" stride="3"><param name="X" type="float"/><param
+        name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common></source><vertices id="v">
+        <input semantic="POSITION" source="#p"/></vertices><triangles count="4"><input semantic="VERTEX" source="#v"
+        offset="0"/><p>0 2 1 0 1 3 0 3 2 1 2 3</p></triangles></mesh></geometry></library_geometries>
+        <library_visual_scenes><visual_scene id="s"><node><instance_geometry url="#g"/></node></visual_scene>
+        </library_visual_scenes><scene><instance_visual_scene url="#s"/></scene></COLLADA>"""
+    )
+    solid = solids.mesh_file(tmp_path / "part.dae", (1.0, -1.0, 1.0), 100)
+    assert np.ptp(solid.hull.points, axis=0) == pytest.approx(np.array([1, 2, 3]) * metres)

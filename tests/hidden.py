@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from energy_opt.files import write_table
 from energy_opt.robot.catalog import CATALOG, urdf_of
+from energy_opt.tables import write_table
 
 STEP = 0.01  # [s] between samples
 STANDBY, COPPER = 60.0, 0.004  # [W], [W/(N m)^2]

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.files import read_table, write_table
 from energy_opt.formats.resample import of_steps
 from energy_opt.formats.waypoints import Samples
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.tables import read_table, write_table
 
 RATE = 1000.0  # [Hz]
 JOINTS = 7

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.files import read_table, write_table
 from energy_opt.formats.waypoints import KINDS, Samples
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.tables import read_table, write_table
 
 # headers of times with their unit: time_ms, t [s], timestamp(us)
 STAMPS = re.compile(r"(?:time|time_?stamp|stamp|elapsed|t)(?:_|\s*[\[(]\s*)(s|ms|us|ns)\s*[\])]?", re.IGNORECASE)

@@ -10,7 +10,7 @@ import numpy as np
 
 from energy_opt.cell.load import load_cell
 from energy_opt.errors import BadInput
-from energy_opt.files import plain, read_table, write_table
+from energy_opt.files import plain
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import carried, cell_of, request_of_set, robot_of, robot_of_set
 from energy_opt.measured import read_set
@@ -22,6 +22,7 @@ from energy_opt.robot import PointMass, Robot
 from energy_opt.static_poses.methods import Identification, poses_of
 from energy_opt.static_poses.methods import identify as of_poses
 from energy_opt.static_poses.suggest import Suggestion, suggest
+from energy_opt.tables import read_table, write_table
 
 ANSWER = "identify.json"
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.files import plain, write_table
+from energy_opt.files import plain
 from energy_opt.formats.bags import Bag, is_bag, opened
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import robot_of
@@ -27,6 +27,7 @@ from energy_opt.measured.meter_names import AMPERE, POWER, SINGLE, VOLT, power_c
 from energy_opt.measured.names import UNITS, cut, unit_in
 from energy_opt.requests.verbs import ImportRequest
 from energy_opt.results import FoundSet
+from energy_opt.tables import write_table
 
 STATES = ("sensor_msgs/msg/JointState",)
 BATTERY = "sensor_msgs/msg/BatteryState"

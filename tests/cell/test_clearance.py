@@ -19,7 +19,6 @@ from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene import Scene, SceneObject, Shape
 from energy_opt.cell.scene_files import read_scene
 from energy_opt.cli.main import main
-from energy_opt.files import read_table, write_table
 from energy_opt.motion.initial_paths.room import Room
 from energy_opt.motion.path import JointPath, straight, through
 from energy_opt.motion.trajectory import Trajectory
@@ -29,6 +28,7 @@ from energy_opt.robot.catalog import srdf_beside
 from energy_opt.robot.description import urdf_text
 from energy_opt.robot.kinematics import Kinematics
 from energy_opt.robot.meshes import mesh_files
+from energy_opt.tables import read_table, write_table
 
 PROBLEMS = Path(__file__).parents[3] / "shared/data/mbm"
 

@@ -13,13 +13,13 @@ from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene_files import read_scene
 from energy_opt.cli.main import main
 from energy_opt.effects import CoulombFriction, ViscousFriction
-from energy_opt.files import read_table
 from energy_opt.formats import write
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.next_motion.rivals import Rival
 from energy_opt.next_motion.search import propose
 from energy_opt.power import source_method_2
 from energy_opt.robot import Robot, load_robot
+from energy_opt.tables import read_table
 
 TABLE = "objects:\n  - {name: table, type: box, size: [1.0, 1.6, 0.1], position: [0.9, 0.0, 0.05]}\n"
 

@@ -13,8 +13,8 @@ import yaml
 from energy_opt.cli.faults import as_error
 from energy_opt.cli.main import VERBS, main, parsers
 from energy_opt.cli.options import UNITS, usage_of
-from energy_opt.files import read_table
 from energy_opt.robot import load_robot
+from energy_opt.tables import read_table
 
 START, GOAL = "0,-0.785,0,-2.356,0,1.571,0.785", "1.2,0.3,0.4,-1.2,-0.5,2.2,-0.4"
 QUICK = ["--starts", "1", "--controls", "16", "--compile", "never", "--model", "source-method-2"]

@@ -13,11 +13,11 @@ from energy_opt.cell.scene_files import read_scene
 from energy_opt.cli.main import EXAMPLES, VERBS, main, parsers
 from energy_opt.effects import ALL_EFFECTS
 from energy_opt.errors import BadInput
-from energy_opt.files import write_table
 from energy_opt.jobs.file import load_job
 from energy_opt.measured import inspect_set, read_set
 from energy_opt.power import load_model
 from energy_opt.robot import load_robot
+from energy_opt.tables import write_table
 
 
 def log(path):

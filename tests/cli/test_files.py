@@ -11,7 +11,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from energy_opt.errors import BadInput
-from energy_opt.files import read_json, read_table, read_toml, read_yaml, replacing, to_json, write_table, write_text
+from energy_opt.files import read_json, read_toml, read_yaml, replacing, to_json, write_text
+from energy_opt.tables import read_table, write_table
 
 
 def test_a_failed_write_leaves_the_old_file(tmp_path: Path) -> None:

@@ -16,7 +16,8 @@ from virtual_sets import make_set
 
 from energy_opt.batches.records import TIMES, read_journal, read_parquet
 from energy_opt.effects import CoulombFriction
-from energy_opt.files import read_json, read_table, read_toml
+from energy_opt.files import read_json, read_toml
+from energy_opt.tables import read_table
 
 pytest.importorskip("mujoco")
 COMMAND = [sys.executable, "-m", "energy_opt"]

@@ -17,9 +17,10 @@ from energy_opt.diagnosis.data.recordings import take_samples
 from energy_opt.diagnosis.evidence.odds import without_steps
 from energy_opt.diagnosis.report.words import UNRECORDED, next_step
 from energy_opt.effects import CoulombFriction, Payload, Regeneration, Standby, StandbyDrift
-from energy_opt.files import read_table, read_toml, write_toml
+from energy_opt.files import read_toml, write_toml
 from energy_opt.measured import read_set
 from energy_opt.power import PowerModel, load_model
+from energy_opt.tables import read_table
 from energy_opt.virtual_arm.simulate import Instruments
 
 pytest.importorskip("mujoco")

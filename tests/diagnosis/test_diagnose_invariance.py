@@ -15,8 +15,9 @@ from energy_opt.diagnosis.data.recordings import take_samples
 from energy_opt.diagnosis.evidence.residual import follows
 from energy_opt.diagnosis.verdict.inference import infer
 from energy_opt.effects import CoulombFriction, GravitySpring
-from energy_opt.files import read_table, read_toml, write_table, write_toml
+from energy_opt.files import read_toml, write_toml
 from energy_opt.measured import read_set
+from energy_opt.tables import read_table, write_table
 from energy_opt.virtual_arm.simulate import Instruments
 
 pytest.importorskip("mujoco")

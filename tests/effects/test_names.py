@@ -8,10 +8,10 @@ import pytest
 import yaml
 
 from energy_opt.errors import BadInput
-from energy_opt.files import read_table
 from energy_opt.formats import FORMATS, read
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.names import check_name, commented
+from energy_opt.tables import read_table
 
 
 @pytest.mark.parametrize("name", ["panda_joint1", "left/arm-1.2", "j" * 128, "Gelenk_ä"])

@@ -26,12 +26,12 @@ from energy_opt.effects import (
 )
 from energy_opt.effects.check import check_effect
 from energy_opt.errors import BadInput
-from energy_opt.files import read_table, write_table
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.path import straight
 from energy_opt.motion.timing.toppra import fastest
 from energy_opt.power import PowerModel, load_model
 from energy_opt.robot import load_robot
+from energy_opt.tables import read_table, write_table
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 OWN = EXAMPLES / "my_effects.py"

@@ -14,11 +14,11 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
-from energy_opt.files import read_table
 from energy_opt.formats import read, read_trajectory
 from energy_opt.formats.bags import write_mcap
 from energy_opt.front.importing import import_logs, unpack
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.tables import read_table
 
 JOINTS = ("a", "b")
 TIMES = [0, 500_000_000, 1_250_000_000]

@@ -16,10 +16,11 @@ import pytest
 import energy_opt as eo
 from energy_opt.cli.main import example, main
 from energy_opt.errors import speaking_of_options
-from energy_opt.files import to_json, write_table
+from energy_opt.files import to_json
 from energy_opt.front.robots import effects as described
 from energy_opt.front.verbs import VERBS, asked_in
 from energy_opt.requests.option import options_of
+from energy_opt.tables import write_table
 
 EXAMPLE = example("job")
 

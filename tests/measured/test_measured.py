@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from energy_opt.errors import BadInput
-from energy_opt.files import write_table, write_text
+from energy_opt.files import write_text
 from energy_opt.measured import (
     Run,
     Smoothing,
@@ -22,6 +22,7 @@ from energy_opt.measured import (
 )
 from energy_opt.numerics.signals import standstills
 from energy_opt.robot import load_robot
+from energy_opt.tables import write_table
 
 FIG9 = Path(__file__).resolve().parents[3] / "shared/data/rad_ur3e_power/fig9.csv"
 JOINTS = load_robot("z1").joints

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hidden import COPPER, STANDBY, Hidden
 
-from energy_opt.files import write_table
 from energy_opt.measured import read_set
+from energy_opt.tables import write_table
 
 
 @pytest.mark.parametrize("interval", [0.1, 0.15, 0.2])

@@ -13,13 +13,13 @@ from virtual_sets import make_set
 import energy_opt as eo
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
-from energy_opt.files import write_table
 from energy_opt.measured import read_set
 from energy_opt.power import load_model
 from energy_opt.robot import load_robot
 from energy_opt.robot.catalog import CATALOG, urdf_of
 from energy_opt.static_poses.methods import Pose, identify, poses_of
 from energy_opt.static_poses.suggest import suggest
+from energy_opt.tables import write_table
 
 
 def poses(loads, power):

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from virtual_sets import arm
 
-from energy_opt.files import read_table
 from energy_opt.power.model import model_from_document
+from energy_opt.tables import read_table
 from energy_opt.virtual_arm.plant import Plant, special_from_row
 from energy_opt.virtual_arm.simulate import Reference, play
 

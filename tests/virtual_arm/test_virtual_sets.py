@@ -14,12 +14,13 @@ import energy_opt as eo
 from energy_opt.cli.main import main
 from energy_opt.effects import ViscousFriction
 from energy_opt.errors import BadInput
-from energy_opt.files import write_table, write_toml
+from energy_opt.files import write_toml
 from energy_opt.measured import read_set
 from energy_opt.measured.log import read_log
 from energy_opt.measured.sets import robot_of
 from energy_opt.power import load_model
 from energy_opt.robot.catalog import CATALOG, urdf_of
+from energy_opt.tables import write_table
 from energy_opt.virtual_arm.plant import PLAYED, Cogging, Plant
 
 pytest.importorskip("mujoco")

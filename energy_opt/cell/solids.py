@@ -1,9 +1,9 @@
 """Solids and the distances between them. This is the only module that imports coal.
 
-A solid is represented in up to three ways, each contained in the one before: its convex hull, convex pieces (slabs of a
-long part whose hull is much larger than the part), and the mesh of its surface. So the distance between hulls is a
-lower bound of that between pieces, and this is a lower bound of that between meshes. The first costs least, and often
-suffices.
+A solid is represented in up to three ways, each contained in the one before: its convex hull, convex pieces where the
+hull is much larger (slabs of a link; what is beside the hollows of a scene's body), and the mesh of its surface. So the
+distance between hulls is a lower bound of that between pieces, and this is a lower bound of that between meshes. The
+first costs least, and often suffices.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from typing import Any
 import coal
 import numpy as np
 
+from energy_opt.cell.cutting import MOST_TRIANGLES, cut
 from energy_opt.errors import BadInput
 
 # [m] a computed distance may be too large by this much; observed errors of GJK are 2e-6 of the distance
@@ -112,7 +113,7 @@ def mesh(vertices: np.ndarray, triangles: np.ndarray) -> Solid:
     model.addVertices(np.ascontiguousarray(vertices, dtype=float))
     model.addTriangles(np.ascontiguousarray(triangles, dtype=np.int64))
     model.endModel()
-    return _of_mesh(model)
+    return _of_mesh(model, scene=True)
 
 
 def mesh_file(path: Path, scale: tuple[float, ...], most: int) -> Solid:
@@ -159,8 +160,12 @@ def _box(geometry: Any) -> np.ndarray:
     return (low + high) / 2 + SIGNS * (high - low) / 2
 
 
-def _of_mesh(model: Any) -> Solid:
-    """A solid from coal's mesh: convex if its hull has the same volume, cut into slabs if the hull is much larger."""
+def _of_mesh(model: Any, scene: bool = False) -> Solid:
+    """A solid from coal's mesh: convex if its hull has the same volume, cut into pieces if the hull is much larger.
+
+    Args:
+        scene: a body of a scene, such as a bin, which is cut along its hollows; else a link, which is cut into slabs.
+    """
     points = vertices_of(model)
     hull = _hull(points)
     if hull is None:  # a sheet: a thin box around it has a hull
@@ -175,7 +180,18 @@ def _of_mesh(model: Any) -> Solid:
     whole = Solid(hull, (hull,), model, corners)
     if ratio < FAT:
         return whole
+    if scene and model.num_tris <= MOST_TRIANGLES:
+        parts = cut(whole.surface[0][whole.surface[1]], _volume)
+        pieces = [piece for part in parts if (piece := _hull(part)) is not None]
+        if parts and len(pieces) == len(parts):
+            return Solid(hull, tuple(pieces), model, corners)
     return Solid(hull, _slabs(*whole.surface) or (hull,), model, corners)
+
+
+def _volume(points: np.ndarray) -> float:
+    """Volume [m^3] of the convex hull of points (M, 3); 0 if they are flat."""
+    piece = _hull(points)
+    return 0.0 if piece is None else float(piece.geometry.computeVolume())
 
 
 def _slabs(vertices: np.ndarray, triangles: np.ndarray) -> tuple[Piece, ...]:
@@ -191,9 +207,9 @@ def _slabs(vertices: np.ndarray, triangles: np.ndarray) -> tuple[Piece, ...]:
     cuts = np.linspace(low[along], high[along], SLABS + 1)
     a, b = vertices[edges[:, 0]], vertices[edges[:, 1]]
     crossings = []
-    for cut in cuts:
-        across = (a[:, along] - cut) * (b[:, along] - cut) < 0
-        share = (cut - a[across, along]) / (b[across, along] - a[across, along])
+    for place in cuts:
+        across = (a[:, along] - place) * (b[:, along] - place) < 0
+        share = (place - a[across, along]) / (b[across, along] - a[across, along])
         crossings.append(a[across] + share[:, None] * (b[across] - a[across]))
     out = []
     for k in range(SLABS):

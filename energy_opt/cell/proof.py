@@ -93,7 +93,7 @@ def one_inside_the_other(ruler: Ruler, at: Any, bt: Any) -> bool:
     if ruler.exact(at, bt) <= 0:
         return False  # surfaces meet, which the distance shows
     return any(
-        not outer.convex and enclosed(_moved(_probes(inner), its, other), *outer.surface)
+        not (outer.convex or outer.shell) and enclosed(_moved(_probes(inner), its, other), *outer.surface)
         for inner, outer, its, other in ((a, b, at, bt), (b, a, bt, at))
     )
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ import coal
 import numpy as np
 
 from energy_opt.cell.cutting import MOST_TRIANGLES, cut
+from energy_opt.cell.shells import flat_faces, is_open
 from energy_opt.errors import BadInput
 
 # [m] a computed distance may be too large by this much; observed errors of GJK are 2e-6 of the distance
@@ -54,12 +55,14 @@ class Solid:
         pieces: convex pieces that cover it, `hull` alone where cutting does not pay.
         mesh: coal's mesh of its surface; None where it is convex.
         corners: (8, 3) corners of a box around it [m]; None for a half-space.
+        shell: its surface has a large opening, so that nothing is within it.
     """
 
     hull: Piece
     pieces: tuple[Piece, ...]
     mesh: Any = None
     corners: np.ndarray | None = None
+    shell: bool = False
 
     @property
     def convex(self) -> bool:
@@ -175,17 +178,23 @@ def _of_mesh(model: Any, scene: bool = False) -> Solid:
         return Solid(hull, (hull,), model, _box(hull.geometry))
     ratio = hull.geometry.computeVolume() / max(abs(model.computeVolume()), 1e-12)
     corners = _box(hull.geometry)
+    whole = Solid(hull, (hull,), model, corners)
+    small = scene and model.num_tris <= MOST_TRIANGLES
+    triangles = whole.surface[0][whole.surface[1]] if small else np.zeros((0, 3, 3))
+    if small and is_open(triangles):
+        return replace(whole, pieces=_hulls(flat_faces(triangles, SHEET)) or (hull,), shell=True)
     if ratio <= SAME_VOLUME:
         return Solid(hull, (hull,), None, corners)
-    whole = Solid(hull, (hull,), model, corners)
     if ratio < FAT:
         return whole
-    if scene and model.num_tris <= MOST_TRIANGLES:
-        parts = cut(whole.surface[0][whole.surface[1]], _volume)
-        pieces = [piece for part in parts if (piece := _hull(part)) is not None]
-        if parts and len(pieces) == len(parts):
-            return Solid(hull, tuple(pieces), model, corners)
-    return Solid(hull, _slabs(*whole.surface) or (hull,), model, corners)
+    pieces = _hulls(cut(triangles, _volume)) if small else ()
+    return replace(whole, pieces=pieces or _slabs(*whole.surface) or (hull,))
+
+
+def _hulls(parts: Sequence[np.ndarray]) -> tuple[Piece, ...]:
+    """The convex hulls of sets of points (M, 3); empty if one is flat."""
+    pieces = [_hull(part) for part in parts]
+    return tuple(piece for piece in pieces if piece is not None) if None not in pieces else ()
 
 
 def _volume(points: np.ndarray) -> float:

@@ -1,6 +1,6 @@
 """Cuts of a solid within a surface of triangles, so that the convex hulls of its parts leave its hollows open.
 
-The solid is cut in the planes of its largest flat faces across two axes of its mesh, such as the inner sides of a bin.
+The solid is cut in the planes of its largest flat faces across two axes of its mesh, such as the inner walls of a bin.
 Parts that fit together are joined again. Every line along the third axis leaves a part through its surface, so the part
 lies in the hull of its clipped surface. Planes across all three axes would not do: a corner where three of them meet
 may lie in the solid, away from its surface.

@@ -35,9 +35,9 @@ def is_open(triangles: np.ndarray) -> bool:
     return len(loops) <= MOST_LOOPS and widest > OPENING * _area(triangles[:, 1:] - triangles[:, :1])
 
 
-def _area(sides: np.ndarray) -> float:
-    """The sum of the areas of triangles with these two sides (M, 2, 3)."""
-    return float(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum() / 2)
+def _area(legs: np.ndarray) -> float:
+    """The sum of the areas of triangles with these two legs (M, 2, 3)."""
+    return float(np.linalg.norm(np.cross(legs[:, 0], legs[:, 1]), axis=1).sum() / 2)
 
 
 def flat_faces(triangles: np.ndarray, thickness: float) -> list[np.ndarray]:

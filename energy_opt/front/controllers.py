@@ -17,16 +17,21 @@ if TYPE_CHECKING:
     from energy_opt.motion import Move, Planner, Result
     from energy_opt.motion.plan.robust import RobustPlanner
     from energy_opt.profiles import StandardMoves
+    from energy_opt.robot import Robot
 
 ROOM = 1.001  # factor on the shortest duration of standard moves, which leaves no choice
 
 
-def check_written(request: WriteGroup, joints: int) -> list[Format]:
-    """The formats of --write for an arm of `joints` joints; impossible requests are refused before any work."""
+def check_written(request: WriteGroup, robot: Robot) -> list[Format]:
+    """The formats of --write for an arm; impossible requests are refused before any work."""
     from energy_opt.formats.output import wanted
 
     check_rate_of(request)
-    return wanted(request.write, joints)
+    sliding = [joint for joint, slides in zip(robot.joints, robot.slides, strict=True) if slides]
+    for name in PROGRAMS:
+        if name in request.write and sliding:
+            raise BadInput(f"--write {name}: {sliding[0]} slides; expected an arm whose joints all turn")
+    return wanted(request.write, robot.n)
 
 
 def check_rate_of(request: WriteGroup) -> None:
@@ -37,6 +42,9 @@ def check_rate_of(request: WriteGroup) -> None:
         if not request.write:
             raise BadInput(f"--rate {request.rate:g}: belongs to --write; give --write FORMAT, too")
         check_rate(request.rate)
+
+
+PROGRAMS = "urscript", "franka"  # formats of one maker's arms, with positions in rad
 
 
 @dataclass(frozen=True)

@@ -98,7 +98,7 @@ class Answers(Answered):
         Files of a motion are called trajectory, or trajectory_01 and so on.
         """
         asked, records = self.request, list[Written]()
-        formats = check_written(asked, self.robot.n)
+        formats = check_written(asked, self.robot)
         with written_whole(out, ANSWER) as aside:
             for number, each in enumerate(self.found, start=1):
                 stem = "trajectory" if len(self.found) == 1 else f"trajectory_{number:02d}"
@@ -119,7 +119,7 @@ def run(request: EvaluateRequest, desk: Desk) -> Answers:
     if not files:
         raise BadInput("no FILE; give a trajectory, a cycle or a recording")
     robot = robot_of(request, None if request.robot is not None else robot_of_files(files, request.joint_prefix))
-    check_written(request, robot.n)
+    check_written(request, robot)
     rivals, _ = rivals_of(request, robot, desk)
     cell = load_cell(robot, cell_of(request))
     cell = cell if cell is not None and cell.checks else None

@@ -41,7 +41,7 @@ def run(request: JobRequest, desk: Desk) -> JobAnswer:
     job, _ = job_from(request), request.worth
     rivals, kind = rivals_of(request, job.robot, desk)
     job = loaded(request, job, rivals, desk)
-    formats = check_written(request, job.robot.n)
+    formats = check_written(request, job.robot)
     settings = settings_of(request)
     cell = cell_of(request)
     asked = resolved_job(request, job.robot, rivals, kind)

@@ -262,7 +262,7 @@ def run(request: OptimizeRequest, desk: Desk) -> Answer:
         Infeasible: no motion keeps the limits; the message names the limit, the place, and what would work.
     """
     robot, _ = robot_of(request), request.worth
-    check_written(request, robot.n)
+    check_written(request, robot)
     if request.vias is not None and request.standard is None:
         raise BadInput("--vias belongs to --as moves; give --as moves, too")
     rivals, kind = rivals_of(request, robot, desk)

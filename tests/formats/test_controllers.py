@@ -308,3 +308,18 @@ def test_the_ros_2_example_slows_what_we_write(tmp_path: Path, ur5: Robot, monke
     assert slow.sample(4 * time)[0] == pytest.approx(curve.sample(time)[0], abs=1e-9)
     state = type("State", (), {"name": ["extra", *ur5.joints], "position": [9.0, *(UR_START + 0.01)]})
     assert example["distance"](goal, state) == pytest.approx(0.01)
+
+
+def test_a_program_in_rad_is_refused_for_an_arm_that_slides(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its metres were written as radians."""
+    limit = '<limit lower="-1" upper="1" effort="90" velocity="1"/>'
+    mass = '<inertial><mass value="2"/><inertia ixx=".02" iyy=".02" izz=".02" ixy="0" ixz="0" iyz="0"/></inertial>'
+    text = "<robot name='six'><link name='l0'/>"
+    for k in range(6):
+        kind = "prismatic" if k == 1 else "revolute"
+        text += f"<link name='l{k + 1}'>{mass}</link><joint name='j{k}' type='{kind}'><parent link='l{k}'/>"
+        text += f"<child link='l{k + 1}'/><origin xyz='0 0 0.2'/><axis xyz='{k % 2} 1 0'/>{limit}</joint>"
+    (tmp_path / "six.urdf").write_text(text + "</robot>")
+    words = ["optimize", "--robot", str(tmp_path / "six.urdf"), "--start", "0,0,0,0,0,0", "--goal", ".1,.1,.1,.1,.1,.1"]
+    assert main([*words, "--write", "urscript", "--out", str(tmp_path / "out")]) == 2
+    assert "--write urscript: j1 slides; expected an arm whose joints all turn" in capsys.readouterr().err

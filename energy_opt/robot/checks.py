@@ -246,7 +246,7 @@ def doubtful_masses(effort: np.ndarray, gravity: np.ndarray, mass: float, reach:
         effort: limits (n,) [N m or N].
         gravity: (N, n) torque that holds the arm in postures all over its range.
         reach: summed offsets of all joints from the base [m].
-        length: summed offsets behind the first joint [m]; a column below the arm adds nothing.
+        length: summed offsets behind the first joint of the longest branch [m]; a column below adds nothing.
     """
     out, stated = [], effort[np.isfinite(effort) & (effort >= SMALLEST)]
     share = float(np.mean(np.abs(gravity).max(axis=1) > stated.max())) if len(stated) else 0.0

@@ -298,7 +298,10 @@ def _completed(limits: Limits, stated: np.ndarray, body: RigidBody) -> tuple[Lim
     """Limits with assumptions for what is missing or a placeholder; `stated` (n,) are the URDF's efforts."""
     links, q = body.tree(), postures(limits)
     offsets = [float(np.linalg.norm(link.placement[:3, 3])) for link in links]
-    reach, length = sum(offsets), sum(offsets[1:])
+    reach, behind = sum(offsets), list[float]()
+    for link, offset in zip(links, offsets, strict=True):
+        behind.append(0.0 if link.parent < 0 else behind[link.parent] + offset)
+    length = max(behind)
     mass = sum(link.mass for link in links)
     gravity = body.torque(q, np.zeros_like(q), np.zeros_like(q))
     holding = 9.81 * mass * max(reach, 1.0)

@@ -99,6 +99,18 @@ def test_an_arm_that_is_too_light_for_its_size_is_named(tmp_path: Path) -> None:
         "6 kg move on an arm of 2.5 m: a fraction of the mass of such arms; energies are too low; used unchanged"
     ]
     assert said["200"] == []
+    branch = path.read_text().replace("2.5 0 0", "0.9 0 0").replace('mass value="200"', 'mass value="5"')
+    limit = re.search(r"<limit[^>]*>", branch)
+    mass = re.search(r"<inertial>.*?</inertial>", branch, re.DOTALL)
+    assert limit and mass
+    for k in range(3):  # arms side by side are not one long arm
+        branch = branch.replace(
+            "</robot>",
+            f"""<link name="o{k}">{mass[0]}</link><joint name="p{k}" type="revolute">
+            <parent link="one"/><child link="o{k}"/><origin xyz="0 0.9 0"/><axis xyz="0 0 1"/>{limit[0]}</joint></robot>""",
+        )
+    (tmp_path / "branches.urdf").write_text(branch)
+    assert not [w for w in load_robot(tmp_path / "branches.urdf").warnings if "kg move" in w]
     path.write_text(re.sub(r'mass value="[0-9.]+"', 'mass value="0.001"', path.read_text()))
     assert (
         "all that moves weighs 2 g; are the masses in kg?" in load_robot(path).warnings

@@ -107,7 +107,8 @@ def test_an_arm_that_is_too_light_for_its_size_is_named(tmp_path: Path) -> None:
         branch = branch.replace(
             "</robot>",
             f"""<link name="o{k}">{mass[0]}</link><joint name="p{k}" type="revolute">
-            <parent link="one"/><child link="o{k}"/><origin xyz="0 0.9 0"/><axis xyz="0 0 1"/>{limit[0]}</joint></robot>""",
+            <parent link="one"/><child link="o{k}"/><origin xyz="0 0.9 0"/><axis xyz="0 0 1"/>{limit[0]}</joint>
+            </robot>""",
         )
     (tmp_path / "branches.urdf").write_text(branch)
     assert not [w for w in load_robot(tmp_path / "branches.urdf").warnings if "kg move" in w]

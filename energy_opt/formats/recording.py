@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from energy_opt.effects.parameter import MOVING_SPEED
+from energy_opt.formats.readings import as_moved
 from energy_opt.formats.waypoints import Samples
 from energy_opt.motion.path import JointPath, of_trajectory, through
 from energy_opt.motion.standing import check_moves_on
@@ -27,31 +29,35 @@ CLOSE = 10.0  # times their rounding: waypoints nearer to each other are not pas
 NEAR = 0.75  # times their rounding: largest distance of the path from them
 MOST = 200  # control points of the curve near rounded waypoints: timings have as many intervals
 PROJECTIONS = 4  # fits of the curve near rounded waypoints
-PIECES = 4  # pieces of the path for each control point of the curve near rounded waypoints
+FADE = 0.1  # [s] within which a correction of a recording's rest fades into the motion
+PIECES = 4  # looks at a recording between two samples; pieces of a path for each control point near rounded waypoints
 
 
 def motion_of(samples: Samples) -> tuple[Trajectory, tuple[str, ...]]:
     """Samples as a trajectory, and notes. A recording is smoothed where it is noisy, and an arm at rest does not move.
 
-    Samples with accelerations, and plans, are taken as they are.
+    Plans, samples whose accelerations agree with their positions, and those that state no velocity but zero, are taken
+    as they are.
 
     Raises:
         BadInput: there are no times, or fewer than two samples.
     """
+    samples, repaired = as_moved(samples)
     read = samples.trajectory()
-    if samples.planned or samples.acceleration is not None:
-        return read, ()
+    stated = samples.acceleration is not None and not _contradicts(read)
+    if samples.planned or stated or not read.velocity.any():
+        return read, repaired
     t, notes = _smoothed(read, samples.where)
-    q, v, a, seconds = t.position.copy(), t.velocity.copy(), t.acceleration.copy(), 0.0
-    for begin, end in _rests(read):
-        part = (t.time >= begin) & (t.time <= end)
-        if np.abs(read.velocity[part]).max() > MOVING_SPEED:
-            seconds += end - begin
-            q[part], v[part], a[part] = q[part].mean(axis=0), 0.0, 0.0
-    if seconds == 0:
-        return t, notes
-    note = f"{samples.where}: the arm is at rest for {seconds:.3g} s, where its readings are noise"
-    return replace(t, position=q, velocity=v, acceleration=a), (*notes, note)
+    rests = [
+        (begin, end)
+        for begin, end in _rests(read)
+        if np.abs(read.velocity[(read.time >= begin) & (read.time <= end)]).max() > MOVING_SPEED
+    ]
+    out = _stopped(_standing(t, rests), _ends_resting(samples, read, t))
+    seconds = sum(end - begin for begin, end in rests)
+    if rests:
+        notes = (*notes, f"{samples.where}: the arm is at rest for {seconds:.3g} s, where its readings are noise")
+    return out, (*repaired, *notes)
 
 
 def path_of(samples: Samples) -> tuple[JointPath, tuple[str, ...]]:
@@ -87,6 +93,80 @@ def _rests(t: Trajectory) -> list[tuple[float, float]]:
     return out
 
 
+def _contradicts(t: Trajectory) -> bool:
+    """Whether accelerations between samples are far above those at samples: the positions are rounded or noisy."""
+    at_samples, between = (np.sqrt(np.mean(a**2, axis=0)) for a in (t.acceleration, _accelerations(t)))
+    return bool((between > WHITE * at_samples).any())
+
+
+def _accelerations(t: Trajectory) -> np.ndarray:
+    """Accelerations at and between samples: positions that disagree with given velocities show between them."""
+    return t.sample_denser(PIECES)[2]
+
+
+def _standing(t: Trajectory, rests: Sequence[tuple[float, float]]) -> Trajectory:
+    """The motion with the arm at its mean place in `rests`, which it leaves and reaches without a jump."""
+    q, v, a = t.position.copy(), t.velocity.copy(), t.acceleration.copy()
+    spans = [np.flatnonzero((t.time >= begin) & (t.time <= end)) for begin, end in rests]
+    bounds = [0, *(k for span in spans for k in span[[0, -1]].tolist()), len(t.time) - 1]
+    for span, before, after in zip(spans, bounds[:-2:2], bounds[3::2], strict=True):
+        place = t.position[span].mean(axis=0)
+        for edge, other in ((span[0], before), (span[-1], after)):
+            _ease((q, v, a), t, edge, other, (place - t.position[edge], -t.velocity[edge], -t.acceleration[edge]))
+        q[span], v[span], a[span] = place, 0.0, 0.0
+    return replace(t, position=q, velocity=v, acceleration=a)
+
+
+def _stopped(t: Trajectory, resting: np.ndarray) -> Trajectory:
+    """The motion, at rest at its start and end where `resting` (2,) says so."""
+    q, v, a = t.position.copy(), t.velocity.copy(), t.acceleration.copy()
+    zero, last = np.zeros(q.shape[1]), len(q) - 1
+    for end in np.array([0, last])[resting]:
+        _ease((q, v, a), t, end, last - end, (zero, -t.velocity[end], zero))
+    return replace(t, position=q, velocity=v, acceleration=a)
+
+
+def _ease(curve: tuple[np.ndarray, ...], t: Trajectory, edge: int, other: int, change: tuple[np.ndarray, ...]) -> None:
+    """Add to the positions, velocities and accelerations of `curve` a `change` (three times n) of sample `edge`.
+
+    It fades towards the sample `other`, within `FADE` seconds.
+    """
+    span = min(FADE, abs(float(t.time[other] - t.time[edge])))
+    if span == 0:
+        return
+    ahead = 1.0 if other > edge else -1.0  # towards earlier samples, the change is that of the reversed motion
+    zero = np.zeros((2, len(t.joints)))
+    state = [np.vstack([part * ahead**order, part * 0]) for order, part in enumerate(change)]
+    fading = Trajectory(t.joints, np.array([0.0, span]), *(x + zero for x in state))
+    away = ahead * (t.time - t.time[edge])
+    inside = (away >= 0) & (away <= span)
+    for order, (block, added) in enumerate(zip(curve, fading.sample(away[inside]), strict=False)):
+        block[inside] += added * ahead**order
+
+
+def _ends_resting(samples: Samples, read: Trajectory, t: Trajectory) -> np.ndarray:
+    """Whether a recording begins and ends at rest (2,): if noisy, its velocities there are not larger than their error.
+
+    Args:
+        read: the samples as a trajectory. t: the same, smoothed if its positions are noisy.
+    """
+    resting = ~read.velocity[[0, -1]].any(axis=1)
+    if samples.velocity is not None and len(t.time) >= FEWEST:
+        most = SIGMAS * _difference(read.velocity, 3) / np.sqrt(20)
+        noisy = t is not read or (_difference(read.velocity, 4) > WHITE * _difference(read.velocity, 3)).any()
+        return np.asarray(resting | (noisy & (np.abs(read.velocity[[0, -1]]) <= most).all(axis=1)))
+    if t is read:
+        return np.asarray(resting)
+    step = float(t.time[1] - t.time[0])
+    slope = np.zeros((len(t.time), 1))
+    slope[:2, 0] = -1 / step, 1 / step
+    # the smoother is a symmetric matrix: its answer to the slope is the weight of each reading in the end's velocity
+    weight = float(np.linalg.norm(smooth(slope, step, CUTOFF)))
+    blurred = np.abs(t.acceleration[[0, -1]]) / (2 * np.pi * CUTOFF)  # a start from rest within its time constant
+    most = SIGMAS * weight * _difference(read.position, 3) / np.sqrt(20) + blurred
+    return np.asarray((np.abs(t.velocity[[0, -1]]) <= most).all(axis=1))
+
+
 def _difference(q: np.ndarray, order: int) -> np.ndarray:
     """Standard deviation (n,) of differences of positions (N, n), without the influence of single large ones."""
     return np.asarray(1.48 * np.median(np.abs(np.diff(q, order, axis=0)), axis=0))
@@ -102,8 +182,7 @@ def _smoothed(t: Trajectory, where: str) -> tuple[Trajectory, tuple[str, ...]]:
     even = CubicSpline(t.time, t.position)(time)
     curve = CubicSpline(time, smooth(even, float(time[1] - time[0]), CUTOFF))
     q, v, a = (curve(time, order) for order in range(3))
-    v[[0, -1]] *= t.velocity[[0, -1]].any(axis=1, keepdims=True)  # ends at rest stay so
-    rough = np.sqrt(np.mean(t.acceleration**2, axis=0)) > NOISY * np.sqrt(np.mean(a**2, axis=0))
+    rough = np.sqrt(np.mean(_accelerations(t) ** 2, axis=0)) > NOISY * np.sqrt(np.mean(a**2, axis=0))
     if not (rough & (_difference(even, 4) > WHITE * _difference(even, 3))).any():
         return t, ()
     note = f"{where}: noisy recording: positions are smoothed at {CUTOFF:g} Hz"

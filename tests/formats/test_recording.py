@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from energy_opt.formats.recording import past
+from energy_opt.formats.recording import motion_of, past
 from energy_opt.formats.waypoints import Samples
 from energy_opt.front.moves import path_from
 from energy_opt.motion.path import through
@@ -65,8 +65,6 @@ def test_a_recording_from_rest_to_rest_is_a_path_from_rest_to_rest(ur: Robot, tm
 
 
 def test_a_plan_without_accelerations_is_taken_as_it_is(ur: Robot) -> None:
-    from energy_opt.formats.recording import motion_of
-
     time = np.linspace(0, 20, 501)
     u = (time / 20)[:, None]
     q = spiral(2)[0] + 0.5 * u**3 * (10 - 15 * u + 6 * u**2)
@@ -74,3 +72,63 @@ def test_a_plan_without_accelerations_is_taken_as_it_is(ur: Robot) -> None:
         samples = Samples("plan.csv", ur.joints, np.round(q, digits), time)
         t, notes = motion_of(samples)
         assert not notes and np.array_equal(t.position, np.round(q, digits))
+
+
+TURNED = np.array([0.9, -0.5, 0.6, -0.4, 0.3, -0.8])
+
+
+def moved(time: np.ndarray, rest: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Positions, velocities and accelerations (N, 6) of a move of 1.5 s that begins after `rest` s."""
+    u = np.clip((time - rest) / 1.5, 0, 1)[:, None]
+    q = u**3 * (10 - 15 * u + 6 * u**2)
+    v, a = 30 * u**2 * (1 - u) ** 2 / 1.5, 60 * u * (1 - u) * (1 - 2 * u) / 1.5**2
+    return spiral(2)[0] + q * TURNED, v * TURNED, a * TURNED
+
+
+def recorded(kind: str, rate: int, noise: np.random.Generator) -> tuple[Samples, float]:
+    """A move as recorders write it, and the time at which it begins."""
+    rest = 1.0 if kind == "rests" else 0.0
+    time = np.arange(0, 1.5 + 2 * rest + 1e-9, 1 / rate)
+    q, v, a = moved(time, rest)
+    joints = load_robot("ur5e").joints
+    if kind == "held":  # by a recorder that is faster than its source of 25 Hz
+        return Samples("", joints, moved(np.floor(time * 25 + 1e-6) / 25)[0], time), rest
+    if kind == "wrapped":
+        q += np.pi - moved(np.array([0.8]))[0]  # every joint passes pi
+        return Samples("", joints, (q + np.pi) % (2 * np.pi) - np.pi, time, v), rest
+    if kind.startswith("rounded"):
+        accelerations = np.round(a, 4) if kind == "rounded, all" else None
+        return Samples("", joints, np.round(q, 4), time, np.round(v, 4), accelerations), rest
+    rates = v + 5e-3 * noise.normal(size=v.shape) if kind == "noisy rates" else None
+    return Samples("", joints, q + 1e-4 * noise.normal(size=q.shape), time, rates), rest
+
+
+@pytest.mark.parametrize("rate", [125, 500, 1000])
+@pytest.mark.parametrize("kind", ["held", "rounded", "rounded, all", "rests", "wrapped", "noise", "noisy rates"])
+def test_artefacts_of_recorders_are_no_accelerations(kind: str, rate: int) -> None:
+    """They had been read as accelerations of up to 1e9 rad/s^2, or as speeds at the ends, which no timing can keep."""
+    for seed in range(3):
+        samples, rest = recorded(kind, rate, np.random.default_rng(seed))
+        t, _ = motion_of(samples)
+        found, true = t.sample_denser(5)[2], moved(t.denser(5), rest)[2]
+        assert np.sqrt(np.mean((found - true) ** 2)) < 0.3 * np.sqrt(np.mean(true**2))
+        assert np.abs(t.velocity[[0, -1]]).max() < 1e-3
+
+
+def test_a_recording_cut_out_of_a_motion_begins_and_ends_in_it() -> None:
+    noise, time = np.random.default_rng(1), np.arange(0.3, 1.2, 0.002)
+    q, v, _ = moved(time)
+    noisy = q + 1e-4 * noise.normal(size=q.shape)
+    for rates in (None, v + 5e-3 * noise.normal(size=v.shape)):
+        t, notes = motion_of(Samples("", load_robot("ur5e").joints, noisy, time, rates))
+        assert any("smoothed" in note for note in notes)
+        np.testing.assert_allclose(t.velocity[[0, -1]], v[[0, -1]], atol=0.1)
+
+
+@pytest.mark.parametrize("step", [0.02, 1.0])
+def test_a_turn_that_takes_a_second_is_no_wrap(step: float) -> None:
+    time = np.arange(10) * step
+    q = np.where(np.arange(10) < 5, 0.0, 2 * np.pi)[:, None] * np.ones(6)
+    t, notes = motion_of(Samples("log.csv", load_robot("ur5e").joints, q, time))
+    assert np.ptp(t.position) == pytest.approx(0.0 if step < 0.1 else 2 * np.pi, abs=1e-9)
+    assert any("jumps by a turn" in note for note in notes) == (step < 0.1)

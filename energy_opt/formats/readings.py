@@ -1,0 +1,69 @@
+"""Artefacts of recorders: angles that wrap, and samples that repeat a reading until the next one comes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from energy_opt.formats.waypoints import FEWEST, KINDS, Samples
+from energy_opt.numerics.signals import SHORTEST
+
+TURN = 2 * np.pi  # [rad] the jump of an angle that wraps
+# [rad] most that is left of a wrap without its turn, and times its neighbours' steps: other jumps are no wraps
+LEFT, UNLIKE = 0.1, 3.0
+EVENLY = 0.9  # least share of the readings that repeat equally often, if a slower source was recorded
+
+
+def as_moved(samples: Samples) -> tuple[Samples, tuple[str, ...]]:
+    """Samples without wraps of angles and without repeated readings, and notes. Plans are taken as they are."""
+    if samples.planned:
+        return samples, ()
+    samples, wraps = _unwrapped(samples)
+    samples, repeats = _once(samples)
+    return samples, (*wraps, *repeats)
+
+
+def _unwrapped(samples: Samples) -> tuple[Samples, tuple[str, ...]]:
+    """Samples whose positions pass from pi to -pi, and back, without a jump."""
+    q = samples.position
+    if samples.time is None or len(q) < FEWEST:
+        return samples, ()
+    step = np.diff(q, axis=0)
+    turns = np.rint(step / TURN)
+    rest = np.abs(step - TURN * turns)
+    near = np.pad(np.where(turns == 0, np.abs(step), 0.0), ((1, 1), (0, 0)))
+    turns[rest > np.maximum(LEFT, UNLIKE * np.maximum(near[:-2], near[2:]))] = 0.0
+    turns[np.diff(samples.time) > SHORTEST] = 0.0  # time enough for a real turn
+    if not turns.any():
+        return samples, ()
+    turned = q.copy()
+    turned[1:] -= TURN * np.cumsum(turns, axis=0)
+    names = ", ".join(samples.joints[k] for k in np.flatnonzero(np.abs(turns).sum(axis=0)))
+    note = f"{samples.where}: the angle of {names} jumps by a turn within a sample: it is taken to pass on"
+    return replace(samples, position=turned), (note,)
+
+
+def _once(samples: Samples) -> tuple[Samples, tuple[str, ...]]:
+    """Samples without those that repeat the reading of a slower source; those of an arm at rest stay."""
+    if samples.time is None:
+        return samples, ()
+    new = np.concatenate([[True], (np.diff(samples.position, axis=0) != 0).any(axis=1)])
+    first = np.flatnonzero(new)
+    count = np.diff(first)  # of samples with the same reading
+    moving = count[np.diff(samples.time[first]) < SHORTEST]
+    usual = float(np.median(moving)) if len(moving) >= FEWEST else 1.0
+    if usual < 2 or np.mean(np.abs(moving - usual) <= 1) < EVENLY:
+        return samples, ()
+    last = np.flatnonzero(np.append(new[1:], True))
+    lasts = last[samples.time[last] - samples.time[first] >= SHORTEST]  # the ends of rests
+    note = f"{samples.where}: readings change at every {usual:g}th sample only; those between are left out"
+    return _some(samples, np.union1d(first, lasts)), (note,)
+
+
+def _some(samples: Samples, which: np.ndarray) -> Samples:
+    """Some of the samples."""
+    assert samples.time is not None
+    blocks: dict[str, Any] = {kind: block[which] for kind in KINDS if (block := getattr(samples, kind)) is not None}
+    return replace(samples, time=samples.time[which], **blocks)

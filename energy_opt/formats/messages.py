@@ -17,7 +17,7 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.files import read_json, read_yaml_documents, write_json, write_text
-from energy_opt.formats.waypoints import Samples
+from energy_opt.formats.waypoints import Samples, repeated
 from energy_opt.motion.trajectory import Trajectory
 
 FIELDS = {
@@ -120,11 +120,13 @@ def _samples(message: Mapping[str, Any], where: str) -> Samples:
     time = np.array([seconds(stamp, f"{where}: points[{k}].time_from_start") for k, stamp in enumerate(stamps)])
     if (time == time[0]).all():
         return Samples(where, tuple(names), position=blocks["position"], planned=True)
-    late = np.flatnonzero(np.diff(time) <= 0)
+    keep = ~repeated(time, blocks["position"])
+    late = np.flatnonzero((np.diff(time) <= 0) & keep[1:])
     if late.size:
         k = int(late[0])
         raise BadInput(f"{where}: points[{k + 1}].time_from_start: {time[k + 1]:g} s does not come after {time[k]:g} s")
-    return Samples(where, tuple(names), time=time, planned=True, **blocks)
+    blocks = {kind: block[keep] for kind, block in blocks.items()}
+    return Samples(where, tuple(names), time=time[keep], planned=True, **blocks)
 
 
 def _vector(values: Any, count: int, where: str) -> list[float]:

@@ -1,4 +1,4 @@
-"""Artefacts of recorders: angles that wrap, and samples that repeat a reading until the next one comes."""
+"""Artefacts of recorders: angles that wrap, samples that repeat a reading until the next one comes, and spikes."""
 
 from __future__ import annotations
 
@@ -14,15 +14,19 @@ TURN = 2 * np.pi  # [rad] the jump of an angle that wraps
 # [rad] most that is left of a wrap without its turn, and times its neighbours' steps: other jumps are no wraps
 LEFT, UNLIKE = 0.1, 3.0
 EVENLY = 0.9  # least share of the readings that repeat equally often, if a slower source was recorded
+LEAP, UNUSUAL = 15.0, 10.0  # [rad/s, m/s] least speed into a spike and out of it, and times the median step
+SPIKE, FEW = 0.1, 0.03  # [s] longest spike; largest share of the samples in spikes
 
 
 def as_moved(samples: Samples) -> tuple[Samples, tuple[str, ...]]:
-    """Samples without wraps of angles and without repeated readings, and notes. Plans are taken as they are."""
+    """Samples without wraps of angles, repeated readings and spikes, and notes. Plans are taken as they are."""
     if samples.planned:
         return samples, ()
-    samples, wraps = _unwrapped(samples)
-    samples, repeats = _once(samples)
-    return samples, (*wraps, *repeats)
+    notes: list[str] = []
+    for repair in (_unwrapped, _once, _without_spikes):
+        samples, note = repair(samples)
+        notes += note
+    return samples, tuple(notes)
 
 
 def _unwrapped(samples: Samples) -> tuple[Samples, tuple[str, ...]]:
@@ -60,6 +64,25 @@ def _once(samples: Samples) -> tuple[Samples, tuple[str, ...]]:
     lasts = last[samples.time[last] - samples.time[first] >= SHORTEST]  # the ends of rests
     note = f"{samples.where}: readings change at every {usual:g}th sample only; those between are left out"
     return _some(samples, np.union1d(first, lasts)), (note,)
+
+
+def _without_spikes(samples: Samples) -> tuple[Samples, tuple[str, ...]]:
+    """Samples without the few that are far away for a moment: lost readings, often zeros."""
+    if samples.time is None or len(samples.time) < FEWEST:
+        return samples, ()
+    q, step = samples.position, np.abs(np.diff(samples.position, axis=0)).max(axis=1)
+    far = step > np.maximum(LEAP * np.diff(samples.time), UNUSUAL * np.median(step))
+    keep, leaps = np.ones(len(q), dtype=bool), np.flatnonzero(far)
+    for out, back in zip(leaps, leaps[1:], strict=False):
+        brief = samples.time[back] - samples.time[out] <= SPIKE
+        if keep[out] and brief and np.abs(q[back + 1] - q[out]).max() < 0.5 * min(step[out], step[back]):
+            keep[out + 1 : back + 1] = False
+    lost = int((~keep).sum())
+    if lost == 0 or lost > max(1.0, FEW * len(q)):
+        return samples, ()
+    note = f"{samples.where}: samples are far from those around them ({lost}, the first at "
+    note += f"{samples.time[np.argmin(keep)]:.6g} s) and are left out"
+    return _some(samples, np.flatnonzero(keep)), (note,)
 
 
 def _some(samples: Samples, which: np.ndarray) -> Samples:

@@ -25,6 +25,8 @@ FEWEST_AT_REST = 5  # least samples of a standstill: fewer say nothing about noi
 SIGMAS = 6.0  # times the noise's standard deviation: readings within belong to a standstill
 RESOLUTION = 2e-5  # [rad, m] and within this: the resolution of an 18-bit encoder
 DIGITS = 3, 4  # decimal places to which waypoints may be rounded
+LEAST, SLIGHT = 1e-3, 0.1  # [rad/s^2] and share of the largest joint's: smaller accelerations contradict nothing
+MOST_DIGITS = 5  # of a plan whose positions may contradict its velocities
 CLOSE = 10.0  # times their rounding: waypoints nearer to each other are not passed exactly
 NEAR = 0.75  # times their rounding: largest distance of the path from them
 MOST = 200  # control points of the curve near rounded waypoints: timings have as many intervals
@@ -37,15 +39,18 @@ def motion_of(samples: Samples) -> tuple[Trajectory, tuple[str, ...]]:
     """Samples as a trajectory, and notes. A recording is smoothed where it is noisy, and an arm at rest does not move.
 
     Plans, samples whose accelerations agree with their positions, and those that state no velocity but zero, are taken
-    as they are.
+    as they are. Rates that contradict the positions are left out.
 
     Raises:
         BadInput: there are no times, or fewer than two samples.
     """
     samples, repaired = as_moved(samples)
     read = samples.trajectory()
-    stated = samples.acceleration is not None and not _contradicts(read)
-    if samples.planned or stated or not read.velocity.any():
+    if not read.velocity.any() or (samples.planned and not (_is_rounded(samples) and _contradicts(read))):
+        return read, repaired
+    samples, read, dropped = _agreeing(samples, read)
+    repaired = (*repaired, *dropped)
+    if samples.acceleration is not None:
         return read, repaired
     t, notes = _smoothed(read, samples.where)
     rests = [
@@ -93,10 +98,37 @@ def _rests(t: Trajectory) -> list[tuple[float, float]]:
     return out
 
 
+def _agreeing(samples: Samples, read: Trajectory) -> tuple[Samples, Trajectory, tuple[str, ...]]:
+    """The samples without accelerations, and without velocities, that contradict the rest; and notes."""
+    dropped = []
+    if samples.acceleration is not None and _contradicts(read):
+        samples = replace(samples, acceleration=None)
+        read = samples.trajectory()
+        dropped.append("accelerations")
+    if samples.velocity is not None and samples.acceleration is None and _contradicts(read):
+        samples = replace(samples, velocity=None)
+        read = samples.trajectory()
+        dropped.append("velocities")
+    if not dropped:
+        return samples, read, ()
+    note = (
+        f"{samples.where}: {' and '.join(dropped)} contradict the positions (noise, delay, rounding?) and are not used"
+    )
+    return samples, read, (note,)
+
+
+def _is_rounded(samples: Samples) -> bool:
+    """Whether positions have so few digits that the differences of close ones are coarse."""
+    return bool(np.abs(samples.position - np.round(samples.position, MOST_DIGITS)).max() < 1e-9)
+
+
 def _contradicts(t: Trajectory) -> bool:
-    """Whether accelerations between samples are far above those at samples: the positions are rounded or noisy."""
+    """Whether accelerations between close samples are far above those at samples, as rates do not fit the positions."""
+    if len(t.time) < FEWEST or float(np.median(np.diff(t.time))) > COARSE:
+        return False
     at_samples, between = (np.sqrt(np.mean(a**2, axis=0)) for a in (t.acceleration, _accelerations(t)))
-    return bool((between > WHITE * at_samples).any())
+    least = max(LEAST, SLIGHT * float(at_samples.max()))
+    return bool((between > np.maximum(WHITE * at_samples, least)).any())
 
 
 def _accelerations(t: Trajectory) -> np.ndarray:

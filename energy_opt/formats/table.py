@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.formats.waypoints import KINDS, Samples
+from energy_opt.formats.waypoints import KINDS, Samples, repeated
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.tables import read_table, write_table
 
@@ -49,12 +49,14 @@ def read(path: Path) -> Samples:
     if stamps is not None:
         stated = STAMPS.fullmatch(stamps)
         time = table[stamps] * (1.0 if stated is None else SECONDS[stated[1].lower()])
-        late = np.flatnonzero(np.diff(time) <= 0)
+        keep = ~repeated(time, blocks["position"])
+        late = np.flatnonzero((np.diff(time) <= 0) & keep[1:])
         if late.size:
             k = int(late[0])
             before, after = table[stamps][k : k + 2]
             raise BadInput(f"{path}: row {k + 3}, column {stamps}: {after:g} does not come after {before:g}")
-        return Samples(str(path), tuple(joints), time=time, **blocks)
+        blocks = {kind: block[keep] for kind, block in blocks.items()}
+        return Samples(str(path), tuple(joints), time=time[keep], **blocks)
     like = [name for name in table if name.lower() in LIKE_TIME or name.lower().startswith("time")][:1]
     untimed = "expected a column time [s], or with its unit, such as time_ms"
     untimed += f"; found {like[0]!r}, which is not read" if like else ""

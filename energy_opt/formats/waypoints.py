@@ -168,6 +168,11 @@ def _resting(time: np.ndarray, position: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.norm(fine, axis=1) <= np.linalg.norm(fine - coarse, axis=1))
 
 
+def repeated(time: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """Mask (N,) of samples with the time and the positions of the one before: some planners repeat an end."""
+    return np.concatenate([[False], (np.diff(time) == 0) & (np.diff(position, axis=0) == 0).all(axis=1)])
+
+
 def fitting_prefix(names: Sequence[str], joints: Sequence[str]) -> str | None:
     """The common prefix of all `joints` in `names`; None if there is none."""
     for name in names:

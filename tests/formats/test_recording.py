@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from energy_opt.formats import read
 from energy_opt.formats.recording import motion_of, past
 from energy_opt.formats.waypoints import Samples
 from energy_opt.front.moves import path_from
@@ -99,12 +101,22 @@ def recorded(kind: str, rate: int, noise: np.random.Generator) -> tuple[Samples,
     if kind.startswith("rounded"):
         accelerations = np.round(a, 4) if kind == "rounded, all" else None
         return Samples("", joints, np.round(q, 4), time, np.round(v, 4), accelerations), rest
+    if kind == "late":  # velocities pass a filter
+        return Samples("", joints, q, time, moved(time - 0.02)[1]), rest
+    if kind == "zeros":  # a planner that does not know its accelerations
+        return Samples("", joints, q, time, v, 0 * a), rest
+    if kind == "lost":
+        q[len(q) // 3] = 0
+        q[len(q) // 2, 2] += 0.7
+        return Samples("", joints, q, time), rest
     rates = v + 5e-3 * noise.normal(size=v.shape) if kind == "noisy rates" else None
     return Samples("", joints, q + 1e-4 * noise.normal(size=q.shape), time, rates), rest
 
 
 @pytest.mark.parametrize("rate", [125, 500, 1000])
-@pytest.mark.parametrize("kind", ["held", "rounded", "rounded, all", "rests", "wrapped", "noise", "noisy rates"])
+@pytest.mark.parametrize(
+    "kind", ["held", "rounded", "rounded, all", "rests", "wrapped", "noise", "noisy rates", "late", "zeros", "lost"]
+)
 def test_artefacts_of_recorders_are_no_accelerations(kind: str, rate: int) -> None:
     """They had been read as accelerations of up to 1e9 rad/s^2, or as speeds at the ends, which no timing can keep."""
     for seed in range(3):
@@ -132,3 +144,35 @@ def test_a_turn_that_takes_a_second_is_no_wrap(step: float) -> None:
     t, notes = motion_of(Samples("log.csv", load_robot("ur5e").joints, q, time))
     assert np.ptp(t.position) == pytest.approx(0.0 if step < 0.1 else 2 * np.pi, abs=1e-9)
     assert any("jumps by a turn" in note for note in notes) == (step < 0.1)
+
+
+@pytest.mark.parametrize("digits", [4, 5])
+def test_a_plan_with_rounded_positions_takes_no_more_energy(digits: int) -> None:
+    """At 1 kHz, four digits beside exact velocities meant accelerations of 100 rad/s^2 between the points."""
+    time = np.arange(0, 1.5 + 1e-9, 0.001)
+    q, v, a = moved(time)
+    t, notes = motion_of(Samples("", load_robot("ur5e").joints, np.round(q, digits), time, v, a, planned=True))
+    assert any("contradict" in note for note in notes)
+    np.testing.assert_allclose(t.sample_denser(5)[2], moved(t.denser(5))[2], atol=0.8)
+
+
+def test_an_exact_trajectory_with_a_resting_joint_is_taken_as_it_is() -> None:
+    time = np.arange(0, 1.5 + 1e-9, 0.001)
+    q, v, a = moved(time)
+    v[:, 3], a[:, 3] = 0.0, 0.0
+    q[:, 3] = 0.3 + 1e-12 * np.arange(len(time)) % 7
+    t, notes = motion_of(Samples("", load_robot("ur5e").joints, q, time, v, a))
+    assert not notes and np.array_equal(t.acceleration, a)
+
+
+def test_a_point_that_is_given_twice_counts_once(ur: Robot, tmp_path: Path) -> None:
+    """Planners that repeat the last point were refused: its time does not come after the one before."""
+    point = {"positions": [0.0] * 6, "time_from_start": {"sec": 0, "nanosec": 0}}
+    last = {"positions": [0.1] * 6, "time_from_start": {"sec": 2, "nanosec": 0}}
+    document = {"joint_names": list(ur.joints), "points": [point, point, last, last]}
+    (tmp_path / "plan.json").write_text(json.dumps(document))
+    header = ",".join(["time", *ur.joints])
+    rows = np.array([[0.0, *[0.0] * 6], [2.0, *[0.1] * 6], [2.0, *[0.1] * 6]])
+    np.savetxt(tmp_path / "plan.csv", rows, delimiter=",", header=header, comments="")
+    for name in ("plan.json", "plan.csv"):
+        assert read(tmp_path / name).time == pytest.approx([0.0, 2.0])

@@ -27,6 +27,7 @@ RESOLUTION = 2e-5  # [rad, m] and within this: the resolution of an 18-bit encod
 DIGITS = 3, 4  # decimal places to which waypoints may be rounded
 LEAST, SLIGHT = 1e-3, 0.1  # [rad/s^2] and share of the largest joint's: smaller accelerations contradict nothing
 MOST_DIGITS = 5  # of a plan whose positions may contradict its velocities
+WHOLE = 0.01  # largest difference of a multiple from a whole number
 CLOSE = 10.0  # times their rounding: waypoints nearer to each other are not passed exactly
 NEAR = 0.75  # times their rounding: largest distance of the path from them
 MOST = 200  # control points of the curve near rounded waypoints: timings have as many intervals
@@ -48,6 +49,7 @@ def motion_of(samples: Samples) -> tuple[Trajectory, tuple[str, ...]]:
     read = samples.trajectory()
     if not read.velocity.any() or (samples.planned and not (_is_rounded(samples) and _contradicts(read))):
         return read, repaired
+    given = samples
     samples, read, dropped = _agreeing(samples, read)
     repaired = (*repaired, *dropped)
     if samples.acceleration is not None:
@@ -58,7 +60,7 @@ def motion_of(samples: Samples) -> tuple[Trajectory, tuple[str, ...]]:
         for begin, end in _rests(read)
         if np.abs(read.velocity[(read.time >= begin) & (read.time <= end)]).max() > MOVING_SPEED
     ]
-    out = _stopped(_standing(t, rests), _ends_resting(samples, read, t))
+    out = _stopped(_standing(t, rests), _ends_resting(given, read, t))
     seconds = sum(end - begin for begin, end in rests)
     if rests:
         notes = (*notes, f"{samples.where}: the arm is at rest for {seconds:.3g} s, where its readings are noise")
@@ -176,32 +178,42 @@ def _ease(curve: tuple[np.ndarray, ...], t: Trajectory, edge: int, other: int, c
         block[inside] += added * ahead**order
 
 
-def _ends_resting(samples: Samples, read: Trajectory, t: Trajectory) -> np.ndarray:
+def _ends_resting(given: Samples, read: Trajectory, t: Trajectory) -> np.ndarray:
     """Whether a recording begins and ends at rest (2,): if noisy, its velocities there are not larger than their error.
 
     Args:
-        read: the samples as a trajectory. t: the same, smoothed if its positions are noisy.
+        given: the samples, with the velocities of the file. read: they as a trajectory, without rates that contradict
+            the positions. t: the same, smoothed if its positions are noisy.
     """
-    resting = ~read.velocity[[0, -1]].any(axis=1)
-    if samples.velocity is not None and len(t.time) >= FEWEST:
-        most = SIGMAS * _difference(read.velocity, 3) / np.sqrt(20)
-        noisy = t is not read or (_difference(read.velocity, 4) > WHITE * _difference(read.velocity, 3)).any()
-        return np.asarray(resting | (noisy & (np.abs(read.velocity[[0, -1]]) <= most).all(axis=1)))
-    if t is read:
-        return np.asarray(resting)
+    resting = np.zeros(2, dtype=bool)
+    if given.velocity is not None and len(given.velocity) >= FEWEST:
+        ends, noise = np.abs(given.velocity[[0, -1]]), _difference(given.velocity, 3)
+        noisy = t is not read or (_difference(given.velocity, 4) > WHITE * noise).any()
+        resting = (ends <= SIGMAS * noisy * noise / np.sqrt(20)).all(axis=1)
+    if t is read or given.planned:
+        return np.asarray(resting | ~read.velocity[[0, -1]].any(axis=1))
     step = float(t.time[1] - t.time[0])
     slope = np.zeros((len(t.time), 1))
     slope[:2, 0] = -1 / step, 1 / step
     # the smoother is a symmetric matrix: its answer to the slope is the weight of each reading in the end's velocity
     weight = float(np.linalg.norm(smooth(slope, step, CUTOFF)))
     blurred = np.abs(t.acceleration[[0, -1]]) / (2 * np.pi * CUTOFF)  # a start from rest within its time constant
-    most = SIGMAS * weight * _difference(read.position, 3) / np.sqrt(20) + blurred
-    return np.asarray((np.abs(t.velocity[[0, -1]]) <= most).all(axis=1))
+    noise = SIGMAS * weight * _difference(read.position, 3) / np.sqrt(20) + CUTOFF * _quantum(read.position)
+    most = np.linalg.norm(noise + blurred, axis=1)
+    return np.asarray(resting | (np.linalg.norm(t.velocity[[0, -1]], axis=1) <= most))
 
 
 def _difference(q: np.ndarray, order: int) -> np.ndarray:
     """Standard deviation (n,) of differences of positions (N, n), without the influence of single large ones."""
     return np.asarray(1.48 * np.median(np.abs(np.diff(q, order, axis=0)), axis=0))
+
+
+def _quantum(q: np.ndarray) -> np.ndarray:
+    """Resolution (n,) of positions (N, n): the smallest change, if all others are multiples of it; else 0."""
+    step = np.abs(np.diff(q, axis=0))
+    least = np.min(np.where(step > RESOLUTION, step, np.inf), axis=0)
+    off = np.abs(step / least - np.round(step / least)).max(axis=0)
+    return np.where(np.isfinite(least) & (off < WHOLE), least, 0.0)
 
 
 def _smoothed(t: Trajectory, where: str) -> tuple[Trajectory, tuple[str, ...]]:

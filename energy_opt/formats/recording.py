@@ -14,7 +14,7 @@ from energy_opt.motion.path import JointPath, of_trajectory, through
 from energy_opt.motion.standing import check_moves_on
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics.bspline import DEGREE, Basis
-from energy_opt.numerics.signals import SHORTEST, smooth, standstills
+from energy_opt.numerics.signals import SHORTEST, WINDOW, smooth, standstills
 
 CUTOFF = 10.0  # [Hz] cut-off frequency for recorded positions
 # A joint is noisy if its accelerations exceed those of the smoothed positions by this factor, and if fourth differences
@@ -23,10 +23,11 @@ NOISY, WHITE = 1.1, 1.5
 COARSE, FEWEST = 0.02, 20  # [s] between samples above which, and number below which, positions are not smoothed
 FEWEST_AT_REST = 5  # least samples of a standstill: fewer say nothing about noise
 SIGMAS = 6.0  # times the noise's standard deviation: readings within belong to a standstill
-RESOLUTION = 2e-5  # [rad, m] and within this: the resolution of an 18-bit encoder
+RESOLUTION = 2.5e-5  # [rad, m] and within this: the resolution of an 18-bit encoder, 2.4e-5 rad
 DIGITS = 3, 4  # decimal places to which waypoints may be rounded
 LEAST, SLIGHT = 1e-3, 0.1  # [rad/s^2] and share of the largest joint's: smaller accelerations contradict nothing
 MOST_DIGITS = 5  # of a plan whose positions may contradict its velocities
+END_SLOPE = 3.0  # steps of an encoder within a sample by which a spline's velocity at its end may be wrong
 WHOLE = 0.01  # largest difference of a multiple from a whole number
 CLOSE = 10.0  # times their rounding: waypoints nearer to each other are not passed exactly
 NEAR = 0.75  # times their rounding: largest distance of the path from them
@@ -86,7 +87,7 @@ def path_of(samples: Samples) -> tuple[JointPath, tuple[str, ...]]:
 def _rests(t: Trajectory) -> list[tuple[float, float]]:
     """Times [s] between which the readings of a recording are those of an arm at rest, near their median there."""
     out = []
-    for first, last in standstills(t.time, t.position):
+    for first, last in standstills(t.time, t.position, SHORTEST - WINDOW):
         q = t.position[first : last + 1]
         if len(q) < FEWEST_AT_REST:
             continue
@@ -191,7 +192,9 @@ def _ends_resting(given: Samples, read: Trajectory, t: Trajectory) -> np.ndarray
         noisy = t is not read or (_difference(given.velocity, 4) > WHITE * noise).any()
         resting = (ends <= SIGMAS * noisy * noise / np.sqrt(20)).all(axis=1)
     if t is read or given.planned:
-        return np.asarray(resting | ~read.velocity[[0, -1]].any(axis=1))
+        slip = END_SLOPE * float(np.linalg.norm(_quantum(read.position))) / float(np.median(np.diff(read.time)))
+        ends = np.linalg.norm(read.velocity[[0, -1]], axis=1)
+        return np.asarray(resting | (ends == 0) | ((ends <= slip) & (given.velocity is None)))
     step = float(t.time[1] - t.time[0])
     slope = np.zeros((len(t.time), 1))
     slope[:2, 0] = -1 / step, 1 / step
@@ -211,7 +214,7 @@ def _difference(q: np.ndarray, order: int) -> np.ndarray:
 def _quantum(q: np.ndarray) -> np.ndarray:
     """Resolution (n,) of positions (N, n): the smallest change, if all others are multiples of it; else 0."""
     step = np.abs(np.diff(q, axis=0))
-    least = np.min(np.where(step > RESOLUTION, step, np.inf), axis=0)
+    least = np.min(np.where(step > 1e-9, step, np.inf), axis=0)
     off = np.abs(step / least - np.round(step / least)).max(axis=0)
     return np.where(np.isfinite(least) & (off < WHOLE), least, 0.0)
 

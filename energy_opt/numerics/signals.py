@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 STILL_SPEED = 0.01  # [rad/s] the arm is at rest if slower than this for `SHORTEST`
+WINDOW = 0.1  # [s] over which speeds are taken: a standstill appears shorter by up to half of it at each end
 SHORTEST = 0.25  # [s] a shorter halt does not separate two runs
 
 
@@ -37,20 +38,20 @@ def smooth(values: np.ndarray, step: float, cutoff: float) -> np.ndarray:
     return solveh_banded(band, values, lower=True)
 
 
-def standstills(time: np.ndarray, position: np.ndarray) -> list[tuple[int, int]]:
-    """Index ranges [first, last] in which no joint moves for at least `SHORTEST`.
+def standstills(time: np.ndarray, position: np.ndarray, shortest: float = SHORTEST) -> list[tuple[int, int]]:
+    """Index ranges [first, last] in which no joint moves for at least `shortest` seconds.
 
-    Speed is the slope over a window of about 0.1 s, so that encoder steps do not count as motion.
+    Speed is the slope over a window of about `WINDOW`, so that encoder steps do not count as motion.
 
     Args:
         time: (N,) [s]. position: (N, n) [rad, m].
     """
     step = float(np.median(np.diff(time)))
-    half = max(1, round(0.05 / step))
+    half = max(1, round(WINDOW / 2 / step))
     lo = np.clip(np.arange(len(time)) - half, 0, None)
     hi = np.clip(np.arange(len(time)) + half, None, len(time) - 1)
     speed = np.abs(position[hi] - position[lo]).max(axis=1) / (time[hi] - time[lo])
     still = np.concatenate([[False], speed < STILL_SPEED, [False]])
     edges = np.flatnonzero(np.diff(still.astype(int)))
     pairs = zip(edges[::2], edges[1::2] - 1, strict=True)
-    return [(int(a), int(b)) for a, b in pairs if time[b] - time[a] >= SHORTEST]
+    return [(int(a), int(b)) for a, b in pairs if time[b] - time[a] >= shortest]

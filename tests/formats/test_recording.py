@@ -178,3 +178,15 @@ def test_a_point_that_is_given_twice_counts_once(ur: Robot, tmp_path: Path) -> N
     np.savetxt(tmp_path / "plan.csv", rows, delimiter=",", header=header, comments="")
     for name in ("plan.json", "plan.csv"):
         assert read(tmp_path / name).time == pytest.approx([0.0, 2.0])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_encoder_steps_at_the_ends_of_a_recording_are_no_speed(seed: int) -> None:
+    """A move played on the virtual arm, with 0.3 s at rest before and after it, was infeasible as --path."""
+    time = np.arange(0, 1.8 + 1e-9, 0.008)
+    u = np.clip((time - 0.3) / 1.2, 0, 1)[:, None]
+    q = spiral(2)[0] + TURNED * np.where(u < 0.5, 2 * u**2, 1 - 2 * (1 - u) ** 2)
+    q = np.round((q + 1e-5 * np.random.default_rng(seed).normal(size=q.shape)) / 2e-5) * 2e-5
+    t, notes = motion_of(Samples("", load_robot("ur5e").joints, q, time))
+    assert np.abs(t.velocity[[0, -1]]).max() < 1e-12
+    assert any("at rest for 0.6" in note for note in notes)

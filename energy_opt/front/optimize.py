@@ -251,6 +251,8 @@ def solved(solve: Callable[[Move], Result], move: Move, asked: Move) -> tuple[Re
             raise
         said = f"the {move.duration:.4g} s of the given trajectory are too short ({error}); the duration is free"
     result = solve(asked)
+    if move.duration is not None and abs(result.duration - move.duration) <= 1e-9:  # the given trajectory itself
+        return result, asked
     return replace(result, warnings=(*result.warnings, said)), asked
 
 

@@ -1,4 +1,4 @@
-"""Motions and paths from samples, without the noise of a recording and the rounding of close waypoints."""
+"""Motions and paths from samples, without the noise of a recording."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from energy_opt.effects.parameter import MOVING_SPEED
+from energy_opt.formats.close_waypoints import past
 from energy_opt.formats.readings import as_moved
 from energy_opt.formats.waypoints import Samples
-from energy_opt.motion.path import JointPath, of_trajectory, through
+from energy_opt.motion.path import JointPath, of_trajectory
 from energy_opt.motion.standing import check_moves_on
 from energy_opt.motion.trajectory import Trajectory
-from energy_opt.numerics.bspline import DEGREE, Basis
 from energy_opt.numerics.signals import SHORTEST, WINDOW, smooth, standstills
 
 CUTOFF = 10.0  # [Hz] cut-off frequency for recorded positions
@@ -24,17 +24,12 @@ COARSE, FEWEST = 0.02, 20  # [s] between samples above which, and number below w
 FEWEST_AT_REST = 5  # least samples of a standstill: fewer say nothing about noise
 SIGMAS = 6.0  # times the noise's standard deviation: readings within belong to a standstill
 RESOLUTION = 2.5e-5  # [rad, m] and within this: the resolution of an 18-bit encoder, 2.4e-5 rad
-DIGITS = 3, 4  # decimal places to which waypoints may be rounded
 LEAST, SLIGHT = 1e-3, 0.1  # [rad/s^2] and share of the largest joint's: smaller accelerations contradict nothing
 MOST_DIGITS = 5  # of a plan whose positions may contradict its velocities
 END_SLOPE = 3.0  # steps of an encoder within a sample by which a spline's velocity at its end may be wrong
 WHOLE = 0.01  # largest difference of a multiple from a whole number
-CLOSE = 10.0  # times their rounding: waypoints nearer to each other are not passed exactly
-NEAR = 0.75  # times their rounding: largest distance of the path from them
-MOST = 200  # control points of the curve near rounded waypoints: timings have as many intervals
-PROJECTIONS = 4  # fits of the curve near rounded waypoints
 FADE = 0.1  # [s] within which a correction of a recording's rest fades into the motion
-PIECES = 4  # looks at a recording between two samples; pieces of a path for each control point near rounded waypoints
+LOOKS = 4  # at a recording between two samples
 
 
 def motion_of(samples: Samples) -> tuple[Trajectory, tuple[str, ...]]:
@@ -64,7 +59,7 @@ def motion_of(samples: Samples) -> tuple[Trajectory, tuple[str, ...]]:
     out = _stopped(_standing(t, rests), _ends_resting(given, read, t))
     seconds = sum(end - begin for begin, end in rests)
     if rests:
-        notes = (*notes, f"{samples.where}: the arm is at rest for {seconds:.3g} s, where its readings are noise")
+        notes = (*notes, f"{samples.where}: the arm is at rest for {seconds:.3g} s, whatever its readings say")
     return out, (*repaired, *notes)
 
 
@@ -136,7 +131,7 @@ def _contradicts(t: Trajectory) -> bool:
 
 def _accelerations(t: Trajectory) -> np.ndarray:
     """Accelerations at and between samples: positions that disagree with given velocities show between them."""
-    return t.sample_denser(PIECES)[2]
+    return t.sample_denser(LOOKS)[2]
 
 
 def _standing(t: Trajectory, rests: Sequence[tuple[float, float]]) -> Trajectory:
@@ -234,32 +229,3 @@ def _smoothed(t: Trajectory, where: str) -> tuple[Trajectory, tuple[str, ...]]:
         return t, ()
     note = f"{where}: noisy recording: positions are smoothed at {CUTOFF:g} Hz"
     return Trajectory(t.joints, time, q, v, a), (note,)
-
-
-def past(q: np.ndarray, where: str) -> tuple[JointPath, tuple[str, ...]]:
-    """The spline through waypoints (K, n), or one past close ones within their rounding; and notes.
-
-    Args:
-        where: they were read, for a note.
-    """
-    rounding = next((10.0**-d for d in DIGITS if np.abs(q - np.round(q, d)).max() < 1e-9), 0.0)
-    apart = np.abs(np.diff(q, axis=0)).max(axis=1, initial=0.0)
-    exact = through(q), ()
-    if len(q) < FEWEST or float(np.median(apart)) >= CLOSE * rounding:
-        return exact
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1))])
-    controls = DEGREE + 1
-    while controls < min(len(q) / 3, MOST) and length[-1] > 0:
-        basis, u = Basis(controls, packing=0.0), length / length[-1]
-        for _ in range(PROJECTIONS):
-            points = basis.fit(u, q, q[:1], q[-1:])
-            off, along = q - basis.matrix(u) @ points, basis.matrix(u, 1) @ points
-            # each waypoint to the nearest place of the curve: rounding makes the way between waypoints uneven
-            step = np.sum(off * along, axis=1) / np.maximum(np.sum(along**2, axis=1), 1e-12)
-            u[1:-1] = np.clip(u + step, 0.0, 1.0)[1:-1]
-        if np.abs(off).max() <= NEAR * rounding:
-            u = np.linspace(0.0, 1.0, PIECES * controls + 1)
-            note = f"{where}: waypoints rounded to {rounding:g} are passed within {NEAR * rounding:g} rad or m"
-            return through(basis.matrix(u) @ points), (note,)
-        controls = int(1.3 * controls) + 1
-    return exact

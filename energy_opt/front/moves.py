@@ -41,7 +41,8 @@ def path_from(given: Any, robot: Robot, prefix: str = "", say: Say = lambda _: N
     Raises:
         BadInput: of another number of joints, or not finite.
     """
-    from energy_opt.formats.recording import past, path_of
+    from energy_opt.formats.close_waypoints import past
+    from energy_opt.formats.recording import path_of
 
     if isinstance(given, (str, PathLike)):
         from energy_opt.formats import read

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from energy_opt.formats import read
-from energy_opt.formats.recording import motion_of, past
+from energy_opt.formats.close_waypoints import past
+from energy_opt.formats.recording import motion_of
 from energy_opt.formats.waypoints import Samples
 from energy_opt.front.moves import path_from
 from energy_opt.motion.path import through

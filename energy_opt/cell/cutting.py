@@ -8,7 +8,7 @@ may lie in the solid, away from its surface.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -35,9 +35,35 @@ def cut(triangles: np.ndarray, volume_of: Volume) -> list[np.ndarray]:
     for one, other in combinations(range(3), 2):
         slabs = [_joined(_slabs(slab, other, places[other]), volume_of) for slab in _slabs(triangles, one, places[one])]
         parts = _joined([part for slab in slabs for part in slab], volume_of)
-        found.append((sum(map(volume_of, parts)), parts))
-    total, best = min(found, key=lambda each: each[0])
-    return best if total < WORTH * volume_of(_corners(triangles)) else []
+        total = sum(map(volume_of, parts))
+        if total < WORTH * volume_of(_corners(triangles)) and _covered(
+            triangles, parts, {one: places[one], other: places[other]}
+        ):
+            found.append((total, parts))
+    return min(found, key=lambda each: each[0])[1] if found else []
+
+
+def _covered(triangles: np.ndarray, parts: list[np.ndarray], places: Mapping[int, Sequence[float]]) -> bool:
+    """Does each triangle in the plane of a cut (`places` by axis) lie in the hull of one part?
+
+    Such a triangle belongs to no slab. As a face of the solid it bounds a part; as a sheet it may be left out.
+    """
+    from scipy.spatial import ConvexHull, QhullError
+
+    flat = np.zeros(len(triangles), dtype=bool)
+    for axis, at in places.items():
+        for place in at:
+            flat |= (np.abs(triangles[..., axis] - place) < ON).all(axis=1)
+    if not flat.any():
+        return True
+    corners, inside = triangles[flat], np.zeros(int(flat.sum()), dtype=bool)
+    for part in parts:
+        try:
+            planes = ConvexHull(part).equations
+        except QhullError:
+            return False
+        inside |= (corners @ planes[:, :3].T + planes[:, 3] <= ON).all(axis=(1, 2))
+    return bool(inside.all())
 
 
 def _places(triangles: np.ndarray, axis: int) -> list[float]:

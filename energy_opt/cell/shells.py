@@ -1,7 +1,7 @@
 """Surfaces with a large opening, such as a bin whose walls have no thickness: nothing is within them.
 
-A surface counts as open only if every edge belongs to one or two triangles and the edges of one triangle form a few
-closed loops, one of which spans a large opening. So a solid whose surface has cracks, as many CAD programs export it,
+A surface counts as open only if every edge belongs to one or two triangles, the edges of one triangle form a few closed
+loops, one of which spans a large opening, and no part of the surface is closed. So a solid whose surface has cracks, as many CAD programs export it,
 still counts as a solid.
 """
 
@@ -27,8 +27,12 @@ def is_open(triangles: np.ndarray) -> bool:
     rim = edges[counts == 1]
     if not len(rim) or counts.max() > 2 or (np.bincount(rim.ravel(), minlength=len(points)) > 2).any():
         return False
-    graph = coo_matrix((np.ones(len(rim)), rim.T), shape=(len(points), len(points)))
-    _, loop = connected_components(graph, directed=False)
+    part, loop = (
+        connected_components(coo_matrix((np.ones(len(e)), e.T), shape=(len(points),) * 2), directed=False)[1]
+        for e in (edges, rim)
+    )
+    if not np.isin(part, part[rim]).all():  # a closed part is a solid
+        return False
     loop = loop[rim[:, 0]]
     loops = [rim[loop == k] for k in np.unique(loop)]
     widest = max(_area(points[edges] - points[edges].mean(axis=(0, 1))) for edges in loops)

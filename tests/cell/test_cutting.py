@@ -88,6 +88,20 @@ def test_a_convex_body_and_a_flat_one_are_not_cut() -> None:
     assert cut(np.asarray(sheet.triangles), volume) == []
 
 
+@pytest.mark.parametrize("sides", [1, 2])
+def test_a_sheet_in_the_plane_of_a_cut_is_not_left_out(sides: int) -> None:
+    """A bin with a divider that has no thickness: a cut in its plane left it to neither side."""
+    sheet = trimesh.Trimesh(
+        [[0, -0.19, 0.01], [0, 0.19, 0.01], [0, 0.19, 0.24], [0, -0.19, 0.24]],
+        [[0, 1, 2], [0, 2, 3], [2, 1, 0], [3, 2, 0]][: 2 * sides], process=False,
+    )  # fmt: skip
+    whole = trimesh.util.concatenate([tray(), sheet])
+    solid = mesh(np.asarray(whole.vertices), np.asarray(whole.faces))
+    hulls = [ConvexHull(piece.points).equations for piece in solid.pieces]
+    for point in ([0, 0, 0.12], [0, 0.1, 0.2], [0, -0.15, 0.23]):
+        assert any((h[:, :3] @ point + h[:, 3] <= 1e-5).all() for h in hulls), point
+
+
 def test_a_move_into_a_bin_is_as_cheap_as_into_one_of_five_boxes(tmp_path: Path) -> None:
     """Its hull fills it, so no plane kept the hand and the bin apart: the answer was the straight line's timing."""
     body = tray()

@@ -52,6 +52,11 @@ def test_only_a_large_opening_counts(triangles: np.ndarray, expected: bool) -> N
     assert is_open(triangles[:, ::-1]) is expected
 
 
+def test_a_closed_part_beside_an_open_one_stays_a_solid() -> None:
+    assert not is_open(np.concatenate([box(split=1), 0.1 * box() + [0.0, 0.0, 0.05]]))
+    assert is_open(np.concatenate([box(split=1), box(split=1) + [1.0, 0.0, 0.0]]))
+
+
 def in_scene(triangles: np.ndarray, folder: Path, z: float = 0.0) -> Cell:
     body = trimesh.Trimesh(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
     body.apply_translation((0, 0, z))

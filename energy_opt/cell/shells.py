@@ -1,8 +1,8 @@
 """Surfaces with a large opening, such as a bin whose walls have no thickness: nothing is within them.
 
 A surface counts as open only if every edge belongs to one or two triangles, the edges of one triangle form a few closed
-loops, one of which spans a large opening, and no part of the surface is closed. So a solid whose surface has cracks, as many CAD programs export it,
-still counts as a solid.
+loops, one of which spans a large opening, and no part of the surface is closed. So a solid whose surface has cracks, as
+many CAD programs export it, still counts as a solid.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ may lie in the solid, away from its surface.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -19,24 +19,23 @@ LARGE = 0.03  # least area of flat faces in the plane of a cut, as a share of th
 FLAT = 0.95  # cosine between a face's normal and an axis from which it lies across the axis
 JOINED, WORTH = 1.02, 0.9  # volume of a hull over those of its parts to be joined; of all parts over the whole hull's
 ON = 1e-7  # [m] what is nearer to a plane lies in it; far below the accuracy of distances
-Volume = Callable[[np.ndarray], float]
 
 
-def cut(triangles: np.ndarray, volume_of: Volume) -> list[np.ndarray]:
+def cut(triangles: np.ndarray) -> list[np.ndarray]:
     """Vertices (M, 3) of parts whose hulls cover the solid; empty if cutting leaves hardly less than its hull.
 
     Args:
-        triangles: (T, 3, 3) of the solid's surface. volume_of: of the convex hull of points (M, 3); 0 if they are flat.
+        triangles: (T, 3, 3) of the solid's surface.
     """
     found: list[tuple[float, list[np.ndarray]]] = []
     places = [_places(triangles, axis) for axis in range(3)]
     if not any(places):
         return []
     for one, other in combinations(range(3), 2):
-        slabs = [_joined(_slabs(slab, other, places[other]), volume_of) for slab in _slabs(triangles, one, places[one])]
-        parts = _joined([part for slab in slabs for part in slab], volume_of)
-        total = sum(map(volume_of, parts))
-        if total < WORTH * volume_of(_corners(triangles)) and _covered(
+        slabs = [_joined(_slabs(slab, other, places[other])) for slab in _slabs(triangles, one, places[one])]
+        parts = _joined([part for slab in slabs for part in slab])
+        total = sum(map(_volume, parts))
+        if total < WORTH * _volume(_corners(triangles)) and _covered(
             triangles, parts, {one: places[one], other: places[other]}
         ):
             found.append((total, parts))
@@ -89,16 +88,26 @@ def _slabs(triangles: np.ndarray, axis: int, places: Iterable[float]) -> list[np
     return [slab for slab in (*out, triangles) if len(slab)]
 
 
-def _joined(parts: list[np.ndarray], volume_of: Volume) -> list[np.ndarray]:
+def _joined(parts: list[np.ndarray]) -> list[np.ndarray]:
     """Parts as corners (M, 3), those that follow each other joined where their hull is hardly larger than theirs."""
     out: list[np.ndarray] = []
     for part in map(_corners, parts):
         both = np.vstack([out[-1], part]) if out else part
-        if out and volume_of(both) <= JOINED * (volume_of(out[-1]) + volume_of(part)):
+        if out and _volume(both) <= JOINED * (_volume(out[-1]) + _volume(part)):
             out[-1] = both
         else:
             out.append(part)
     return out
+
+
+def _volume(points: np.ndarray) -> float:
+    """Volume [m^3] of the convex hull of points (M, 3); 0 if they are flat."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        return float(ConvexHull(points).volume)
+    except QhullError:
+        return 0.0
 
 
 def _corners(triangles: np.ndarray) -> np.ndarray:

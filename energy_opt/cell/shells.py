@@ -11,6 +11,7 @@ import numpy as np
 
 MOST_LOOPS = 4  # of edges that belong to one triangle
 OPENING = 0.05  # least area of the opening, as a share of the surface
+THICKNESS = 1e-5  # [m] added to both sides of a flat face, so that it has a hull
 MOST_FACES = 24  # flat faces that become pieces of their own
 
 
@@ -44,8 +45,8 @@ def _area(legs: np.ndarray) -> float:
     return float(np.linalg.norm(np.cross(legs[:, 0], legs[:, 1]), axis=1).sum() / 2)
 
 
-def flat_faces(triangles: np.ndarray, thickness: float) -> list[np.ndarray]:
-    """Corners (M, 3) of the flat faces of a surface, `thickness` [m] added on both sides; empty if there are many.
+def flat_faces(triangles: np.ndarray) -> list[np.ndarray]:
+    """Corners (M, 3) of the flat faces of a surface, thickened on both sides; empty if there are many.
 
     Args:
         triangles: (T, 3, 3).
@@ -61,4 +62,4 @@ def flat_faces(triangles: np.ndarray, thickness: float) -> list[np.ndarray]:
     if which.max() >= MOST_FACES:
         return []
     faces = [(triangles[which == k].reshape(-1, 3), normal[which == k][0]) for k in range(which.max() + 1)]
-    return [np.vstack([face + thickness * n, face - thickness * n]) for face, n in faces]
+    return [np.vstack([face + THICKNESS * n, face - THICKNESS * n]) for face, n in faces]

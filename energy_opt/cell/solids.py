@@ -28,6 +28,7 @@ SAME_VOLUME = 1.001  # a mesh is convex if its hull has at most this multiple of
 FAT = 1.1  # volume of a hull over that of its mesh from which cutting pays
 SLABS = 6  # pieces that such a part is cut into, along its longest side
 ROUND = 12  # corners of the polygons that replace circles if vertices are needed
+THIN = 1e-6  # share of their largest extent below which points are flat
 SHEET = 1e-6  # [m] a mesh without volume is thickened by this much for its hull
 SIGNS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])  # corners of a cube
 LARGE = 10.0  # [m] half the edge of the box that replaces a half-space if a bounded body is needed
@@ -182,12 +183,12 @@ def _of_mesh(model: Any, scene: bool = False) -> Solid:
     small = scene and model.num_tris <= MOST_TRIANGLES
     triangles = whole.surface[0][whole.surface[1]] if small else np.zeros((0, 3, 3))
     if small and is_open(triangles):
-        return replace(whole, pieces=_hulls(flat_faces(triangles, SHEET)) or (hull,), shell=True)
+        return replace(whole, pieces=_hulls(flat_faces(triangles)) or (hull,), shell=True)
     if ratio <= SAME_VOLUME:
         return Solid(hull, (hull,), None, corners)
     if ratio < FAT:
         return whole
-    pieces = _hulls(cut(triangles, _volume)) if small else ()
+    pieces = _hulls(cut(triangles)) if small else ()
     return replace(whole, pieces=pieces or _slabs(*whole.surface) or (hull,))
 
 
@@ -195,12 +196,6 @@ def _hulls(parts: Sequence[np.ndarray]) -> tuple[Piece, ...]:
     """The convex hulls of sets of points (M, 3); empty if one is flat."""
     pieces = [_hull(part) for part in parts]
     return tuple(piece for piece in pieces if piece is not None) if None not in pieces else ()
-
-
-def _volume(points: np.ndarray) -> float:
-    """Volume [m^3] of the convex hull of points (M, 3); 0 if they are flat."""
-    piece = _hull(points)
-    return 0.0 if piece is None else float(piece.geometry.computeVolume())
 
 
 def _slabs(vertices: np.ndarray, triangles: np.ndarray) -> tuple[Piece, ...]:
@@ -233,7 +228,12 @@ def _slabs(vertices: np.ndarray, triangles: np.ndarray) -> tuple[Piece, ...]:
 
 
 def _hull(points: np.ndarray) -> Piece | None:
-    """The convex hull of points; None if they are flat."""
+    """The convex hull of points (N, 3); None if they are flat, of which coal may crash."""
+    if len(points) < 4:
+        return None
+    extents = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    if extents[-1] <= THIN * extents[0]:
+        return None
     cloud = coal.StdVec_Vec3s()
     for point in points:
         cloud.append(point)

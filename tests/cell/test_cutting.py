@@ -69,7 +69,7 @@ def winding(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("turn", [0.0, 1e-9])
 def test_parts_cover_the_solid_and_little_else(body: trimesh.Trimesh, most: float, turn: float) -> None:
     triangles = np.asarray(body.triangles) @ trimesh.transformations.rotation_matrix(turn, [1, 2, 3])[:3, :3].T
-    parts = cut(triangles, volume)
+    parts = cut(triangles)
     assert 2 <= len(parts) <= 8
     assert sum(map(volume, parts)) < most * body.volume
     low, high = body.bounds
@@ -82,10 +82,10 @@ def test_parts_cover_the_solid_and_little_else(body: trimesh.Trimesh, most: floa
 
 
 def test_a_convex_body_and_a_flat_one_are_not_cut() -> None:
-    assert cut(np.asarray(trimesh.creation.icosphere().triangles), volume) == []
-    assert cut(np.asarray(board((0.3, 0.2, 0.1), (0, 0, 0)).triangles), volume) == []
+    assert cut(np.asarray(trimesh.creation.icosphere().triangles)) == []
+    assert cut(np.asarray(board((0.3, 0.2, 0.1), (0, 0, 0)).triangles)) == []
     sheet = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
-    assert cut(np.asarray(sheet.triangles), volume) == []
+    assert cut(np.asarray(sheet.triangles)) == []
 
 
 @pytest.mark.parametrize("sides", [1, 2])
@@ -100,6 +100,29 @@ def test_a_sheet_in_the_plane_of_a_cut_is_not_left_out(sides: int) -> None:
     hulls = [ConvexHull(piece.points).equations for piece in solid.pieces]
     for point in ([0, 0, 0.12], [0, 0.1, 0.2], [0, -0.15, 0.23]):
         assert any((h[:, :3] @ point + h[:, 3] <= 1e-5).all() for h in hulls), point
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_pieces_cover_every_surface(seed: int) -> None:
+    """Boxes at random, some without a lid, and sheets. Flat parts of some of them crashed coal's hull."""
+    rng = np.random.default_rng(seed)
+    for _ in range(20):
+        bodies = []
+        for _ in range(rng.integers(1, 6)):
+            size = rng.choice([0.01, 0.05, 0.1, 0.2, 0.4], 3)
+            bodies.append(board(tuple(size.tolist()), tuple(np.round(rng.uniform(-0.2, 0.2, 3), 2).tolist())))
+            if rng.random() < 0.2:
+                top = bodies[-1].bounds[1, 2] - 1e-9
+                bodies[-1].update_faces(~(bodies[-1].triangles[:, :, 2] > top).all(axis=1))
+        whole = trimesh.util.concatenate(bodies)
+        if rng.random() < 0.3:
+            whole.apply_transform(trimesh.transformations.rotation_matrix(rng.uniform(0, 3), rng.normal(size=3)))
+        points, _ = trimesh.sample.sample_surface(whole, 300, seed=1)
+        outside = np.full(len(points), np.inf)
+        for piece in mesh(np.asarray(whole.vertices), np.asarray(whole.faces)).pieces:
+            planes = ConvexHull(piece.points, qhull_options="QJ").equations
+            outside = np.minimum(outside, (points @ planes[:, :3].T + planes[:, 3]).max(axis=1))
+        assert outside.max() < 2e-6
 
 
 def test_a_move_into_a_bin_is_as_cheap_as_into_one_of_five_boxes(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ may lie in the solid, away from its surface.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import combinations
+from itertools import combinations, permutations
 
 import numpy as np
 
@@ -43,19 +43,21 @@ def cut(triangles: np.ndarray) -> list[np.ndarray]:
 
 
 def _covered(triangles: np.ndarray, parts: list[np.ndarray], places: Mapping[int, Sequence[float]]) -> bool:
-    """Does each triangle in the plane of a cut (`places` by axis) lie in the hull of one part?
+    """Does each triangle in the plane of a cut lie in the hulls of parts? `places`: of the cuts, by axis, of two axes.
 
     Such a triangle belongs to no slab. As a face of the solid it bounds a part; as a sheet it may be left out.
     """
     from scipy.spatial import ConvexHull, QhullError
 
-    flat = np.zeros(len(triangles), dtype=bool)
-    for axis, at in places.items():
+    flat: list[np.ndarray] = []
+    for (axis, at), (other, across) in permutations(places.items()):
         for place in at:
-            flat |= (np.abs(triangles[..., axis] - place) < ON).all(axis=1)
-    if not flat.any():
+            within = triangles[(np.abs(triangles[..., axis] - place) < ON).all(axis=1)]
+            flat += _slabs(within, other, across) if len(within) else []
+    if not flat:
         return True
-    corners, inside = triangles[flat], np.zeros(int(flat.sum()), dtype=bool)
+    corners = np.concatenate(flat)
+    inside = np.zeros(len(corners), dtype=bool)
     for part in parts:
         try:
             planes = ConvexHull(part).equations

@@ -81,6 +81,15 @@ def test_parts_cover_the_solid_and_little_else(body: trimesh.Trimesh, most: floa
     assert np.any(covered, axis=0).all()
 
 
+def test_boards_that_overlap_are_pieces_as_well() -> None:
+    """A face of one board lies in the plane of a cut, partly in another board's piece."""
+    boards = [((0.4, 0.4, 0.01), (0, 0, 0.005)), ((0.01, 0.4, 0.25), (0.195, 0, 0.125))]
+    boards += [((0.01, 0.4, 0.25), (-0.195, 0, 0.125)), ((0.4, 0.01, 0.25), (0, 0.195, 0.125))]
+    whole = trimesh.util.concatenate([board(*each) for each in [*boards, ((0.4, 0.01, 0.25), (0, -0.195, 0.125))]])
+    parts = cut(np.asarray(whole.triangles))
+    assert len(parts) == 5 and sum(map(volume, parts)) < 1.05 * tray().volume
+
+
 def test_a_convex_body_and_a_flat_one_are_not_cut() -> None:
     assert cut(np.asarray(trimesh.creation.icosphere().triangles)) == []
     assert cut(np.asarray(board((0.3, 0.2, 0.1), (0, 0, 0)).triangles)) == []

@@ -69,7 +69,7 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--moves", type=int, help="the first N moves of each suite only")
     parser.add_argument("--repeats", type=int, default=3, help="runs of each, of which the best counts (3)")
     parser.add_argument(
-        "--kinks", action="store_true", help="of braking power 30 % comes back, and the supply loses power"
+        "--kinks", action="store_true", help="of braking power 30 %% comes back, and the supply loses power"
     )
     parser.add_argument("--out", type=Path, metavar="FILE", help="also write the numbers")
     args = parser.parse_args(words)

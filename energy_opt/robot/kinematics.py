@@ -114,15 +114,34 @@ def pseudo_inertia(mass: float, lever: np.ndarray, inertia: np.ndarray) -> np.nd
     return out
 
 
+BRANCH = 3  # independent joints from which a branch is named, not taken for a finger or the rod of a linkage
+
+
 def outermost(links: Sequence[Link]) -> int:
     """Index of the link with most joints between it and the base, the last of several: this is "the last joint".
 
     On a chain it is the last one; rods of a linkage besides the chain are not chosen.
     """
-    depth: list[int] = []
-    for link in links:
-        depth.append(1 + (depth[link.parent] if link.parent >= 0 else 0))
-    return max(range(len(links)), key=lambda k: (depth[k], k))
+    return max(range(len(links)), key=lambda k: (len(_behind(links, k)), k))
+
+
+def other_ends(links: Sequence[Link]) -> list[str]:
+    """The last joint of each branch that leaves the chain of "the last joint"."""
+    chosen, ends = set(_behind(links, outermost(links))), dict[int, list[int]]()
+    for k in range(len(links)):
+        own = [i for i in _behind(links, k) if i not in chosen]
+        if sum(links[i].follows is None for i in own) >= BRANCH:
+            ends[own[-1]] = max(ends.get(own[-1], []), own, key=len)
+    return [links[own[0]].name for own in ends.values()]
+
+
+def _behind(links: Sequence[Link], k: int) -> list[int]:
+    """Indices of the links between the base and link `k`, which is the first of them."""
+    out = []
+    while k >= 0:
+        out.append(k)
+        k = links[k].parent
+    return out
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ from energy_opt.files import write_text
 from energy_opt.robot.catalog import CATALOG, DATA, urdf_of
 from energy_opt.robot.checks import believed_efforts, check_masses, doubtful_masses, unused_values
 from energy_opt.robot.description import BOUNDS, RATES, Description, read_description, urdf_text
-from energy_opt.robot.kinematics import Link
+from energy_opt.robot.kinematics import Link, other_ends
 from energy_opt.robot.limits import (
     ASSUMED_VELOCITY,
     DOUBTFUL_VELOCITY,
@@ -228,6 +228,12 @@ def load_robot(
     links = body.tree()
     merged = _stated(description, links)
     doubtful = check_masses(description, locked, links)
+    if ends := other_ends(links):
+        end = links[body.last].name
+        doubtful.append(
+            f"branches end at {', '.join((end, *ends))}: payload and default --tool are at {end}; "
+            "--lock the joints of this branch to use another"
+        )
     steps, factors, scaled = [merged], UNSCALED, []
     for file, before in ((published, ""), (limits, prefix)):
         said: list[str] = []

@@ -151,3 +151,35 @@ def test_an_absurd_limit_is_named_in_a_short_line(tmp_path: Path) -> None:
     robot = load_robot(two_joints(tmp_path, effort="1e300"))
     assert any("effort limit 1e+300 N m" in line for line in robot.warnings)
     assert all(len(line) < 200 for line in robot.warnings)
+
+
+def test_the_end_that_counts_is_named_where_an_arm_branches(tmp_path: Path) -> None:
+    """Two arms on one column: a payload is at one of them only, so the description says which."""
+
+    def described(arms: dict[str, int]) -> Path:
+        parts = ['<robot name="branched"><link name="base"/>']
+        for side, joints in arms.items():
+            for k in range(joints):
+                parent = "base" if k == 0 else f"{side}_link{k - 1}"
+                parts.append(
+                    f"""<link name="{side}_link{k}"><inertial><mass value="2"/><origin xyz="0.1 0 0"/>
+                    <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+                    <joint name="{side}{k}" type="revolute"><parent link="{parent}"/><child link="{side}_link{k}"/>
+                    <origin xyz="0.3 0 0"/><axis xyz="0 1 0"/>
+                    <limit lower="-2" upper="2" velocity="2" effort="80"/></joint>"""
+                )
+        path = tmp_path / "branched.urdf"
+        path.write_text("".join(parts) + "</robot>")
+        return path
+
+    def said(path: Path, lock: dict[str, float] | None = None) -> list[str]:
+        return [w for w in load_robot(path, lock=lock).warnings if "branches end" in w]
+
+    both = described({"left": 4, "right": 4})
+    line = "branches end at {}, {}: payload and default --tool are at {}; --lock the joints of this branch"
+    (found,) = said(both)
+    used, other = ("left", "right") if "are at left3" in found else ("right", "left")
+    assert found.startswith(line.format(f"{used}3", f"{other}3", f"{used}3"))
+    assert said(both, {f"{used}{k}": 0.0 for k in range(4)}) == []
+    assert said(described({"arm": 6, "finger": 1})) == []
+    assert said(described({"arm": 6})) == []

@@ -131,9 +131,11 @@ class Cell:
             adjacent = neighbours(robot.description, robot.locked)
             self.own = own_pairs(links, kinematics, adjacent, robot.limits, semantics(robot, request.srdf))
         things = [Kept(body, True) for body in links]
-        whole = scene or Scene()
+        whole = scene or Scene(source="--floor")
         if request.floor is not None:
             whole = replace(whole, floor=request.floor)
+        reach = max(0.1, sum(float(np.linalg.norm(link.placement[:3, 3])) for link in robot.body.tree()))
+        self._of_scene = [*whole.warnings, *out_of_scale(whole, request.base_pose, reach)]
         tool = tool_of(robot.body, request.tool)
         frames = {**robot.body.link_frames(), TOOL: (tool.joint, np.array(tool.pose))}
         known: dict[int, Solid] = {}
@@ -161,10 +163,7 @@ class Cell:
     @property
     def warnings(self) -> list[str]:
         """Warnings about the checks."""
-        out = []
-        if self.scene is not None:
-            reach = sum(float(np.linalg.norm(link.placement[:3, 3])) for link in self.robot.body.tree())
-            out += [*self.scene.warnings, *out_of_scale(self.scene, self.request.base_pose, max(reach, 0.1))]
+        out = list(self._of_scene)
         if not self.has_body:
             out.append(f"{self.robot.name}: its URDF has no collision geometry; its body is not checked")
         elif self.own is not None and not self.own_checks:

@@ -209,10 +209,14 @@ def out_of_scale(scene: Scene, base: np.ndarray | None, reach: float) -> list[st
     """
     found: dict[str, str] = {}
     for placed in scene.placed(base):
-        if placed.shape.kind == "plane" or placed.frame is not None:
+        if placed.frame is not None:
             continue
-        corners = placed.shape.vertices if placed.shape.kind == "mesh" else np.array(placed.shape.size)
-        extent, far = float(np.abs(corners).max()), float(np.linalg.norm(placed.pose[:3, 3]))
+        place = placed.pose[:3, 3]
+        if placed.shape.kind == "plane":
+            extent, far = 0.0, abs(float(placed.pose[:3, 2] @ place))
+        else:
+            corners = placed.shape.vertices if placed.shape.kind == "mesh" else np.array(placed.shape.size)
+            extent, far = float(np.abs(corners).max()), float(np.linalg.norm(place))
         for what, length in ((f"is {far:g} m from the base", far), (f"measures {extent:g} m", extent)):
             if length > BEYOND * reach:
                 found.setdefault(placed.object, f"object {placed.object} {what}; {length / 1000:g} m if in millimetres")

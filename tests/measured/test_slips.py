@@ -38,6 +38,12 @@ def test_a_scene_in_millimetres_causes_a_warning(panda: Robot, tmp_path: Path, t
     assert bool(words) == (said is not None) and all(str(said) in line for line in words)
 
 
+@pytest.mark.parametrize(("floor", "said"), [(-50.0, True), (-0.05, False), (-3.0, False)])
+def test_a_floor_in_millimetres_causes_a_warning(panda: Robot, floor: float, said: bool) -> None:
+    cell = Cell(panda, CellRequest(self_collision=False, floor=floor))
+    assert any("floor is 50 m from the base; 0.05 m if in millimetres" in line for line in cell.warnings) == said
+
+
 @pytest.mark.parametrize(("setting", "value"), [("tool_speed", 250.0), ("tool_acceleration", 2500.0)])
 def test_bounds_of_the_tool_in_millimetres_are_refused(panda: Robot, setting: str, value: float) -> None:
     with pytest.raises(BadInput, match=f"millimetres\\? {value / 1000:g} m/s"):

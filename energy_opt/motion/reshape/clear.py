@@ -49,7 +49,7 @@ RESOLVED, EXACT = 15, 1e-6  # iterations after limits changed slightly, and the 
 
 @dataclass
 class Places:
-    """The places u of the constraints, and the extra distance [m] of each pair."""
+    """The places u (K,) of the constraints, and the extra distance `more` (P,) [m] of each pair of bodies."""
 
     u: np.ndarray
     more: np.ndarray
@@ -101,7 +101,10 @@ class ClearSearch:
     """Searches of one task in a cell.
 
     Args:
+        cell: the bodies. joints: names of the arm's joints.
+        level, task: the problem, of the answer's shape.
         scale: factor of costs that brings them to order one.
+        stopped: True ends a search with what it has.
     """
 
     def __init__(
@@ -130,7 +133,11 @@ class ClearSearch:
         return float((distance - self.margins.at(places)[k, self.near.pair[number]]).min())
 
     def trial(self, curve: Curve, trust: float) -> Descent:
-        """A few iterations from a curve, at the usual places; fewer if bodies do not come apart in the first ones."""
+        """A few iterations from a curve, at the usual places; fewer if bodies do not come apart in the first ones.
+
+        Args:
+            trust: [rad, m] largest move of control points in the first step.
+        """
         model, now = self._started(curve, trust)
 
         def ended() -> bool:
@@ -141,7 +148,11 @@ class ClearSearch:
         return now
 
     def descent(self, curve: Curve, iterations: int, trust: float, tolerance: float) -> Descent:
-        """Some iterations from a curve, at the usual places, with hardly any excess over limits."""
+        """Some iterations from a curve, at the usual places, with hardly any excess over limits; nothing is proven.
+
+        Args:
+            iterations: most. trust: [rad, m] largest move in the first step. tolerance: relative; see `sqp.descend`.
+        """
         model, now = self._started(curve, trust)
         descend(model, now, iterations, trust, tolerance=tolerance, give=EXACT, stopped=self.stopped)
         self.iterations += now.iterations
@@ -169,6 +180,7 @@ class ClearSearch:
         what is too near.
 
         Args:
+            iterations, trust, tolerance: of the first descent, see `sqp.descend`.
             known: scaled cost of a proven curve: a search that finds no less is given up.
             give: share of a bound by which limits may be exceeded during the first descent.
         """
@@ -188,9 +200,11 @@ class ClearSearch:
             else:
                 nearby = float(np.clip(4 * now.trust, NEARBY / 16, NEARBY))
                 descend(model, now, AGAIN, nearby, tolerance=again, slack=SLACK, stopped=self.stopped)
+            # give up if it costs more than what is known, or is caught between bodies
             before, broken = broken, model.broken(now.point, GIVE, SLACK)
             if now.point.cost + 10 * broken > known or (turn > 1 and broken > max(SLACK, CAUGHT * before)):
                 break
+            # look densely before the proof, which takes longer: places where bodies are too near join the constraints
             curve = self.curve_of(now)
             k, number, distance, _, _ = self._many.measured(dense, curve.position(dense), self.cell.asked + HAIR)
             bad = distance < self.wanted[self.near.pair[number]] + HAIR

@@ -1,4 +1,4 @@
-"""Curves of a shape, and the outcome of a search."""
+"""Curves of a shape, q(t) = sum of control points times quintic B-splines of u = t / T, and the outcome of a search."""
 
 from __future__ import annotations
 
@@ -11,7 +11,13 @@ from energy_opt.motion.reshape.layout import Ends, Shape
 
 @dataclass(frozen=True)
 class Curve:
-    """A move as control points (controls, n) over u in [0, 1], its duration [s] and the via points' times u."""
+    """A move over u = t / T in [0, 1].
+
+    Attributes:
+        points: (controls, n) [rad, m] its control points.
+        duration: T [s].
+        via_u: (vias,) the times u at which it passes the via points.
+    """
 
     shape: Shape
     points: np.ndarray
@@ -38,7 +44,14 @@ STOPPED = {
 
 @dataclass(frozen=True)
 class Outcome:
-    """The result of a solve; `cost` is the objective's (J for energy), `broken` the worst excess at a node."""
+    """The result of a solve.
+
+    Attributes:
+        cost: of the objective (J for energy), standby included.
+        broken: worst excess at nodes and control points as a share of a bound, or largest error [rad, m] at a via
+            point; clearance from bodies does not count.
+        status: "sqp", `SPENT`, or that of IPOPT.
+    """
 
     curve: Curve
     cost: float
@@ -56,7 +69,13 @@ class Outcome:
 def fitted(
     shape: Shape, u: np.ndarray, q: np.ndarray, ends: Ends, duration: float, via_u: np.ndarray | None = None
 ) -> Curve:
-    """The curve of `shape` closest to positions q (M, n) at u (M,), with exact end conditions."""
+    """The curve of `shape` closest to positions, by least squares, with exact end conditions.
+
+    Args:
+        u, q: (M,) in [0, 1], and the positions (M, n) [rad, m] there.
+        ends: positions and velocities at both ends; accelerations are zero there if the shape does not free them.
+        duration: T [s]. via_u: (vias,) times of the via points, which the fit does not hold; None for none.
+    """
     zero = None if shape.free_acceleration else np.zeros(shape.joints)
     head = shape.basis.ends(ends.start, ends.v_start * duration, zero, False)
     tail = shape.basis.ends(ends.goal, ends.v_goal * duration, zero, True)
@@ -65,7 +84,7 @@ def fitted(
 
 
 def between(a: Curve, b: Curve, share: float) -> Curve:
-    """The mixture (1 - share) a + share b of two curves of one shape."""
+    """The mixture (1 - share) a + share b of two curves of one shape: of control points, T and via times."""
     mixed = [(1 - share) * x + share * y for x, y in ((a.points, b.points), (a.via_u, b.via_u))]
     return Curve(a.shape, mixed[0], (1 - share) * a.duration + share * b.duration, mixed[1])
 

@@ -27,30 +27,46 @@ DIFFERENCE = 1e-5  # [rad, m] step of the difference quotient of an end's work
 
 @dataclass
 class Point:
-    """A curve and its evaluation; `placed`: limits, their numeric constraints, positions and values."""
+    """A curve and its evaluation at all K nodes, of which Q have a quadrature weight.
+
+    Attributes:
+        points, duration, via_u: the curve, see `Curve`.
+        z: (K, 3 n + 1) variables of the nodes: q, q', q'', T.
+        cost: scaled, and without `offset` times T if T is given.
+        slope: (Q, 3 n + 1) derivatives of the cost with respect to z.
+        linear: (L,) control points of derivatives as signed shares of their bounds.
+        hot: (K, m) limited quantities at nodes as signed shares of their bounds.
+        hot_slope: (K, 3 n + 1, m) their derivatives with respect to z, in their own units.
+        via: (vias, n) [rad, m] errors at via points. passed: bounds of the step there.
+        along: (directions, n) tangents of the ends that may move.
+        placed: of each limit with numeric constraints: its number, the constraints, positions (P, n) of its places, and
+            values (R,).
+    """
 
     points: np.ndarray
     duration: float
     via_u: np.ndarray
     z: np.ndarray
     cost: float
-    slope: np.ndarray  # (K, nz) of the cost's rate, weighted
-    linear: np.ndarray  # signed shares of bounds
-    hot: np.ndarray  # (nodes, columns) signed shares
-    hot_slope: np.ndarray  # (nodes, nz, columns)
-    via: np.ndarray  # (vias, n) error at via points
+    slope: np.ndarray
+    linear: np.ndarray
+    hot: np.ndarray
+    hot_slope: np.ndarray
+    via: np.ndarray
     passed: list[Passed]
-    along: np.ndarray  # (directions, n) tangents of the ends that may move
-    placed: list[tuple[int, PlaceConstraints, np.ndarray, np.ndarray]] = field(
-        default_factory=list
-    )  # limit, constraints, q, values
+    along: np.ndarray
+    placed: list[tuple[int, PlaceConstraints, np.ndarray, np.ndarray]] = field(default_factory=list)
 
 
 class Evaluation:
     """One problem of a shape: ends, limits, the model's values and the bounds of T.
 
     Args:
-        width: factor of the widths of smoothed kinks; offset: cost per second that is the same for all paths.
+        parameters: the model's values, in the order of `PowerModel.values`.
+        durations: [s] least and largest T; T is given if they are equal.
+        offset: cost per second that is the same for all paths (W for energy); it is left out of a point's cost if T is
+            given, so that relative tolerances refer to what a path can change.
+        width: factor of the widths of smoothed kinks.
         open_: ends and via points that may move on surfaces.
     """
 
@@ -59,6 +75,7 @@ class Evaluation:
         durations: tuple[float, float], offset: float = 0.0, width: float = 1.0, open_: Open = FIXED,
     ) -> None:  # fmt: skip
         s = self.shape = shape
+        # `of`: for every direction in which an end may move, which of the moving ends it belongs to
         self.open, self.moving = open_, open_.ends
         self.of = np.repeat(np.arange(len(self.moving)), [surface.count for _, surface in self.moving]).astype(int)
         directions = len(self.of)
@@ -79,10 +96,12 @@ class Evaluation:
         self._curvature = Batch(nodes.curvature, len(self._quad))
         self._nodes = nodes
         self.box = box_of(limits, s.joints)
+        # unknowns behind the band of control points: T, steps of the ends, times of via points
         self.border = (0 if self.fixed else 1) + directions + s.vias
         self.toward = slice(self.border - s.vias - directions, self.border - s.vias)  # columns of the border
         self._set_linear()
         self._set_hot()
+        # an end velocity v is v T per unit of u, so pinned control points change with T
         controls, n = s.basis.controls, s.joints
         self._pinned_slope = np.zeros((controls, n))  # d(control points)/dT
         self._pinned_slope[: s.pinned] = np.outer(s.end_slopes[0], ends.v_start)
@@ -92,9 +111,11 @@ class Evaluation:
             [(s.stacked @ self._pinned_slope).reshape(len(u), -1), np.ones((len(u), 1))], axis=1
         )
         self._linear_slope = self._per * self._derivatives(self._pinned_slope)
+        # from derivatives at the quadrature nodes down to control points: the free ones, and all
         stacked = s.stacked.reshape(len(u), 3, -1)[self._quad].reshape(3 * len(self._quad), -1)
         self._down = stacked.T[s.pinned : controls - s.pinned].copy()
         self._down_all = stacked.T.copy()
+        # all pinned control points of an end move with it, so that those of its derivatives that are given stay
         self.share = np.zeros((len(self.moving), controls))  # share of each control point that moves with the end
         for k, (end, _) in enumerate(self.moving):
             self.share[k, : s.pinned] = 1.0 if end == 0 else 0.0
@@ -148,7 +169,12 @@ class Evaluation:
         self._limited = limited and limited.fixing(1, self._u, self._values)
 
     def at(self, points: np.ndarray, duration: float, via_u: np.ndarray, far: float = np.inf) -> Point:
-        """Evaluate a curve; control points will move by at most `far` [rad, m] next."""
+        """Evaluate a curve.
+
+        Args:
+            points, duration, via_u: the curve, see `Curve`.
+            far: [rad, m] most that control points will move next: it decides which pairs of bodies are measured.
+        """
         s, n = self.shape, self.shape.joints
         z = np.empty((len(self._u), 3 * n + 1))
         z[:, :-1] = (s.stacked @ points).reshape(len(z), -1)
@@ -205,7 +231,7 @@ class Evaluation:
         return out
 
     def outcome(self, point: Point, iterations: int, converged: bool, status: str = "sqp") -> Outcome:
-        """The outcome of a search."""
+        """The outcome of a search that ended at a point, in the objective's unit and with all of its cost."""
         curve = Curve(self.shape, point.points, point.duration, point.via_u)
         cost = point.cost / self.scale + self.offset * point.duration
         return Outcome(curve, cost, self.excess(point), converged, status, iterations)
@@ -218,7 +244,7 @@ class Evaluation:
         return self._at_places[1]
 
     def moved(self, point: Point, d: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
-        """Control points, duration and via times after a step."""
+        """Control points, duration and via times after a step d (N + k,), in the order of the module's unknowns."""
         s, n = self.shape, self.shape.joints
         points = point.points.copy()
         points[s.pinned : len(points) - s.pinned] += d[: s.size].reshape(-1, n)
@@ -233,7 +259,12 @@ class Evaluation:
         return points, duration, np.clip(point.via_u + border[len(border) - s.vias :], 0, 1)
 
     def broken(self, point: Point, give: float, slack: float) -> float:
-        """The sum of all excesses: of shares of bounds beyond `give`, of numeric constraints beyond `slack`."""
+        """The sum of all excesses, which the merit function prices.
+
+        Args:
+            give: share of a bound by which limits at nodes and control points may be exceeded free of charge.
+            slack: the same of numeric constraints, in their own unit. Errors at via points count in full.
+        """
         out = float(np.maximum(np.abs(point.linear) - 1 - give, 0).sum())
         out += float(np.maximum(np.where(self._hot_one, point.hot, np.abs(point.hot)) - 1 - give, 0).sum())
         out += float(np.abs(point.via).sum()) if point.via.size else 0.0
@@ -256,7 +287,7 @@ class Evaluation:
         return max(out)
 
     def gradient(self, point: Point) -> np.ndarray:
-        """The cost's gradient, (N + k,)."""
+        """The cost's gradient (N + k,): N coordinates of free control points, then the k unknowns behind them."""
         s, n = self.shape, self.shape.joints
         by_node = point.slope[:, :-1].reshape(-1, n)
         out = np.zeros(s.size + self.border)

@@ -124,7 +124,7 @@ class Shape:
 
     @cached_property
     def mass(self) -> np.ndarray:
-        """The band of the integral of |q|^2 over u."""
+        """The band (6 n wide, see `numerics.quadratic`) of the integral of |q|^2 over u, (size, 6 n)."""
         u, w = self.grid
         quad = np.flatnonzero(w)
         out = np.zeros((self.size, self.width))
@@ -142,7 +142,7 @@ class Shape:
 
 @dataclass(frozen=True)
 class Ends:
-    """The fixed conditions of a move: q, v (n,) at both ends and via points (vias, n)."""
+    """The fixed conditions of a move: q [rad, m] and v [rad/s, m/s] (n,) at both ends, and via points (vias, n)."""
 
     start: np.ndarray
     goal: np.ndarray

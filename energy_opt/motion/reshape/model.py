@@ -39,10 +39,16 @@ class Model(Evaluation):
         return Banded(self.shape.mass, np.zeros((self.shape.size, self.border)), corner)
 
     def hessian(self, point: Point, multipliers: dict[str, np.ndarray], convex: bool = False) -> Banded:
-        """The Hessian of the Lagrangian; `multipliers` by kind, in the order of a point's values."""
+        """The Hessian of the Lagrangian at a point.
+
+        Args:
+            multipliers: by kind, as the method `multipliers` gives them; a kind that is missing counts as zero.
+            convex: set negative eigenvalues of each node's and place's Hessian to zero.
+        """
         s, n = self.shape, self.shape.joints
         hot = multipliers.get("hot")
         lam = np.zeros(point.hot.shape) if hot is None else hot / self._hot_scale
+        # breakpoints of the spline have no weight in the cost: they count only where a limit is held
         sets = [(self._quad, self._curvature, self.scale * self._weight[:, None], self._quad_windows)]
         if hot is not None and lam[self._breaks[:-1]].any():
             none = np.zeros((len(self._breaks), 1))
@@ -55,6 +61,7 @@ class Model(Evaluation):
             if convex:
                 c = _convex(c)
             add_nodes(band, c[: len(window)], local, window, n)
+            # chain rule to the unknowns behind the band, which change z at every node
             behind = self._behind(point, which)
             if not behind.size:
                 continue
@@ -65,9 +72,10 @@ class Model(Evaluation):
                 out.border[:, column] += np.bincount(index[free], flat.reshape(len(which), -1)[free], s.size)
             out.corner[: behind.shape[2], : behind.shape[2]] += np.einsum("kzi,kzj->ij", behind, by)
         linear = multipliers.get("linear")
-        if linear is not None and not self.fixed:
+        if linear is not None and not self.fixed:  # of the bound T^k
             k = self.order
             out.corner[0, 0] -= float(np.sum(np.abs(linear) * k * (k - 1))) / point.duration**2
+        # a step of an end follows its curved surface: the surface's bend times the gradient there
         for number, (end, surface) in enumerate(self.moving):
             at_nodes = np.matmul(point.hot_slope[:, :-1], lam[:, :, None]).reshape(len(lam), 3, n)
             force = self.by_end(point, number) + np.einsum("kd,kdi->i", self.end_z[number], at_nodes)
@@ -125,7 +133,12 @@ class Model(Evaluation):
     def linear_constraints(
         self, point: Point, held: np.ndarray | None = None, side: np.ndarray | None = None
     ) -> Constraints:
-        """The `held` constraints on derivatives (L,), or all, linearised at the nearer bound, or on `side` (L,)."""
+        """Constraints on the control points of derivatives, linearised in T.
+
+        Args:
+            held: (L,) which of them; None for all.
+            side: (L,) 1 or -1, the bound at which each is linearised; None for the nearer one.
+        """
         constant = held is None and self.fixed and not self.moving
         if constant and self._constant is not None and self._constant[0] == point.duration:
             return self._constant[1].within(-1 - point.linear, 1 - point.linear)
@@ -168,6 +181,7 @@ class Model(Evaluation):
         """Constraints at nodes near their bounds, at via points, and numeric ones that steps of `far` can reach.
 
         Args:
+            far: [rad, m] most that control points will move; infinite for all numeric constraints.
             hot: (nodes, columns) the constraints at nodes; None for those near their bounds.
             equalities: include via points; False if two linearisations are held at once, which would leave no step.
         """
@@ -263,8 +277,11 @@ class Model(Evaluation):
     def relaxed(constraints: Constraints, give: float, slack: float) -> Constraints:
         """The constraints with bounds that count excesses as `broken` does.
 
-        An excess that is allowed (by `give` of limits, by `slack` at places) need not shrink, but may not grow. A
-        larger one needs to shrink only to what is allowed. If nothing is exceeded, these are the same constraints.
+        An excess that is allowed need not shrink, but may not grow. A larger one needs to shrink only to what is
+        allowed. If nothing is exceeded, these are the same constraints.
+
+        Args:
+            give: allowed excess over limits, a share of the bound; slack: over numeric constraints, in their own unit.
         """
         floor, ceiling = constraints.floor, constraints.ceiling
         if floor.max(initial=0.0) <= 0 <= ceiling.min(initial=0.0):  # nothing is exceeded
@@ -276,7 +293,15 @@ class Model(Evaluation):
         )
 
     def multipliers(self, point: Point, keys: np.ndarray, values: np.ndarray) -> dict[str, np.ndarray]:
-        """Multipliers by constraint key, in the form that `hessian` takes."""
+        """Multipliers in the form that `hessian` takes.
+
+        Args:
+            keys, values: (R,) keys of constraints, perhaps of another curve, and the multipliers found for them.
+
+        Returns:
+            "linear" (L,), "hot" (K, m), "via" (vias (n + AXES),) and "place k" (R,) for the limit number k; zero for
+            constraints that are not among the keys.
+        """
         name, kind = keys >> 2, keys & 3
         out: dict[str, np.ndarray] = {}
         if not self.fixed or self.moving:

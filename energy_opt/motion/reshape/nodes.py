@@ -82,7 +82,14 @@ class NodeSymbols:
 
 
 def symbolic_torque(model: PowerModel, body: RigidBody, q: ca.SX, v: ca.SX, a: ca.SX, p: ca.SX, dynamics: str) -> ca.SX:
-    """Rigid-body torque (n B, 1) of the model's B `bodies`: payload and tilt are symbols of `p`, links numbers."""
+    """Rigid-body torque (n B, 1) [N m] of the model's B `bodies`, one after the other.
+
+    Args:
+        q, v, a: (n, 1) the joints' motion.
+        p: the model's values, laid out as `PowerModel.values`: payload and tilt stay symbols. Deviating links enter as
+            numbers.
+        dynamics: source of the dynamics, see `dynamics.torque_function`.
+    """
     out: dict[int, ca.SX] = {}
     for _, one, number, values_of_one in model.shares(body.n, p):
         if number in out:
@@ -103,9 +110,16 @@ def node_functions(
 ) -> NodeFunctions:
     """Build the node functions of a model's and the limits' structure on a robot; values enter as parameters.
 
-    Objectives: "energy" (J, without the conservative work, which depends on the ends alone: in the cost it would only
-    let the solver exploit the quadrature of a term that changes sign), "torque" (integral
-    of |tau_m|^2), "power_squared" (integral of sum (tau_m v)^2), "path_length" (integral of |q'|^2 over u), "time" (T).
+    Args:
+        limits: those with symbolic constraints (a `scale`) are constrained at nodes, in this order.
+        objective: "energy" (J, without the conservative work, which depends on the ends alone: in the cost it would
+            only let the solver exploit the quadrature of a term that changes sign), "torque" (integral of |tau_m|^2
+            over time), "power_squared" (integral of sum (tau_m v)^2 over time), "path_length" (integral of |q'|^2 over
+            u) or "time" (T).
+        dynamics: source of the dynamics, see `dynamics.torque_function`.
+
+    Raises:
+        BadInput: an unknown objective.
     """
     if objective not in OBJECTIVES:
         raise BadInput(f"objective {objective!r}; expected one of {', '.join(OBJECTIVES)}")
@@ -131,10 +145,12 @@ def node_functions(
 
 
 def derived(rate: ca.SX, limited: ca.SX, x: NodeSymbols, p: ca.SX, width: ca.SX | None = None) -> NodeFunctions:
-    """The node functions, with derivatives, of a rate of cost per unit of u and limited quantities (m, 1).
+    """The node functions, with exact derivatives, of expressions in a node's symbols.
 
     Args:
-        width: symbol for the factor of the widths of smoothed kinks, if there are any.
+        rate: cost per unit of u. limited: (m, 1) the limited quantities.
+        x: the symbols. p: symbols of all values; `width` is appended to them.
+        width: symbol for the factor of the widths of smoothed kinks; None if there are none.
     """
     p = ca.vertcat(p, ca.SX.sym("width") if width is None else width)
     z, u, s, lam = x.z, x.u, ca.SX.sym("s"), ca.SX.sym("lam", limited.numel())

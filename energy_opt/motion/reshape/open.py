@@ -24,8 +24,9 @@ class Surface(Protocol):
         """The position (n,) on the surface, within its ranges, that is nearest to q + step (n,)."""
 
     def work(self, q: np.ndarray) -> np.ndarray:
-        """Work of ending at positions q (K, n) beside the objective's integral, (K,); beginning there costs its
-        negative.
+        """Work of ending at positions q (K, n) beside the objective's integral, (K,) in the objective's unit.
+
+        Beginning there costs its negative.
         """
 
     def ranges(self, q: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -68,9 +69,11 @@ class Passed:
 
 
 def passed(open_: Open, via: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, list[Passed]]:
-    """The errors (vias, n) of a curve at q (vias, n) from its via points, and the bounds of these on its step there.
+    """The errors (vias, n) of a curve from its via points, and the bounds of these on its step there.
 
-    A via point that may move is the point of its surface nearest to q.
+    Args:
+        open_: the surfaces of via points that may move: such a point is the one of its surface nearest to q.
+        via: (vias, n) the points. q: (vias, n) the curve at the times at which it is to pass them.
     """
     n, off, out = q.shape[1], q - via, []
     for k, surface in enumerate(open_.via or [None] * len(q)):
@@ -91,7 +94,14 @@ def passed(open_: Open, via: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, lis
 
 
 def bending(f: Callable[[np.ndarray], np.ndarray], q: np.ndarray, along: np.ndarray, step: float = 1e-3) -> np.ndarray:
-    """Second derivatives (k, k, ...) at q (n,) of a function of positions (M, n), along k directions (k, n)."""
+    """Second derivatives (k, k, ...) of a function along k directions, by central differences.
+
+    With steps h and k along two directions: (f(q+h+k) - f(q+h-k) - f(q-h+k) + f(q-h-k)) / (4 step^2).
+
+    Args:
+        f: of positions (M, n), returns (M, ...). q: (n,). along: (k, n) directions of unit length.
+        step: [rad, m] length of a step.
+    """
     i, j = np.triu_indices(len(along))
     one, other = step * along[i], step * along[j]
     around = np.vstack([q + a * one + b * other for a, b in ((1, 1), (1, -1), (-1, 1), (-1, -1))])

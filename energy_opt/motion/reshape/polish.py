@@ -65,7 +65,7 @@ class PolishProgram:
 
     @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper bounds of all constraints."""
+        """Lower and upper bounds of all constraints, (R,) each, in the order of `constraints`."""
         held = self.model.other_constraints(self._begin, np.inf, self._hot)
         value = self._values(self._begin)[self._linear :]
         none = np.zeros(self._linear)
@@ -87,7 +87,7 @@ class PolishProgram:
         return self.model.gradient(self.at(x))
 
     def constraints(self, x: np.ndarray) -> np.ndarray:
-        """Values of the held constraints."""
+        """Values (R,) of the held constraints: derivatives, limits at nodes, via points, places."""
         return self._values(self.at(x))
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
@@ -123,7 +123,11 @@ class PolishProgram:
 
 
 def polished(model: Model, curve: Curve) -> Outcome:
-    """The optimum near a curve; after a solve that breaks a limit, constraints are added and it is solved again."""
+    """The optimum near a curve, by IPOPT.
+
+    Few limits bind, so only those near their bounds become constraints. After a solve that breaks another one, it is
+    added, and the problem is solved again from there.
+    """
     point, spent = model.at_curve(curve), 0
     side, hot = np.where(np.abs(point.linear) > NEAR, np.sign(point.linear), 0.0), model.hot(point, NEAR)
     while True:

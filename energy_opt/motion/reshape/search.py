@@ -66,7 +66,14 @@ class Answer:
 
 
 class Reshaper:
-    """Searches moves of one robot and model structure; levels are built when first needed."""
+    """Searches moves of one robot and model structure; levels are built when first needed.
+
+    Args:
+        nodes: the node functions, compiled or not. joints: n.
+        controls: control points per joint of the answer.
+        free_acceleration: the answer's end accelerations are free; else zero.
+        polished: whether IPOPT continues where sequential quadratic programming has not converged.
+    """
 
     def __init__(
         self, nodes: NodeFunctions, joints: int, controls: int, free_acceleration: bool, polished: bool = True
@@ -108,6 +115,7 @@ class Reshaper:
         """The best outcome from at most `starts` starts.
 
         Args:
+            seed: of the bends of the first guess. stopped: True ends the search with what is known.
             lines: first guesses, at least one; the first is bent, the others are solved directly.
             kept: results for other durations of the same move; extended in place.
             worth: returns whether a curve near the best optimum is to be solved in full; if not, only the coarse optima
@@ -129,9 +137,17 @@ class Reshaper:
         stopped: Callable[[], bool],
         kept: Kept | None = None,
     ) -> tuple[list[Outcome], int, int]:
-        """Coarse optima of the task, the best first; the numbers of starts and iterations."""
+        """Optima of different valleys, compared on the fine level with a few iterations each.
+
+        Args:
+            lines, starts, seed, stopped, kept: see `search`.
+
+        Returns:
+            The outcomes, the most promising first, at least one; the starts used; the iterations spent.
+        """
         coarse, fine = self.coarse(task.vias), self.fine(task.vias)
         there, used, spent = replace(task, width=WIDE), 0, 0
+        # solve starts at the next duration of the series, so that nearby durations share them
         if task.fixed:
             there = there.lasting(float(RUNG ** np.ceil(np.log(task.durations[0]) / np.log(RUNG) - 1e-9)))
         rung = there.durations[1]
@@ -146,6 +162,7 @@ class Reshaper:
                 found = search(coarse, there, lines[0], starts, seed, stopped, known)
             kept[rung] = found
             used, spent = found.starts - known.starts, found.iterations - known.iterations
+        # compare the best of every valley at the task's own duration, with the answer's control points
         best = min(kept[rung].found, key=there.coarse_rank)
         most = at_most(there.cost(best), WORTH_KEEPING)
         near = [o for o in kept[rung].found if o is best or (o.broken <= REPAIRABLE and there.cost(o) <= most)]
@@ -163,7 +180,15 @@ class Reshaper:
         return sorted(compared, key=task.promise), used + len(lines) - 1, iterations
 
     def refined(self, task: Task, optima: Sequence[Outcome], stopped: Callable[[], bool]) -> tuple[Outcome | None, int]:
-        """The best of the coarse optima solved in full, the most promising first; and the iterations spent."""
+        """The best of some optima, solved in full; and the iterations spent.
+
+        Args:
+            optima: as `optima` gives them, the most promising first.
+            stopped: True ends the search with what is known.
+
+        Returns:
+            None if none of them leads to a curve within the limits.
+        """
         best: Outcome | None = None
         level, spent, count = self.fine(task.vias), 0, 0
         for outcome in optima:

@@ -45,9 +45,15 @@ TRIES = 5  # most failed steps from one point otherwise, unless it is within all
 
 @dataclass
 class Descent:
-    """The state of a search: point, multipliers by constraint, damping, trust region, iterations and steps so far.
+    """The state of a search.
 
-    `convex`: Hessians of nodes and places are made convex one by one. `smooth`: steps' second derivatives are bounded.
+    Attributes:
+        keys, multipliers: (R,) of the last program's constraints.
+        damping: multiple of `Model.mass` in the last Hessian.
+        trust: [rad, m] largest move of control points in the next step.
+        iterations: programs whose step was tried. steps: those of the interior-point method in all programs.
+        convex: Hessians of nodes and places are made convex one by one.
+        smooth: second derivatives of steps are bounded.
     """
 
     point: Point
@@ -71,13 +77,15 @@ def descend(
     model: Model, now: Descent, iterations: int, trust: float, *, tolerance: float = 1e-4, give: float = 1e-6,
     slack: float = 0.0, most: float = 0.8, stopped: Callable[[], bool] = lambda: False,
 ) -> Descent:  # fmt: skip
-    """Continue a search from its state.
+    """Continue a search from its state, which is changed in place and returned.
 
     Args:
+        iterations: most steps to try.
         trust: [rad, m] largest move of control points in the first step; most: in any step.
-        tolerance: relative; the search ends if the expected decrease is less.
+        tolerance: share of the cost; the search ends if the expected decrease is less.
         give: share of a bound by which limits may be exceeded without a penalty; slack: the same of numeric
-            constraints.
+            constraints, in their own unit.
+        stopped: True ends the search before the next linearisation.
     """
     point = now.point
     price, barrier = 3.0, min(BARRIER, CLOSER * tolerance)
@@ -90,6 +98,7 @@ def descend(
         hessian, gradient = model.hessian(point, known, now.convex), model.gradient(point)
         near = model.linear_constraints(point).joined(model.other_constraints(point, trust))
         constraints, failed = near, 0
+        # try less than before; the program adds what convexity needs
         damping = now.damping / 3 if now.damping > 2 * LEAST_DAMPING else 0.0
         while True:
             bounds = box(model, point, trust)
@@ -107,11 +116,13 @@ def descend(
                 now.convex, damping = True, 0.0
                 hessian = model.hessian(point, known, convex=True)
                 continue
+            # what the merit is expected to save: cost, and the excesses that the program does not leave
             predicted = found.saved
             elastic = found.broken if found.broken > UNMET else 0.0
             if elastic > broken and constraints is not near:  # constraints at both ends of a step contradict each other
                 constraints = near
                 continue
+            # an l1 merit is exact if its price is above every multiplier
             most_price = float(np.abs(found.multipliers).max(initial=0.0))
             price = max(0.5 * price, 2 * most_price, 1.0) if not elastic else PRICE
             predicted += price * (broken - elastic)
@@ -132,6 +143,7 @@ def descend(
                 elif ratio < FAIR:
                     trust = max(0.7 * step, LEAST_TRUST)
                 break
+            # the step failed: a second-order correction, or a smaller trust region
             failed += 1
             damping, corrected = found.damping, constraints is not near
             now.smooth |= model.excess(trial) > max(2 * model.excess(point), 0.0) + FAR
@@ -158,7 +170,12 @@ def descend(
 
 
 def box(model: Model, point: Point, trust: float) -> tuple[np.ndarray, np.ndarray]:
-    """Bounds of a step: those of control points, of T and of via times, within the trust region."""
+    """Lowest and highest step (N + k,), of which neither excludes the step 0.
+
+    Args:
+        trust: r [rad, m]: control points, and ends along their directions, move by at most r, T by the share min(r,
+            0.5) of itself, and the via points' times u by 0.3 min(r, 0.5).
+    """
     s = model.shape
     inner = point.points[s.pinned : len(point.points) - s.pinned]
     low = np.maximum(model.box[0] - inner, -trust).ravel()

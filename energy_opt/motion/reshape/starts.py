@@ -55,10 +55,13 @@ def search(
     level: Level, task: Task, line: Line, starts: int, seed: int, stopped: Callable[[], bool],
     known: Optima = Optima(),
 ) -> Optima:  # fmt: skip
-    """Solve from a line and from bends of it, at most `starts` in all.
+    """Solve from a line and from bends of it.
 
     Args:
-        known: the result of fewer starts, which is continued.
+        level: the coarse problem. line: the first start, of which the others are bends.
+        starts: most starts in all, those of `known` included.
+        seed: of the bends. stopped: True ends the search after the present start.
+        known: the result of fewer starts with the same seed, which is continued.
     """
     straight, model = task.curve(level.shape, line), task.model(level)
     found, costs = list(known.found), list(known.costs)
@@ -81,7 +84,7 @@ def search(
 
 
 def followed(level: Level, task: Task, known: Optima) -> Optima:
-    """Continue the optima of another duration in the task's duration."""
+    """Continue the optima of another duration (`known`) in the task's duration, in place of new starts."""
     model, spent = task.model(level), 0
     found: list[Outcome] = []
     for optimum in known.found:
@@ -151,7 +154,14 @@ def _same(a: Outcome, b: Outcome, task: Task) -> bool:
 
 
 def valleys(level: Level, task: Task, outcomes: Iterable[Outcome]) -> Iterator[Outcome]:
-    """The best outcome of every valley, the best first; within a valley, the cost does not rise between two optima."""
+    """The best outcome of every valley, the best first.
+
+    Two outcomes are in one valley if `joined` finds no ridge between them; one that is too far outside the limits to be
+    repaired is never in one valley with another that is not.
+
+    Args:
+        level, task: the problem that the outcomes (in any order) belong to.
+    """
     found: list[Outcome] = []
     for outcome in sorted(outcomes, key=task.coarse_rank):
         alike = (o for o in found if (o.broken <= REPAIRABLE) == (outcome.broken <= REPAIRABLE))
@@ -161,7 +171,7 @@ def valleys(level: Level, task: Task, outcomes: Iterable[Outcome]) -> Iterator[O
 
 
 def joined(level: Level, task: Task, a: Outcome, b: Outcome) -> bool:
-    """True if two curves lie in one valley: between them the cost is nowhere above both.
+    """True if the curves of two outcomes of a task lie in one valley: between them the cost is nowhere above both.
 
     If T is free, a bound that is exceeded by the share e raises the cost by the share e / 2: about what the longer T
     costs with which the curve keeps the bound.

@@ -31,14 +31,20 @@ class Level:
         self, ends: Ends, limits: Sequence[Limit], parameters: np.ndarray, durations: tuple[float, float],
         offset: float, width: float = 1.0, open_: Open = FIXED,
     ) -> Model:  # fmt: skip
-        """The problem for sequential quadratic programming."""
+        """The problem for sequential quadratic programming; the arguments are those of `Evaluation`."""
         return Model(self.shape, self._nodes, ends, limits, parameters, durations, offset, width, open_)
 
     def shares(
         self, curve: Curve, parameters: np.ndarray, limits: Sequence[Limit], width: float = 1.0
     ) -> tuple[float, dict[int, np.ndarray]]:
-        """Cost, and the share of its bound that each limit uses at every place, (sites or nodes, columns) by limit
-        number.
+        """Cost of a curve, and the share of its bound that each limit uses at every place.
+
+        Args:
+            parameters: the model's values. width: factor of the widths of smoothed kinks.
+
+        Returns:
+            The cost, standby included; shares by the limit's number, (sites or nodes, columns), 1 at the bound. Limits
+            without a bound on a derivative and without symbolic constraints have none.
         """
         cost, shares = self._shares(curve.points[None], curve.duration, parameters, limits, width)
         return float(cost[0]), {number: share[0] for number, share in shares.items()}
@@ -67,7 +73,7 @@ class Level:
         return rate.reshape(count, -1) @ w, shares
 
     def standing(self, q: np.ndarray, duration: float, parameters: np.ndarray, limits: Sequence[Limit]) -> np.ndarray:
-        """Cost per second (M,) of standing at each of q (M, n)."""
+        """Cost per second (M,) of standing at each of q (M, n) in the middle of a motion of `duration` s."""
         count, rates = len(self.shape.grid[0]), []
         values, z = np.concatenate([parameters, values_of(limits)]), np.zeros((count, 3 * self.shape.joints + 1))
         z[:, -1] = duration
@@ -78,14 +84,17 @@ class Level:
         return np.concatenate(rates)
 
     def excess(self, curve: Curve, parameters: np.ndarray, limits: Sequence[Limit]) -> tuple[float, float]:
-        """Cost, and the worst excess over a limit; clearance from bodies is not a limit here."""
+        """Cost of a curve, and its worst excess over a limit as a share of the bound.
+
+        Numeric constraints of limits count, clearance from bodies does not.
+        """
         cost, excess = self.excesses(curve.points[None], curve.duration, parameters, limits)
         return float(cost[0]), float(excess[0])
 
     def excesses(
         self, points: np.ndarray, duration: float, parameters: np.ndarray, limits: Sequence[Limit]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The same (C,) for curves with control points (C, controls, n)."""
+        """The same (C,) for curves with control points (C, controls, n) that all take `duration` s."""
         costs, shares = self._shares(points, duration, parameters, limits)
         q = self.shape.matrices[0] @ points
         placed = [[limit.excess_at(x) for limit in limits] for x in q]
@@ -123,11 +132,14 @@ class Line:
 
 @dataclass(frozen=True)
 class Task:
-    """One reshaping: ends, limits, the model's values, bounds on T and the cost per second that is the same for all
-    paths.
+    """One reshaping.
 
-    `width` multiplies the widths over which kinks, as of dry friction, are smoothed. Ends and via points in `open` move
-    with the curve to where they cost least.
+    Attributes:
+        parameters: the model's values, in the order of `PowerModel.values`.
+        durations: [s] least and largest T, equal if it is given.
+        offset: cost per second that is the same for all paths (W for energy).
+        width: factor of the widths over which kinks, as of dry friction, are smoothed.
+        open: ends and via points that move with the curve to where they cost least.
     """
 
     ends: Ends
@@ -161,7 +173,7 @@ class Task:
         return level.model(self.ends, self.limits, self.parameters, self.durations, self.offset, self.width, self.open)
 
     def polished(self, level: Level, found: Outcome) -> Outcome:
-        """An outcome solved again by IPOPT from its curve."""
+        """The outcome `found`, solved again by IPOPT from its curve, which is of the level's shape."""
         scale = 1 / max(abs(self.cost(found)), 0.01 * abs(found.cost), 1e-6)
         return polished(self.model(level).scaled(scale), found.curve)
 
@@ -172,6 +184,7 @@ class Task:
         """Result of sequential quadratic programming on the task's model from a guess.
 
         Args:
+            iterations, trust, tolerance, give, stopped: see `sqp.descend`.
             rival: cost of an optimum that is known; a search that is far above it is given up (`HOPELESS`).
         """
         lower, upper = model.box

@@ -44,7 +44,7 @@ class Grid:
 
 
 def grid_of(trajectory: Trajectory, factor: int) -> Grid:
-    """A grid `factor` times denser than the samples; short grids are cached."""
+    """A grid `factor` times denser than the samples of a trajectory; short grids are cached."""
     if factor * len(trajectory.time) > LONG:
         return _dense_motion(trajectory, factor)
     key = _TrajectoryKey(trajectory), factor

@@ -200,7 +200,10 @@ class Settings:
 
 
 def long_turns(robot: Robot, move: Move) -> list[str]:
-    """Warnings for joints without limits that reach the same pose by a shorter turn the other way."""
+    """Warnings for joints without limits that reach the same pose by a shorter turn the other way.
+
+    A move with a given path or via points has none: there the turn is meant.
+    """
     if move.path is not None or move.via:
         return []
     out = []

@@ -56,7 +56,7 @@ class InitialPath:
 
 @dataclass(frozen=True)
 class Ends:
-    """The ends of a path, (n,) [rad], bounds of its poses, and the joints' speed limits."""
+    """The ends of a path (n,) [rad, m], bounds of its poses, and the joints' speed limits [rad/s, m/s]."""
 
     start: np.ndarray
     goal: np.ndarray
@@ -66,7 +66,7 @@ class Ends:
 
     @staticmethod
     def of(start: np.ndarray, goal: np.ndarray, lower: np.ndarray, upper: np.ndarray, velocity: np.ndarray) -> Ends:
-        """With bounds narrowed to half a turn beyond the ends: further turns never shorten a path."""
+        """With bounds [rad, m] narrowed to half a turn beyond the ends: further turns never shorten a path."""
         least, most = np.minimum(start, goal), np.maximum(start, goal)
         return Ends(
             start, goal, np.minimum(np.maximum(lower, least - np.pi), least),
@@ -108,7 +108,8 @@ def find_paths(
     """Up to `count` proven paths, the shortest first; only the straight line if it is free.
 
     Args:
-        step: (n,) [rad] spacing of the checked poses along a line, for each joint.
+        free: checks poses and proves paths. ends: start, goal and the bounds of poses.
+        step: (n,) [rad, m] largest spacing of the checked poses along a line, for each joint.
         planner: "auto" and "ompl" ask OMPL if our own lines find nothing ("auto": only if it is installed), "none" does
             not.
         seed: of all random choices; the same seed gives the same paths.

@@ -15,7 +15,7 @@ SLOWEST = 0.05  # share of the path's mean |dq/ds|: below it a corner turns back
 
 
 def length(points: np.ndarray, velocity: np.ndarray) -> float:
-    """Duration [s] of a bent line (K, n) at the joints' speed limits (n,), by which paths are compared."""
+    """Duration [s] of a bent line (K, n) at the joints' speed limits `velocity` (n,), by which paths are compared."""
     return float(np.max(np.abs(np.diff(points, axis=0)) / velocity, axis=1).sum())
 
 

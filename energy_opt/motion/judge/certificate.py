@@ -121,9 +121,14 @@ def certify(
     samples: int | None = None,
     samples_only: bool = False,
 ) -> Certificate:
-    """Check `trajectory` against `limits` on a grid at least ten times denser than its samples, or of `samples` points.
+    """Check a trajectory against limits on a grid at least ten times denser than its samples.
 
     Long trajectories are checked block by block, in bounded memory; laws with memory start anew in each block.
+
+    Args:
+        scorer: gives torque and power under the model.
+        samples: least number of the grid's places; None for ten times the samples.
+        samples_only: check at the samples alone, and prove nothing between them.
     """
     factor = DENSER if samples is None else DENSER * max(1, -(-samples // (DENSER * (len(trajectory.time) - 1))))
     factor = 1 if samples_only else factor
@@ -133,7 +138,7 @@ def certify(
 def certify_and_score(
     trajectory: Trajectory, scorer: Scorer, limits: Sequence[Limit]
 ) -> tuple[Certificate, Energy, Trajectory]:
-    """Certificate, energy, and the trajectory with effort and power, in one pass with bounded memory."""
+    """Certificate under `limits`, energy, and the trajectory with effort and power, in one pass with bounded memory."""
     spent: list[tuple[float, dict[str, float]]] = []
     effort: list[np.ndarray] = []
     power: list[np.ndarray] = []
@@ -173,7 +178,7 @@ def _pieces(
 
 
 def certificate_of(dense: Dense, limits: Sequence[Limit], scorer: Scorer) -> Certificate:
-    """The certificate of a trajectory that is already on a dense grid."""
+    """The certificate of a trajectory that is already on a dense grid, by the scorer's model; without clearance."""
     found = tuple(_peak(limit, limit.worst(dense), dense, scorer) for limit in limits)
     found, sure = proven(dense, scorer, limits, found) if dense.factor > 1 else (found, False)
     return Certificate(len(dense.time), found, _peak_power(dense, scorer), proven=sure)

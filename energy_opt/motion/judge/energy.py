@@ -248,7 +248,11 @@ class Scorer:
         return self.energy_after(NONE, trajectory, factor)[0]
 
     def energy_after(self, past: Past, trajectory: Trajectory, factor: int = DENSER) -> tuple[Energy, Past]:
-        """As `energy`, of a motion that has a past; and the past at its end."""
+        """As `energy`, of a motion that has a past; and the past at its end.
+
+        Args:
+            past: what came before the first sample. factor: even, places for each sample interval.
+        """
         if self._waits:
             trajectory = _finely_sampled(trajectory)
         pieces = []
@@ -262,7 +266,7 @@ class Scorer:
         return self.energy_of_pieces(dense.trajectory, [self.energy_of_piece(dense)])
 
     def energy_of_pieces(self, trajectory: Trajectory, spent: Sequence[tuple[float, dict[str, float]]]) -> Energy:
-        """The energy of a trajectory, from the energies of its pieces."""
+        """The energy of a trajectory, from those of its pieces in `spent` (see `energy_of_piece`)."""
         total = sum(whole for whole, _ in spent)
         by_effect = {name: sum(parts[name] for _, parts in spent) for name in spent[0][1]}
         standby = sum(by_effect[name] for name in dict.fromkeys(e.name for e in self.model.effects if e.overhead))
@@ -295,10 +299,13 @@ APART = 0.01  # relative difference above which the joints' separate losses do n
 
 
 def loss_by_joint(scorer: Scorer, trajectory: Trajectory) -> dict[str, np.ndarray]:
-    """Energy (n,) [J] that each effect takes at each joint.
+    """Energy (n,) [J] that each effect takes at each joint, by the effect's name.
 
     The law is evaluated once for each joint, with only that joint's speed, acceleration and torque. Effects of the
     whole arm (overhead, supply, a store on the bus) cannot be divided in this way, and are left out.
+
+    Args:
+        scorer: of the power model. trajectory: is judged on the usual dense grid.
     """
     dense = scorer.dense(trajectory)
     names = list(scorer.parts)

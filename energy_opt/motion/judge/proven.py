@@ -263,7 +263,11 @@ def _hull(c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def proven(
     dense: Dense, scorer: Scorer, limits: Sequence[Limit], found: Sequence[Violation]
 ) -> tuple[tuple[Violation, ...], bool]:
-    """The worst place under each limit, between the judge's places too, and whether all of them are proven."""
+    """The worst place under each limit, between the judge's places too, and whether all of them are proven.
+
+    Args:
+        dense: the trajectory on the judge's grid. found: the worst of its places under each of `limits`.
+    """
     proof = Proof(dense, scorer)
     out = [proof.worst(limit, worst) for limit, worst in zip(limits, found, strict=True)]
     return tuple(worst for worst, _ in out), all(sure for _, sure in out)

@@ -52,7 +52,11 @@ class Tightening:
         return self._factors.get(limit.name, 1.0)
 
     def after(self, uses: Sequence[Use], s: np.ndarray, grid: np.ndarray) -> Tightening:
-        """Reduced factors around the places `s` where a limit was broken, by slightly more than its excess."""
+        """Reduced factors around the places where a limit was broken, by slightly more than its excess.
+
+        Args:
+            uses: shares of the bounds at places s (K,) of the path. grid: (M,) the points that have factors.
+        """
         interval = np.clip(np.searchsorted(grid, s, side="right") - 1, 0, len(grid) - 2)
         changed = {}
         for use in uses:

@@ -45,6 +45,9 @@ def check_path(limits: Sequence[Limit], d: PathDynamics) -> None:
 def check_pose(limits: Sequence[Limit], robot: Robot, model: PowerModel, q: np.ndarray, what: str, rest: bool) -> None:
     """Check a pose (n,) of a move: inside the limits, and held within them if the arm is at `rest`.
 
+    Args:
+        what: its name in messages, such as "start"; an error states the path position of "start" and "goal".
+
     Raises:
         Infeasible: names `what`, the joint, limit and excess.
     """

@@ -53,9 +53,12 @@ class Carried:
         return self._kinematics.coupling.joined(moved, axis=1)
 
     def bent(self, axes: np.ndarray, moved: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        """Sum of the second derivatives of its origin's coordinates times weight (M, 3), (M, n, n).
+        """Sum of the second derivatives of its origin's coordinates times weights, (M, n, n).
 
-        d2x / dq_i dq_j = z_i x w_j for i above or at j.
+        d2x / dq_i dq_j = z_i x w_j where joint i comes before j in the chain, or is j itself.
+
+        Args:
+            axes, moved: z and w of all joints, (M, L, 3) each, as `moved` gives them. weight: (M, 3).
         """
         half = np.cross(weight[:, None], axes) @ moved.transpose(0, 2, 1) * self._kinematics.moves[:-1].T
         both, coupling = (half * ~np.eye(half.shape[1], dtype=bool)).transpose(0, 2, 1), self._kinematics.coupling
@@ -77,7 +80,12 @@ class Tube(Limit):
 
     @classmethod
     def of(cls, robot: Robot, path: JointPath, words: str, tool: Tool) -> Self:
-        """The tube about a path for text such as 0.1rad or 0.02m."""
+        """The tube about a path.
+
+        Args:
+            words: its bound, such as 0.1rad (for every joint) or 0.02m (for the tool).
+            tool: the tool of a bound in m; a bound in rad does not use it.
+        """
         bound, unit = tube_of(words)
         if unit == "rad":
             return cls(robot.joints, NearestOf(path), bound)

@@ -54,7 +54,7 @@ def is_at_rest(move: Move) -> bool:
 
 
 def small_enough(move: Move, line: RetimeSolution | None, curve: Candidate) -> Candidate:
-    """The curve, marked as converged if the move is so small that the best timing of its line is as good.
+    """The curve, marked as converged if the move is so small that the best timing of its `line` is as good.
 
     Over a few milliradians, inertia and gravity are constant, so another path saves nothing, and rounding errors are
     larger than the solver's steps.
@@ -70,6 +70,10 @@ def in_tube(context: Context, move: Move, line: RetimeSolution | None, curve: Ca
 
     In a tube of a tenth of a millimetre, rounding errors are larger than the solver's steps. But the path itself is
     known, and the answer costs no more than its best timing.
+
+    Args:
+        line: the least-energy timing of that path; None if there is none.
+        curve: a candidate whose solver gave up.
     """
     if context.settings.tube is None or line is None or not line.converged:
         return curve
@@ -84,6 +88,9 @@ def in_line(context: Context, move: Move, retimed: Callable[[], RetimeSolution |
 
     Torque is then M a + g with constant M and g. Between ends at rest, its mean square is least if all joints have the
     same profile of acceleration, which gives a straight line. Rounding errors would be larger than IPOPT's steps.
+
+    Args:
+        retimed: solves for the least-energy timing of the first path; None if there is none.
     """
     small = np.abs(move.goal - move.start).max() < SMALL and move.path is None
     if not small or move.via or np.any(move.end_velocities) or context.settings.objective != "energy":
@@ -136,7 +143,7 @@ def repaired_timing(context: Context, move: Move, first: RetimeSolution) -> Cand
 
 
 def broken(how: str, certificate: Certificate) -> str:
-    """The message that a move of this mode breaks a limit."""
+    """The message that a move breaks a limit; `how`: "retimed" or "reshaped", `certificate`: of that motion."""
     worst = certificate.worst
     return (
         f"the {how} move breaks the {worst['limit']} limit of {worst['joint']} at {worst['time']:.4g} s by "
@@ -154,7 +161,12 @@ def reference_time(context: Context, move: Move, timing: Timing | None) -> float
 
 
 def task_of(context: Context, move: Move, reference: float, duration: float | None) -> Task:
-    """The reshaping problem of a move, with exactly `duration` s if given."""
+    """The reshaping problem of a move.
+
+    Args:
+        reference: [s] typical duration of the move; multiples of it bound a free duration.
+        duration: exactly so long, s; None: free, up to the move's `max_duration`.
+    """
     if duration is not None:
         durations = (duration, duration)
     else:
@@ -197,6 +209,7 @@ def reshaped(
     timed = in_line(context, move, retimed)
     if timed is not None:
         return timed
+    # of a free duration, the best timing of the first path shows about how long the answer takes
     settings, free_time = context.settings, context.settings.objective == "time"
     reference = reference_time(context, move, timing)
     task = task_of(context, move, reference, None if free_time else move.duration)
@@ -208,6 +221,7 @@ def reshaped(
     answer = reshaper.search(task, lines, settings.starts, settings.seed, context.stopped, kept, worth)
     if not answer.wanted:
         return Candidate(None, answer.iterations, starts=answer.starts, outcome=answer.optima[0], optima=answer.optima)
+    # without a feasible start: from the first path's timing, from the fastest move, and directly from that timing
     best, spent, starts = answer.best, answer.iterations, answer.starts
     line = retimed() if best is None and not context.stopped() else None
     near = settings.objective == "energy" and timing is not None and task.durations[1] < NEAR_FASTEST * timing.duration
@@ -244,7 +258,14 @@ def reshaped(
 def repaired(
     context: Context, reshaper: Reshaper, best: Outcome, task: Task
 ) -> tuple[Outcome, Trajectory, Certificate, int]:
-    """Tighten the limits that the judge finds broken and solve again from there; also returns the iterations spent."""
+    """Tighten the limits that the judge finds broken, and solve again from there, until the judge finds none.
+
+    Args:
+        best: what the search found. task: the problem that it solves.
+
+    Returns:
+        The last outcome, its trajectory and certificate (valid or not), and the iterations spent.
+    """
     limits, spent = task.limits, 0
     for turn in range(REPAIRS + 1):
         judged = context.judge.of(best.curve)

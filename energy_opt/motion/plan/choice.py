@@ -26,10 +26,15 @@ SAME_DURATION = 1e-12  # relative: durations that differ by less are equal
 
 @dataclass(frozen=True)
 class Work:
-    """Candidates for a move's answer, the first path's timing, and further trajectories to start from.
+    """Candidates for a move's answer.
 
-    `reshaped` and `retimed` are None if they were not asked for or not found; `retiming` solves for the first path's
-    timing of least energy, which is needed if nothing reshaped is better than the baselines.
+    Attributes:
+        timing: the fastest timing of the first path; None if it has none.
+        solution: the least-energy timing of the first path, as solved; None unless the move is retimed.
+        reshaped, retimed: None if they were not asked for or not found.
+        warm: further trajectories that a search was started from.
+        retiming: solves for the first path's timing of least energy, which is needed if nothing reshaped is better than
+            the baselines.
     """
 
     timing: Timing | None
@@ -58,6 +63,7 @@ def choose(
     """The result of the best candidate.
 
     Args:
+        build_seconds, solve_seconds: time spent on building functions, and on solving; reported only.
         baselines: the baselines of the answer's duration, if they are known already.
 
     Raises:
@@ -111,7 +117,12 @@ def choose(
 def with_trajectory(
     context: Context, move: Move, timing: Timing | None, result: Result, trajectory: Trajectory
 ) -> Result:
-    """The result with another trajectory and the baselines of its duration; without a lower bound."""
+    """The result with another trajectory and the baselines of its duration; without a lower bound.
+
+    Args:
+        timing: the fastest timing of the move's first path; None if it has none.
+        trajectory: of the same move, valid or not: `certificate` says so.
+    """
     judged = context.judge(trajectory)
     baselines = baselines_of(context, move, timing, trajectory.duration)
     return replace(
@@ -129,8 +140,14 @@ def least(
 ) -> tuple[tuple[str, Judged] | None, int]:
     """The valid candidate of least energy with its name, among the work's and `further`; None if none is valid.
 
-    Also returns the iterations spent on repairing the retimed path. With the objective "time" the shortest duration
-    comes first. With any objective but energy, the mode that was asked for comes before a candidate of less energy.
+    With the objective "time" the shortest duration comes first. With any objective but energy, the mode that was asked
+    for comes before a candidate of less energy.
+
+    Args:
+        further: other trajectories with their names, as of baselines; those that do not fit the move do not count.
+
+    Returns:
+        The candidate, and the iterations spent on the retimed path.
     """
     objective = context.settings.objective
     energy_counts = objective == "energy"
@@ -191,7 +208,9 @@ def fits_move(move: Move, trajectory: Trajectory) -> bool:
 
 
 def baselines_of(context: Context, move: Move, timing: Timing | None, duration: float) -> list[tuple[str, Judged]]:
-    """The baselines: TOPP-RA's move, the same slowed evenly to `duration` s, and the user's own trajectory if given."""
+    """The baselines by name, judged: "toppra", the fastest timing; "scaled", this slowed evenly to `duration` s; and
+    "input", the user's own trajectory, if given. Without a `timing` of the first path, only the last one.
+    """
     out: list[tuple[str, Trajectory]] = []
     if timing is not None:
         toppra = context.judge.slowed(timing, timing.duration).trajectory

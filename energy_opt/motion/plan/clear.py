@@ -50,7 +50,7 @@ NOTHING = "reshaping found no collision-free motion that is better than the give
 
 
 def nearly_clear(context: Context, move: Move, curve: Curve) -> bool:
-    """True if a curve keeps clear at many sampled places, or nearly so: then it is worth solving in full."""
+    """True if a curve of a move keeps clear at many sampled places, or nearly so: then it is worth solving in full."""
     if context.cell is None:
         return True
     u = (np.arange(PLACES) + 0.5) / PLACES
@@ -68,7 +68,13 @@ def kept_clear(
     """The reshaped move of least objective that is proven to keep clear.
 
     Args:
+        timing: the fastest timing of the first path; None if it has none.
+        retimed: solves for the least-energy timing of the first path; None if there is none.
         free: what reshaping found without regard to bodies; the answer if it is proven clear.
+        warm: further trajectories to start from, if they are proven clear.
+
+    Returns:
+        A candidate, without a trajectory if no search led to one that is proven clear and within limits.
     """
     if context.cell is None:
         return free
@@ -82,6 +88,7 @@ def kept_clear(
     lines = _lines(context, move, retimed, timing, warm, task, 2 * reference)
     work = Clearing.of(context, task, [task.curve(level.shape, line) for line in lines])
     work.search_from(wider)
+    # more starts: where little is saved, another path around the bodies; where they are asked for, paths of low cost
     if work.little(timing) and not context.stopped():
         for path in context.further():
             work.finish(task.curve(level.shape, line_along(path, work.first.duration)), TRUST)
@@ -123,7 +130,11 @@ class Clearing:
 
     @classmethod
     def of(cls, context: Context, task: Task, curves: Sequence[Curve]) -> Clearing:
-        """A new search, with its cost scaled by that of the first path."""
+        """A new search, with its cost scaled by that of the first path.
+
+        Args:
+            task: the problem. curves: initial curves of the answer's shape, last the first path.
+        """
         assert context.cell is not None
         level = context.reshaper(context.settings.objective).fine(task.vias)
         cost, _ = level.excess(curves[-1], task.parameters, task.limits)
@@ -232,7 +243,11 @@ class Clearing:
         return self.search.curve_of(trial)
 
     def finish(self, curve: Curve, trust: float) -> bool:
-        """Search from a curve and keep the result if it is the best; True if it led to a proven one."""
+        """Search from a curve and keep the result if it is the best; True if it led to a proven one.
+
+        Args:
+            trust: [rad, m] first step.
+        """
         known = np.inf if self.best is None else self._scaled(self.best)
         found = self.search.finish(curve, ITERATIONS, trust, DONE, known)
         for _ in range(ONWARD):  # steps failed before it converged; from another first step, others may not
@@ -286,7 +301,11 @@ class Clearing:
 
 
 def repaired_clear(context: Context, search: ClearSearch, task: Task, outcome: Outcome) -> Candidate:
-    """A curve that keeps clear and is valid by the judge: solved again under tightened limits if it breaks one."""
+    """A curve that keeps clear and is valid by the judge: solved again under tightened limits if it breaks one.
+
+    Args:
+        search: the search that found it. task: its problem. outcome: proven to keep clear.
+    """
     limits = task.limits
     for _ in range(REPAIRS):
         judged = context.judge.of(outcome.curve)

@@ -29,9 +29,10 @@ def used(trajectory: Trajectory, scorers: Sequence[Scorer], bound: np.ndarray) -
 
 
 def smaller(share: np.ndarray, use: np.ndarray, own: np.ndarray) -> np.ndarray:
-    """Shares (n,) of the limits for the next solve; the last one had `share` (n,) of them.
+    """Shares (n,) of the torque limits for the next solve, smaller where `use` is beyond the limit.
 
     Args:
+        share: (n,) of the last solve.
         use, own: shares (n,) that its motion uses under the other models, and under the one whose limits are held.
     """
     return np.where(use > HELD, np.minimum(share, own) / (use * (1 + BELOW)), share)

@@ -50,6 +50,9 @@ def first_path(
 ) -> tuple[Move, FirstPath, tuple[JointPath, ...]]:
     """The move with a free first path, the source of that path, and further free paths.
 
+    The path is the given or straight one if that is free. A straight line that breaks a condition on the tool's pose is
+    moved onto it; a path that is not free is replaced by one around the bodies.
+
     A reshaped move may keep a path that is not free, if it was given or no other was found: `blocked` then says so.
 
     Raises:
@@ -127,7 +130,11 @@ def _further_paths(
 def room_between(
     robot: Robot, cell: Cell, limits: Sequence[Limit], start: np.ndarray, goal: np.ndarray
 ) -> tuple[Room, Ends, np.ndarray]:
-    """The space for paths from start to goal (n,), their ends, and the largest spacing of checked poses (n,)."""
+    """The space for paths from start to goal (n,) [rad, m], their ends, and the largest spacing of checked poses (n,).
+
+    Args:
+        limits: their bounds on positions hold for the paths.
+    """
     lower, upper = box_of(limits, robot.n)
     ends = Ends.of(start, goal, lower, upper, robot.limits.velocity)
     return Room(cell, np.stack([start, goal])), ends, steps(robot.body.tree())
@@ -174,7 +181,7 @@ ROUNDING = 1e-9  # [rad, m] excess of a position limit that is ignored
 
 
 def holds(robot: Robot, model: PowerModel, limits: Sequence[Limit], path: JointPath) -> bool:
-    """Does the tool keep its required pose along a path?"""
+    """Does the tool keep its required pose along a path, by those of the `limits` that require one (`Keep`)?"""
     d = PathDynamics(robot, model, path, points_of(path, CHECKS))
     found = [limit.fixed(d) for limit in limits if isinstance(limit, Keep)]
     return all(fixed.excess.max() <= 0 for fixed in found)
@@ -183,7 +190,11 @@ def holds(robot: Robot, model: PowerModel, limits: Sequence[Limit], path: JointP
 def posed(robot: Robot, model: PowerModel, limits: Sequence[Limit], path: JointPath) -> JointPath | None:
     """The path between the same ends, its inner points moved as little as possible so that the tool keeps its pose.
 
-    Damped least squares on the error of the pose. None if the resulting path does not keep it.
+    Damped least squares on the error of the pose: dq = (J'J + d I)^-1 J' e at each point, J and e along the constrained
+    directions only. None if the resulting path does not keep it.
+
+    Args:
+        limits: at least one condition on the tool's pose (`Keep`) is among them; their bounds on positions hold.
     """
     kept = [limit for limit in limits if isinstance(limit, Keep)]
     lower, upper = box_of(limits, robot.n)

@@ -27,7 +27,7 @@ PASSED = 400  # points of a path that an initial curve is fitted to
 
 
 def line_along(path: JointPath, duration: float) -> Line:
-    """A path, passed smoothly from rest to rest."""
+    """A path, passed smoothly from rest to rest in `duration` s."""
     u = np.linspace(0, 1, PASSED)
     return Line(u, path(u**3 * (10 - 15 * u + 6 * u**2)), duration)
 
@@ -36,6 +36,7 @@ def further_lines(context: Context, cell: Cell, task: Task, level: Level, known:
     """Initial curves besides a move's own: the context's paths, and as many of low cost by the power of standing there.
 
     Args:
+        task, level: the problem, whose cost of standing says where a path is cheap.
         known: curves around which cheap paths are looked for, free or not; the first has the move's duration.
     """
     duration, u = known[0].duration, np.linspace(0, 1, PASSED)
@@ -56,7 +57,12 @@ def further_lines(context: Context, cell: Cell, task: Task, level: Level, known:
 def wider_optima(
     context: Context, move: Move, timing: Timing | None, retimed: Callable[[], RetimeSolution | None], free: Candidate
 ) -> Candidate:  # fmt: skip
-    """The best candidate found without bodies from several seeds, with all optima; `free` if there is no other."""
+    """The best candidate found without bodies from several seeds, with the different optima of all of them.
+
+    Args:
+        timing, retimed: see `candidates.reshaped`.
+        free: the candidate of the usual seed; returned if none of them has an outcome.
+    """
     found, settings = [free], context.settings
     for k in range(1, 1 + min(settings.initial_paths or 0, WIDER)):
         if context.stopped():

@@ -78,6 +78,9 @@ class Neighbours:
     def at(self, duration: float, neighbour: Optimum) -> Optimum | None:
         """The optimum at exactly `duration` s, from the usual starts and a neighbour's; None if none is valid.
 
+        Args:
+            neighbour: an optimum of the move at a nearby duration.
+
         Raises:
             Infeasible: retiming, if `duration` is below the path's minimum time.
         """
@@ -87,6 +90,7 @@ class Neighbours:
         far = duration not in self._known and not same and self._is_far_from_single(duration)
         if far and not self._alone_at:
             self._known[duration] = self._single_or_none(duration)
+        # continue the neighbour's curve, unless this was tried or cannot lead lower
         here = self._known.get(duration)
         move = replace(self._move, duration=duration)
         task = task_of(self._context, move, reference_time(self._context, move, self._single.timing), duration)
@@ -99,6 +103,7 @@ class Neighbours:
                 else self._continued_clear(task, neighbour, here)
             )
             here = _cheaper(here, stepped)
+        # far from any single move, another valley may be the best by now
         if far and duration not in self._alone_at and not self._at_the_best(task, move, here):
             here = _cheaper(here, self._single_or_none(duration))
         if here is None and same:

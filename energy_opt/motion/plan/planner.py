@@ -245,7 +245,7 @@ class Planner:
         return sketched(replace(self.context(move), cell=None), move, warm)
 
     def settle(self, move: Move, motion: Trajectory, open_: Open = FIXED, clear: bool = True) -> Settled:
-        """The optimum near a motion, with the open coordinates optimized too; `clear`: of bodies."""
+        """The optimum near `motion`, with the coordinates in `open_`, and its via positions; `clear`: of bodies."""
         if move.mode == "retime" or self.settings.objective != "energy" or below_resolution(move):
             return motion, move.via
         planner = (self if clear else self.around(None)).as_ending(motion)

@@ -25,7 +25,7 @@ class Rival:
 
 
 def judges_of(rivals: Sequence[Rival], robot: Robot) -> list[tuple[int, Rival]]:
-    """The models, then the corners of their assumed friction, each with the number of its model."""
+    """The models, then the corners of their assumed friction, each with the number of its model among `rivals`."""
     corners = [
         (k, Rival(f"{rival.name}, {name}", corner))
         for k, rival in enumerate(rivals)
@@ -40,7 +40,11 @@ def exceeds(total: float, slowed: float) -> bool:
 
 
 def record_of(name: str, energy: Energy, slowed: Energy | None) -> dict[str, object]:
-    """A record of `Result.models`: a model's energies of a move and of the evenly slowed one."""
+    """A record of `Result.models`: a model's energies [J] of a move, and what it saves against the evenly slowed one.
+
+    Args:
+        name: of the model. slowed: None if the evenly slowed move is not valid; the savings are then None, too.
+    """
     share, joules = None, None
     if slowed is not None:
         joules = slowed.total - energy.total

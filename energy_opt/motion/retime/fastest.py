@@ -33,6 +33,9 @@ def minimum_time(
     It is TOPP-RA's, unless limits bind that TOPP-RA does not support (above all jerk): it would have to be slowed
     evenly to hold these, so the retiming program is then minimised for time, starting there.
 
+    Args:
+        start_speed, end_speed: path speed ds/dt [1/s] at both ends.
+
     Raises:
         Infeasible: the path breaks limits at any timing.
     """
@@ -48,7 +51,11 @@ def minimum_time(
 
 
 def quickest(work: Retiming, shortest: Timing) -> Timing:
-    """The program minimised for time, slowed by its excess over limits; `shortest` if that is no slower."""
+    """The program minimised for time, slowed by its excess over limits; `shortest` if that is no slower.
+
+    Args:
+        work: the path's retiming. shortest: a timing of the path within the limits, from which the solver starts.
+    """
     found = work.optimise(shortest, price=-1.0, longest=2 * shortest.duration, floor=FLOOR, energy=False)
     timing = found.timing
     if all(work.rest):

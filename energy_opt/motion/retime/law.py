@@ -107,8 +107,10 @@ Form = Callable[[ca.SX, ca.SX, ca.SX], AlongPath]  # from rate, typical and widt
 class Law:
     """The model's law at a point, (z, at, shared) -> the state there, with motor torque and power.
 
-    at (N, 1): q, q', q'', M, C, G (see `path_dynamics.offsets`) and the time [s] (for effects that depend on time);
-    shared: the model's values, the unit of a and b [1/s^2] and the width of the kinks.
+    Attributes:
+        z: (2, 1) path acceleration a and squared path speed b, in `unit`.
+        at: (N, 1) q, q', q'', M, C, G (see `path_dynamics.offsets`) and the time [s], for effects that depend on it.
+        shared: the model's values, the unit of a and b [1/s^2] and the width of the kinks.
     """
 
     z: ca.SX
@@ -120,7 +122,11 @@ class Law:
 
 @lru_cache(maxsize=16)
 def law(shared_by: SharedByStructure, n: int, form: Form = AlongPath) -> Law:
-    """The law of a model's structure and number of joints, with kinks of a form; built once."""
+    """The law of a model's structure on n joints; built once.
+
+    Args:
+        form: the kinks: `AlongPath` smoothed, `Tangents` their supporting lines, `Expanded` to second order.
+    """
     parts = offsets(shared_by.model, n)
     z, at = ca.SX.sym("z", 2), ca.SX.sym("at", parts[-1] + 1)
     unit, width = ca.SX.sym("unit"), ca.SX.sym("width")
@@ -138,7 +144,7 @@ def law(shared_by: SharedByStructure, n: int, form: Form = AlongPath) -> Law:
 
 @lru_cache(maxsize=16)
 def law_function(shared_by: SharedByStructure, n: int, form: Form = AlongPath) -> ca.Function:
-    """(z, at, shared) -> power, motor torque."""
+    """(z, at, shared) -> power [W], motor torque (n, 1) [N m]; the inputs are those of `Law`, `form` that of `law`."""
     built = law(shared_by, n, form)
     return ca.Function("law", [built.z, built.at, built.shared], [built.state.power, built.state.effort])
 
@@ -201,10 +207,16 @@ def _probed(shared_by: SharedByStructure, n: int) -> ca.Function:
 
 
 def compressed(shared_by: SharedByStructure, n: int, at: np.ndarray, shared: np.ndarray) -> np.ndarray | None:
-    """Coefficients (9, M) of the power's monomials at points `at` (N, M); None if the law has other terms.
+    """Coefficients of the power's monomials at points; None if the law has other terms.
 
     Copper loss, viscous friction and all affine terms reduce to 1, a, b, a^2, a b, b^2 and sqrt(b) times 1, a, b. The
     coefficients are fitted to the law at ten probes, one more than the unknowns.
+
+    Args:
+        n: number of joints. at: (N, M) the law's input at each point. shared: (values + 2,), see `Law`.
+
+    Returns:
+        (9, M) [W] for a and b in the unit that `shared` holds.
     """
     power = Batch(_probed(shared_by, n), at.shape[1])(at.T, shared)[0].T
     if np.abs(_RESIDUAL @ power).max() > 1e-9 * np.abs(power).max():
@@ -228,9 +240,13 @@ class LimitByStructure:
 @lru_cache(maxsize=32)
 def limit_terms(shared_by: SharedByStructure, n: int, by: LimitByStructure) -> tuple[ca.Function, ca.Function]:
     """A limit's constraints: (z, at, shared) -> value (m, 1), Jacobian (m, 2); and (z, multipliers, at, shared) ->
-    upper triangle of their weighted Hessians.
+    upper triangle (3, 1) of their weighted Hessians.
 
-    `shared` is that of the law, then the limit's values.
+    Args:
+        n: number of joints. by: the limit, which has symbolic constraints.
+
+    Returns:
+        Both functions. Their `z` and `at` are those of the law, `shared` that of the law, then the limit's values.
     """
     built, limit = law(shared_by, n), by.limit
     values, multiplier = ca.SX.sym("values", len(limit.values)), ca.SX.sym("multiplier", limit.scale.size)
@@ -244,5 +260,5 @@ def limit_terms(shared_by: SharedByStructure, n: int, by: LimitByStructure) -> t
 
 
 def point_numbers(d: PathDynamics, time: np.ndarray) -> np.ndarray:
-    """The input `at` of the law at each point, (N, M); see Law."""
+    """The input `at` of the law at the M points of `d`, (N, M), with `time` (M,) [s] in its last line; see `Law`."""
     return np.vstack([d.q.T, d.q1.T, d.q2.T, d.M.T, d.C.T, d.G.T, time])

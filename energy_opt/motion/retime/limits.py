@@ -1,4 +1,9 @@
-"""The limits of a retiming along its path: where they are broken, and the constraints added there."""
+"""The limits of a retiming along its path: where they are broken, and the constraints added there.
+
+A path has hundreds of points with many limited values at each, of which few bind. So a solve begins without most of
+them; where its answer breaks a limit, or comes near, constraints are added, and it is solved again. The largest excess
+between points is covered by a small margin at all bounds, or by tighter bounds at the points beside it.
+"""
 
 from __future__ import annotations
 
@@ -38,8 +43,9 @@ class Worst:
 
 
 class AtPoints:
-    """A limit on path acceleration and squared speed at the grid's points: where it is held, and how much tighter.
+    """A limit on path acceleration and squared speed at the grid's M points: where it is held, and how much tighter.
 
+    `held`, `tight`, `reserve` and `times` are (M, m), for the limit's m values at each point.
     Symbolic constraints are also tightened by `reserve`, because their smoothed law may be below the exact one. `times`
     counts how often this was needed: at kinks the exact law follows a reduction only in part, so each one is larger.
     """
@@ -89,7 +95,12 @@ class PathLimits:
     """The limits of one path on one grid; keeps track of those that have become constraints."""
 
     def __init__(self, dynamics: PathDynamics, knots: np.ndarray, limits: Sequence[Limit], typical: float) -> None:
-        """`typical`: a typical squared speed of the path."""
+        """Sort the limits by what they need, and find constant bounds.
+
+        Args:
+            dynamics: at the grid's points. knots: (N + 1,) of the timing.
+            typical: a typical squared path speed [1/s^2], at which torque is tested for being affine.
+        """
         self.dynamics, self.knots = dynamics, knots
         self.lift: Lift = kept_lift(knots, dynamics.s)
         s, none = dynamics.s, np.zeros(len(dynamics.s))
@@ -129,7 +140,7 @@ class PathLimits:
         return [share for share in found if share is not None]
 
     def worst(self, control: np.ndarray) -> Worst:
-        """The limit whose bound is used most."""
+        """The limit whose bound is used most by control values (N + 2,) [1/s^2]."""
         found = [
             (held.limit, self.dynamics.s, use) for held, use in zip(self.at_points, self._uses(control), strict=True)
         ]
@@ -218,7 +229,7 @@ class PathLimits:
         return out
 
     def constraints(self, unit: float) -> PathConstraints:
-        """The held limits, for control values in the given unit."""
+        """The held limits as constraints of the program, for control values in the given unit [1/s^2]."""
         places: list[np.ndarray] = []
         parts: list[tuple[np.ndarray, ...]] = []
         curved: list[CurvedConstraints] = []

@@ -181,7 +181,7 @@ class RetimeProgram:
         lift: to (a, b) at the grid's points.
         weight: (M,) quadrature weights.
         cost: sum over the points.
-        ends: (2,) first and last control value.
+        ends: (2,) first and last control value, the squared end speeds.
         reference: T_ref, in the program's unit of time.
         constraints: those of the limits in force.
         timed: False leaves out the constraint on T.
@@ -256,7 +256,11 @@ class RetimeProgram:
         return self.banded_hessian(x, factor, np.concatenate([of_time, multipliers]))[self.band.inside]
 
     def banded_hessian(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray:
-        """The Hessian of factor cost + multipliers . constraints, that of T / T_ref first, in the form of `Band`."""
+        """The Hessian (3 N,) of factor cost + multipliers . constraints, in the form of `Band`.
+
+        Args:
+            x: (N,) free control values. multipliers: of T / T_ref (0 if it is not constrained), then of the limits.
+        """
         self.at(x)
         at_points = factor * self.points.curvature(self._z)
         at_points[2] += multipliers[0] * 0.75 * self._share / (self._z[1] * self._z[1])

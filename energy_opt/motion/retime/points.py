@@ -124,9 +124,12 @@ class Symbolic:
     def of(
         cls, shared_by: SharedByStructure, n: int, limit: Limit, at: np.ndarray, shared: np.ndarray, scale: np.ndarray
     ) -> Symbolic:
-        """From the law's input `at` (N, K) and the numbers that all points share.
+        """The constraints of a limit at K points.
 
-        These are the model's values, unit, width and the limit's values.
+        Args:
+            n: number of joints. at: (N, K) the law's input.
+            shared: numbers that all points share: the model's values, unit, width and the limit's values.
+            scale: (K, m) factors that bring the constraints to [-1, 1].
         """
         functions = limit_terms(shared_by, n, LimitByStructure(limit))
         value, curvature = (Batch(f, len(scale)).fixing(k, at.T, shared) for k, f in enumerate(functions, start=1))
@@ -165,13 +168,19 @@ class PathLaw:
 
     @classmethod
     def of(cls, model: PowerModel, dynamics: PathDynamics, unit: float, time: np.ndarray) -> PathLaw:
-        """At the points of `dynamics`, which are passed at `time` (M,) [s]."""
+        """At the points of `dynamics`, which are passed at `time` (M,) [s]; `unit` of squared speed [1/s^2]."""
         numbers, n = point_numbers(dynamics, time), dynamics.robot.n
         shared = np.append(model.values(n), [unit, WIDTHS[0]])
         return cls(model, n, numbers, unit, compressed(SharedByStructure(model), n, numbers, shared))
 
     def cost(self, weight: np.ndarray, unit: float, energy: float, time: float, width: float) -> Cost:
-        """Sum over points of weight / sqrt(b) (energy P + time), with a and b in `unit` and kinks `width` wide."""
+        """Sum over points of weight / sqrt(b) (energy P + time).
+
+        Args:
+            weight: (M,) quadrature weights. unit: of a and b [1/s^2].
+            energy, time: factors of power and of one second.
+            width: factor of the widths of smoothed kinks.
+        """
         if self.coefficients is None:
             shared = np.append(self.model.values(self.joints), [unit, width, energy, time])
             structure = SharedByStructure(self.model)

@@ -92,7 +92,7 @@ RESOLVED = 1e-6  # relative: if the grid's duration differs from the true one by
 
 @dataclass
 class Tally:
-    """The effort of all solves together."""
+    """The effort of all solves together; build and solve in seconds."""
 
     iterations: int = 0
     build: float = 0.0
@@ -101,7 +101,12 @@ class Tally:
 
 @dataclass(frozen=True)
 class Solved:
-    """An optimised timing and a proven bound of energy - price * duration [J]."""
+    """An optimised timing.
+
+    Attributes:
+        bound: proven, below energy - price * duration [J] of all timings on the grid; None if nothing is proven.
+        solved: the solver converged and all limits hold. status: its own word for how it ended, or what fails.
+    """
 
     work: Retiming
     timing: Timing
@@ -116,7 +121,7 @@ class Solved:
 
 
 def standing_power(robot: Robot, model: PowerModel, path: JointPath) -> float:
-    """Power [W] of standing still at the start."""
+    """Power [W] of standing still at the start of a path."""
     d = PathDynamics(robot, model, path, np.zeros(1))
     return float(d.power(np.zeros(1), np.zeros(1))[0])
 
@@ -214,13 +219,17 @@ class Retiming:
         only_bound: bool = False,
         bounded: bool = False,
     ) -> Solved:
-        """Minimise energy - price * duration from `start`, in at most (`exactly`: in) `longest` seconds.
+        """Minimise energy - price * duration from a timing on the grid.
 
-        `bounded`: the longest duration probably binds; else it is left out first.
-
-        No control value falls below `floor` times the start's largest, and less near the ends. With `energy` False, the
-        energy is left out. With `only_bound`, limits between the grid's points are not checked and the solver stops
-        early: the bound remains valid.
+        Args:
+            price: credit [W] for a second of the duration.
+            longest: [s] most, or exactly, the duration.
+            floor: no control value falls below this share of the start's largest; near the ends the share is smaller.
+            exactly: in exactly `longest` seconds.
+            energy: False leaves the energy out, so that only time counts.
+            only_bound: limits between the grid's points are not checked and the solver stops early: the bound remains
+                valid.
+            bounded: the longest duration probably binds; else it is left out first.
         """
         drifts = energy and any(effect.drifts for effect in self.model.effects)
 
@@ -264,6 +273,7 @@ class Retiming:
 
         whole = program(PathConstraints(), WIDTHS[0])
         size = max(abs(whole.cost(x)), 1e-3 * abs(price) * start.duration, 1e-12)
+        # limits that the shortest timing or the start uses nearly in full will probably bind
         self.limits.add_broken(self.shortest.control, always=True)
         self.limits.add_broken(start.control, always=True)
         widths = [WIDTHS[-1]] if law.coefficients is not None else list(WIDTHS)
@@ -300,6 +310,7 @@ class Retiming:
             if not self.limits.add_broken(control) and (only_bound or not self.limits.refine(control)):
                 break
         timing = Timing(start.path, start.knots, control)
+        # weak duality needs a convex cost and linear constraints
         bound = None
         if answer.success and self.convex and not constraints.curved and not rough:
             allowed = upper / (1 - MARGIN) ** 2

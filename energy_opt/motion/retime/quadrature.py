@@ -161,15 +161,22 @@ class Lift:
 
 
 def gathered(first: np.ndarray, entries: np.ndarray, count: int) -> np.ndarray:
-    """The sum over points of entries (M, 3) at control values first (M,) and the next two; only the free ones of
-    `count`.
+    """The sum over points of their entries at control values, (count - 2,) for the free ones of `count`.
+
+    Args:
+        first: (M,) the first control value of each point. entries: (M, 3) at this one and the next two.
     """
     touched = first[:, None] + np.arange(3)
     return np.bincount(touched.ravel(), entries.ravel(), count)[1:-1]
 
 
 def lift(knots: np.ndarray, s: np.ndarray, kinds: str = "ab", piece: np.ndarray | None = None) -> Lift:
-    """The maps from control values to "ab" or "abw" (`kinds`) at points `s`; `piece`: the interval if s is a knot."""
+    """The maps from control values of the timing to quantities at points.
+
+    Args:
+        knots: (N + 1,). s: (M,) points. kinds: "ab" for (a, b), "abw" for (a, b, w), as in `Lift.maps`.
+        piece: (M,) the interval of each point, which matters at knots; None: the one to the right of a knot.
+    """
     at = quadratic_basis(knots, s, piece)
     return Lift(at.first, np.stack([getattr(at, kind) for kind in kinds]), len(knots) + 1)
 

@@ -1,4 +1,8 @@
-"""Even slowing of a timing: the limits that it breaks, and the slowing that holds all limits."""
+"""Even slowing of a timing: the limits that it breaks, and the slowing that holds all limits.
+
+TOPP-RA does not know limits such as jerk. Slowing a timing by the factor k divides the derivative of order m by k^m, so
+such limits hold if a motion from rest to rest is slow enough. Limits without an order, as on torque, are tried instead.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +19,7 @@ SLOWEST = 50.0  # largest factor of the duration: slowing further repairs nothin
 
 
 def uses(limits: Sequence[Limit], dense: PathDynamics, timing: Timing) -> list[Use]:
-    """The share of each limit that a timing uses at the places of `dense`."""
+    """The share of each limit that a timing uses at the places of `dense`, the path at closely spaced positions."""
     b, a, w = timing.speed(dense.s)
     return used(limits, dense, a, b, w)
 
@@ -48,7 +52,11 @@ def slowing(limits: Sequence[Limit], dense: PathDynamics, timing: Timing) -> flo
 
 
 def not_held(limits: Sequence[Limit], dense: PathDynamics, timing: Timing, text: str) -> Infeasible:
-    """The error that the limit which is broken most cannot be held, with its place."""
+    """The error that the limit which is broken most cannot be held, with its place.
+
+    Args:
+        text: what it says of the limit, such as "cannot be held".
+    """
     use = max(uses(limits, dense, timing), key=lambda use: use.worst[0])
     share, k, j = use.worst
     where, s = use.limit.where(dense.robot.joints, j), float(dense.s[k])

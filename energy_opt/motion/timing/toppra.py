@@ -45,7 +45,7 @@ def fastest(
     end_speed: float = 0.0,
     limits: Sequence[Limit] | None = None,
 ) -> Timing:
-    """The fastest timing within limits (torque with every torque effect of `model`).
+    """The fastest timing of a path within limits (torque with every torque effect of `model`).
 
     TOPP-RA supports limits that are linear in path acceleration and squared speed, or that a tangent replaces. If the
     result breaks others, such as jerk, coarser grids, which switch more gently, and even slowing are tried, and the

@@ -204,7 +204,14 @@ def _entries(
 
 
 def explained_share(before: dict[str, Any], after: dict[str, Any], floor: float) -> float:
-    """Share of the mean square above the noise floor that the calibrated model removes, on held-out runs if any."""
+    """Share of the mean square above the noise floor that the calibrated model removes, on held-out runs if any.
+
+    It is 0 if hardly anything (2 % of the floor's square) was above the floor.
+
+    Args:
+        before, after: `errors` of the declared and the calibrated model, of "train" and of "holdout" (None without).
+        floor: [W] rms error that noise alone causes.
+    """
     part = "holdout" if before["holdout"] is not None else "train"
     was = before[part]["power_rmse"] ** 2 - floor**2
     now = after[part]["power_rmse"] ** 2 - floor**2

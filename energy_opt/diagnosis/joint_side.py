@@ -91,7 +91,10 @@ class JointSide:
 
 
 def joint_side(measured: MeasuredSet, declared: PowerModel) -> JointSide | None:
-    """Fit the joints' readings of a set; None where there are hardly any."""
+    """Fit the joints' readings of a set: currents if any are logged, else torques; None where there are hardly any.
+
+    The `declared` model gives payload, tilt and links for the rigid body's torque.
+    """
     runs = [r for r in measured.runs if r.current is not None] or [r for r in measured.runs if r.effort is not None]
     if not runs or sum(len(r.time) for r in runs) < FEW:
         return None
@@ -328,7 +331,7 @@ def free_runs(measured: MeasuredSet, found: list[Push]) -> tuple[MeasuredSet, bo
 
 
 def push_words(found: list[Push], enough: bool) -> list[str]:
-    """Remarks on external contacts."""
+    """Remarks on external contacts; `enough`: whether enough runs are left without them, by `free_runs`."""
     if not found:
         return []
     worst = max(found, key=lambda p: p.torque)

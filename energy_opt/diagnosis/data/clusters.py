@@ -83,8 +83,8 @@ def repeats(samples: Samples) -> list[int]:
 def excited(samples: Samples, limits: Limits) -> np.ndarray:
     """(n,) True for joints that move enough to show their losses.
 
-    A joint must exceed `MOVES`. If no joint of the arm reaches `SLOW` of its velocity limit, all count as idle: slow
-    motion does not show viscous friction, regeneration and inertia.
+    A joint must exceed `MOVES`. If no joint of the arm reaches `SLOW` of its velocity limit in `limits`, all count as
+    idle: slow motion does not show viscous friction, regeneration and inertia.
     """
     fastest = np.abs(samples.v).max(axis=0)
     if (fastest < SLOW * limits.velocity).all():
@@ -93,17 +93,18 @@ def excited(samples: Samples, limits: Limits) -> np.ndarray:
 
 
 def samples_of(samples: Samples, group: Sequence[int]) -> np.ndarray:
-    """Indices of the readings of some runs."""
+    """Indices (m,) of the readings of the runs in `group`, run after run."""
     return np.concatenate([np.arange(samples.parts[r].start, samples.parts[r].stop) for r in group])
 
 
 def split(samples: Samples, seed: int = 0) -> tuple[list[int], list[int]]:
-    """Indices of training and holdout runs; repeats of a motion stay together.
+    """Indices of training and holdout runs, each ascending; repeats of a motion stay together.
 
     Of `DRAWS` random selections, the one is used whose motions resemble all motions of their kind most, by the means of
     every joint's speed, squared torque, and positive and negative power. So the held-out motions excite the same
     effects as the others. The order of the log and the names of the files have no influence. A kind with fewer than
-    `FEWEST` motions is not split. Poses alone cannot judge motions: they are not held out if no motion can be.
+    `FEWEST` motions is not split. Poses alone cannot judge motions: they are not held out if no motion can be. `seed`
+    is that of the selections.
     """
     rng = np.random.default_rng(seed)
     torque = samples.body.torque(samples.q, samples.v, samples.a)

@@ -40,7 +40,9 @@ class Noise:
     """The noise of a meter.
 
     Attributes:
-        white, wave, misfit: standard deviations [W]. memory: [s] of the wave.
+        white: [W] standard deviation of w, independent from reading to reading.
+        wave, memory: [W] that of x, and its correlation time [s].
+        misfit: [W] that of d_c.
     """
 
     white: float
@@ -51,7 +53,13 @@ class Noise:
 
 @dataclass(frozen=True)
 class Shared:
-    """Smooth functions of distinct motions: columns (M, k) of unit variance; readings and column count of each."""
+    """Smooth functions of the distinct motions that were repeated.
+
+    Attributes:
+        columns: (M, k) basis functions of phase at the readings; weights of unit variance give a function.
+        motions: of each motion its readings (m,) and how many of the columns it uses; motions share the columns, as
+            none has another's readings.
+    """
 
     columns: np.ndarray
     motions: tuple[tuple[np.ndarray, int], ...]
@@ -216,7 +224,14 @@ def weighed(
 
 
 def no_less(value: float, white: float, least: float, count: int) -> tuple[float, float]:
-    """Log evidence and white noise under the constraint that this is at least `FLOOR` times `least`."""
+    """Log evidence and white noise under the constraint that this is at least f = `FLOOR` times `least`.
+
+    The likelihood of a larger white noise w' = max(w, f) is lower by count (log(w' / w) + ((w / w')^2 - 1) / 2).
+
+    Args:
+        value: log evidence at the likeliest white noise w, which is `white` [W].
+        least: [W] white noise of single readings. count: number of readings less fitted levels.
+    """
     floor = max(white, FLOOR * least)
     return value - count * (float(np.log(floor / white)) + ((white / floor) ** 2 - 1) / 2), floor
 

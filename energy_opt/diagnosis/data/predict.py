@@ -1,4 +1,9 @@
-"""The readings that a model predicts at the samples, with exact derivatives by every parameter of every effect."""
+"""The readings that a model predicts at the samples, with derivatives by every parameter of every effect.
+
+The power law is that of planning, evaluated by CasADi with its gradient. Rigid torque is linear in the links' inertial
+parameters and in gravity, so the regressors of the samples give it and its derivatives. Effects of the meter come last.
+Only a store's size and the time constant of warming windings are differentiated by finite differences.
+"""
 
 from __future__ import annotations
 
@@ -314,7 +319,11 @@ def _returned_slope(model: PowerModel, s: Samples, bus: np.ndarray) -> np.ndarra
 
 
 def friction_torque(model: PowerModel, n: int) -> Callable[[np.ndarray, int], np.ndarray]:
-    """Torque [N m] of the model's frictions at speeds (N,) [rad/s] of a joint, unloaded and cold."""
+    """Torque of the model's frictions, unloaded and cold.
+
+    Returns:
+        A function of speeds (N,) [rad/s, m/s] and of a joint's index, which gives the torque (N,) [N m, N] there.
+    """
     v = ca.SX.sym("v", n)
     zero = ca.SX.zeros(n)
     x = Signals(zero, v, zero, zero, ca.SX(0))

@@ -1,6 +1,7 @@
 """Measured runs as samples: readings averaged in bins, smoothed motion, and its uncertainty by position errors.
 
-Before that a set is prepared: damaged runs are left out, and long sets are shortened.
+Before that a set is prepared: damaged runs are left out, and long sets are shortened. A model is evaluated at nodes:
+the middles of bins for readings at instants, else evenly under the windows over which the meter averages.
 """
 
 from __future__ import annotations

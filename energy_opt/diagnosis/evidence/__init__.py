@@ -1,1 +1,1 @@
-"""How well hypotheses explain the data: evidence, errors, and what remains."""
+"""How well hypotheses explain the data: evidence (`odds`), errors beside the noise, and what the residual follows."""

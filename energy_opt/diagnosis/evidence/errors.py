@@ -80,6 +80,7 @@ def quality(model: PowerModel, samples: Samples, noise: Noise, drift: np.ndarray
     """The error of a model on some runs.
 
     Args:
+        samples: of these runs, with their weights.
         noise: of the meter at standstill. drift: (R,) of its level in each run, W.
     """
     now = predict(model, samples)
@@ -143,7 +144,14 @@ def energy(time: np.ndarray, power: np.ndarray) -> float:
 
 
 def errors(model: PowerModel, samples: Samples, runs: Sequence[int]) -> dict[str, Any] | None:
-    """Mean energy error per run [%] and power RMSE [W] over the given runs, with bootstrap intervals over motions."""
+    """Mean energy error per run [%] and power RMSE [W] over the given runs, with bootstrap intervals over motions.
+
+    Args:
+        samples: of the whole set. runs: indices of those to use.
+
+    Returns:
+        As in diagnosis.json; None without any run.
+    """
     if not runs:
         return None
     samples = samples.part(runs)

@@ -54,9 +54,15 @@ Subset = frozenset[int]
 
 @dataclass(frozen=True)
 class Block:
-    """Columns that enter or leave a set together, with amounts x; x = 0 changes nothing.
+    """Columns that enter or leave a set together, with amounts x (c,).
 
-    `odds` is the logarithm of the prior odds; `present` are the amounts in the fit, None if it does not have the block.
+    Attributes:
+        white: (M, c) whitened derivatives of the readings by the amounts.
+        precision, mean, low, high: (c, c), (c,) of the amounts' normal prior, and their bounds.
+        odds: logarithm of the prior odds.
+        source: where it comes from; an integer is the index of an effect or free function of the fit.
+        present: (c,) amounts in the fit; None if the fit does not have the block, and for its free functions, whose x
+            is the change from the fit.
     """
 
     name: str
@@ -66,7 +72,7 @@ class Block:
     low: np.ndarray
     high: np.ndarray
     odds: float
-    source: Candidate | Free | int  # an integer is the index of an effect or free function of the fit
+    source: Candidate | Free | int
     present: np.ndarray | None = None
 
     def lean(self) -> Block:
@@ -132,7 +138,11 @@ class Bank:
         return self._grids[nuisance]
 
     def under(self, chosen: Iterable[int], nuisance: Nuisance) -> tuple[float, np.ndarray]:
-        """Log evidence times odds of a set under one nuisance, and the best amounts, block after block."""
+        """Log evidence times odds of a set under one nuisance, and the best amounts, block after block.
+
+        Args:
+            chosen: indices of blocks. nuisance: one of `nuisances`, whose own odds do not count here.
+        """
         chosen = sorted(chosen)
         taken, small, worth = self._under(nuisance)
         index = np.concatenate([self._rows[k] for k in chosen] or [np.zeros(0, int)]).astype(int)
@@ -185,7 +195,11 @@ class Bank:
         return self.seen[chosen]
 
     def unlike(self, effect: int, block: int) -> float:
-        """Share of the squares of an effect of the fit that another block's columns cannot represent."""
+        """Share of the squares of an effect of the fit that another block's columns cannot represent.
+
+        Args:
+            effect, block: indices of blocks; the first one is in the fit.
+        """
         present, effect_at, free = self.blocks[effect].present, self._rows[effect], self._rows[block]
         assert present is not None
         own = float(present @ self._aa[np.ix_(effect_at, effect_at)] @ present)

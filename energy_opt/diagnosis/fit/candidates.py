@@ -164,7 +164,7 @@ def _by_difference(kind: type[Effect], now: Fit) -> Iterator[Candidate]:
 
 
 def sized_store(c: Chart, size: float) -> Chart:
-    """The chart of a store about a size, which is also the width of the prior."""
+    """The chart of a store about a size [J], which is also the standard deviation of the prior."""
     at = np.array([size])
     return replace(c, base=at, origin=at, mean=at, precision=np.array([[size**-2]]), unknown=np.zeros(1, bool))
 
@@ -245,7 +245,11 @@ def _in_time(t: np.ndarray, slices: Sequence[slice]) -> np.ndarray:
 
 
 def travel(v: np.ndarray, t: np.ndarray, slices: Sequence[slice]) -> np.ndarray:
-    """Travel (rad or m) of each joint since it last reversed, or since its run began (K, n)."""
+    """Travel (K, n) [rad, m] of each joint since it last reversed, or since its run began.
+
+    Args:
+        v, t: (K, n) speeds and (K,) times [s] of the nodes. slices: where each run's nodes lie.
+    """
     out = np.empty_like(v)
     for samples in slices:
         step = np.gradient(t[samples]) if samples.stop - samples.start > 1 else np.ones(1)

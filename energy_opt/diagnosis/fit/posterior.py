@@ -77,7 +77,7 @@ class Recent:
         return self._held.get(token)
 
     def put(self, token: int, value: tuple[Prediction, np.ndarray]) -> None:
-        """Keep prediction and Jacobian of a fit, and drop the oldest."""
+        """Keep prediction and Jacobian (`value`) of the fit with this token, and drop the oldest."""
         self._held[token] = value
         self._size += _bytes(value)
         while self._size > MOST_HELD and len(self._held) > 1:
@@ -115,7 +115,11 @@ class World:
 
     @classmethod
     def of(cls, samples: Samples, declared: PowerModel, scale: Scale, links: Links, noise: Noise) -> World:
-        """The samples with what all fits share: levels of runs, model errors of repeated motions, and the noise."""
+        """The samples with what all fits share: levels of runs, model errors of repeated motions, and the noise.
+
+        Args:
+            scale: usual sizes for priors. links: directions of link deviations at these samples.
+        """
         offsets = np.zeros((len(samples.power), len(samples.parts)))
         for r, part in enumerate(samples.parts):
             offsets[part, r] = 1.0
@@ -138,7 +142,7 @@ class World:
 
 
 def whitener(samples: Samples, noise: Noise, shared: Shared) -> Whitener:
-    """The map that makes a noise white on these readings."""
+    """The map that makes a noise white on these readings; `shared`: functions that repeats of a motion share."""
     return Whitener(noise, [samples.at[p] for p in samples.parts], samples.weight, shared)
 
 
@@ -242,15 +246,13 @@ class Fit:
 
 
 def fit(
-    world: World,
-    nuisance: Nuisance,
-    charts: Sequence[Chart],
-    starts: Sequence[np.ndarray],
-    free: Sequence[Free] = (),
-    amounts: np.ndarray | None = None,
-    iterations: int = ITERATIONS,
-) -> Fit:
-    """Fit a hypothesis from `starts` (one vector per chart)."""
+    world: World, nuisance: Nuisance, charts: Sequence[Chart], starts: Sequence[np.ndarray],
+    free: Sequence[Free] = (), amounts: np.ndarray | None = None, iterations: int = ITERATIONS,
+) -> Fit:  # fmt: skip
+    """Fit a hypothesis from `starts` (z of each chart), and `amounts` of links (None: zero).
+
+    With no `iterations` of Gauss-Newton's method, it is only linearised there. Other numbers start at zero.
+    """
     mean, precision, low, high = _before(world, nuisance, charts, free)
     drawn = columns_of(world, free)
     if amounts is None:
@@ -327,7 +329,7 @@ def slopes(
     world: World, model: PowerModel, charts: Sequence[Chart], numbers: Sequence[np.ndarray], drawn: np.ndarray,
     p: Prediction,
 ) -> np.ndarray:  # fmt: skip
-    """Derivatives (M, P) [W] of the readings by theta, from the prediction of a model with these numbers."""
+    """Derivatives (M, P) [W] of the readings by theta, from the prediction `p` of a model with these `numbers`."""
     where = model.places(world.samples.n)
     own = [p.jacobian[:, where[c.term.name]] @ c.slope(z) for c, z in zip(charts, numbers, strict=True)]
     return np.column_stack([*own, drawn, p.external, world.offsets])

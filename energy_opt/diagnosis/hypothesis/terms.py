@@ -41,9 +41,11 @@ class Measured:
 
 @dataclass(frozen=True)
 class Scale:
-    """Usual sizes on an arm: effort [N m] and velocity limits [rad/s] (n,), level of its power [W].
+    """Usual sizes on an arm.
 
-    `measured`: by effect with one number per joint, its values from other readings than the power.
+    Attributes:
+        effort, velocity: (n,) limits [N m, N] and [rad/s, m/s]. level: [W] of its power.
+        measured: by effect with one number per joint, its values from other readings than the power.
     """
 
     effort: np.ndarray
@@ -58,7 +60,7 @@ class Scale:
 
     @classmethod
     def of(cls, limits: Limits, power: np.ndarray) -> Scale:
-        """From an arm's limits and its measured power."""
+        """From an arm's limits and its measured power (M,) [W], whose median magnitude is the level (at least 5 W)."""
         return cls(limits.effort, limits.velocity, max(float(np.median(np.abs(power))), 5.0))
 
 
@@ -66,8 +68,10 @@ class Scale:
 class Term:
     """An effect with free numbers.
 
-    Attributes: options: `key=word` of its options and lengths. trial: values of `full` where its shapes start and its
-    grid stays (a tuple, so that terms can be compared). declared: True to refit an effect of the declared model.
+    Attributes:
+        options: `key=word` of its options and lengths.
+        trial: values of `full` where its shapes start and its grid stays (a tuple, so that terms can be compared).
+        declared: True to refit an effect of the declared model.
     """
 
     name: str
@@ -180,7 +184,14 @@ def usual(unit: str, joint: int, scale: Scale) -> float | None:
 
 
 def chart(term: Term, declared: PowerModel, scale: Scale, n: int) -> Chart:
-    """The chart of a term over a declared model."""
+    """The chart of a term over a declared model.
+
+    An effect that the model lacks starts where it changes (almost) nothing; a declared one at its values. Friction is
+    bounded by the share `MOST` of the effort limits, and readings of the joints in `scale.measured` narrow the prior.
+
+    Args:
+        scale: usual sizes on the arm, which give the prior's widths. n: number of joints.
+    """
     kind, words = term.kind, words_of(term.options)
     held = declared.get(term.name) if term.declared else None
     idle = kind.neutral(n, **words)

@@ -82,7 +82,15 @@ def _slope(f: Fit, c: Chart, z: np.ndarray, k: int, joint: int, speed: float, va
 
 
 def side_records(side: JointSide | None, chosen: Fit | None) -> list[dict[str, Any]]:
-    """Per joint: drive constant, friction and inertia by its own readings, and its friction by the power."""
+    """Per joint: drive constant, friction and inertia by its own readings, and its friction by the power.
+
+    Args:
+        side: fit of the readings; None gives no records.
+        chosen: fit of the power, from which friction by the power follows; None for none.
+
+    Returns:
+        Records as in diagnosis.json under `joint_side`; numbers that are unknown are None.
+    """
     if side is None:
         return []
     alone = by_power_alone(chosen) if chosen is not None else None
@@ -123,7 +131,7 @@ def _word(seen: tuple[float, float]) -> dict[str, Any]:
 
 
 def side_remarks(side: JointSide | None, records: Sequence[dict[str, Any]]) -> list[str]:
-    """Remarks on the joints' readings and on how they agree with the power."""
+    """Remarks on the joints' readings and on how they agree with the power, by `side_records`."""
     if side is None:
         return []
     out = []

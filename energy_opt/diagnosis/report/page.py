@@ -202,7 +202,11 @@ def _friction(result: Result, samples: Samples) -> list[Chart]:
 
 
 def joints_section(report: Report, records: Sequence[dict[str, Any]], side: JointSide) -> None:
-    """Section on the joints' own readings: drive constants, friction by readings and by the power, charts."""
+    """Add a section on the joints' own readings: drive constants, friction by readings and by the power, charts.
+
+    Args:
+        records: as `joint_report.side_records` gives them. side: the fit that they state.
+    """
     report.section("The joints' own readings")
     table = []
     for row in records:

@@ -79,7 +79,7 @@ def headline(document: dict[str, Any]) -> str:
 
 
 def joints_headline(names: Sequence[str], unit: str) -> str:
-    """Headline of a set without a meter."""
+    """Headline of a set without a meter; `names`: effects found in the readings, whose unit is "A" or "N m"."""
     what = "currents" if unit == "A" else "torques"
     verb = "shows" if len(names) == 1 else "show"
     said = f"{listed(names).capitalize()} {verb} in the joints' {what}" if names else f"The {what} show no friction"
@@ -197,7 +197,10 @@ def _borrowed(f: Fit, joints: Sequence[str]) -> list[str]:
 
 
 def speeds_seen(found: Inference, joints: Sequence[str]) -> list[str]:
-    """Sum of the friction laws at the usual speed, which the data determine even if the laws cannot be separated."""
+    """One sentence per joint on the sum of its friction laws at its usual speed.
+
+    The data determine this sum even if the laws cannot be separated, so it is stated if several sets explain the data.
+    """
     f = found.accepted
     names = set().union(*(set(r.names) for r in found.rivals))
     if (

@@ -160,7 +160,7 @@ class Search:
     def fitted(
         self, charts: list[Chart], starts: list[np.ndarray], free: list[Free], nuisance: Nuisance, amounts: np.ndarray
     ) -> Fit:
-        """Fit a hypothesis from `starts`; return its best fit so far."""
+        """Fit a hypothesis from `starts` (z of each chart) and `amounts` of links; return its best fit so far."""
         key = frozenset(c.term for c in charts), frozenset(g.signal for g in free)
         self.world.go_on()
         new = fit(self.world, nuisance, charts, starts, free, amounts)
@@ -173,7 +173,7 @@ class Search:
         return self.fits[key]
 
     def descend(self, start: Fit, rounds: int = ROUNDS) -> Fit:
-        """Search from a fit on; return the likeliest hypothesis."""
+        """Search from a fit on, in at most `rounds` refits; return the likeliest hypothesis."""
         best = self.keep(self.renewed(start))
         poor: set[frozenset[str]] = set()
         for _ in range(rounds):
@@ -224,7 +224,7 @@ class Search:
 
 
 def free_block(g: Free, white: np.ndarray, mean: np.ndarray, source: Free | int, odds: float = FREE_ODDS) -> Block:
-    """The block of a free function, from its whitened columns and the mean of its amounts."""
+    """The block of a free function, from its whitened columns (M, c) and the prior mean (c,) of its amounts."""
     inf = np.full(len(mean), np.inf)
     return Block(f"free {g.signal}", white, np.eye(len(mean)) / g.size**2, mean, -inf, inf, odds, source)
 
@@ -313,7 +313,7 @@ def _kind(bank: Bank, k: int) -> type[Effect] | None:
 
 
 def buildable(bank: Bank, chosen: Subset) -> bool:
-    """True if every effect of a set finds the effects that it needs in the set or in the declared model."""
+    """True if every effect of the `chosen` set finds the effects that it needs in the set or in the declared model."""
     kinds = [kind for k in chosen if (kind := _kind(bank, k)) is not None]
     there = {kind.name for kind in kinds} | {e.name for e in bank.fit.world.declared.effects}
     return all(name in there for kind in kinds for name in kind.needs)

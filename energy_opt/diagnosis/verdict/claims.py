@@ -58,7 +58,7 @@ def alike(a: Noise, b: Noise) -> bool:
 
 
 def claimed(found: Search, best: Fit) -> tuple[Fit, tuple[Claim, ...]]:
-    """The hypothesis without its uncertain effects (the least certain is removed first), and the remaining claims.
+    """The hypothesis `best` without its uncertain effects (the least certain is removed first), and the other claims.
 
     No law holds in every detail. So the error of a very certain effect must not be claimed as another effect. A warm-up
     whose rival is a meter that drifts farther than meters do is claimed as soon as no rival is as likely.
@@ -152,7 +152,7 @@ def _at_bounds(c: Chart, z: np.ndarray) -> np.ndarray:
 
 
 def only(found: Search, f: Fit, names: Collection[str] = ()) -> Fit:
-    """Refit a hypothesis with these of its effects alone, and those in `World.given`."""
+    """Refit a hypothesis with only the effects in `names`, as far as it has them, and those in `World.given`."""
     kept = {*names, *found.world.given}
     while not kept.issuperset(f.names):
         f = without(found, f, next(k for k, name in enumerate(f.names) if name not in kept))
@@ -269,9 +269,10 @@ def alternatives(found: Search, accepted: Fit, reach: float) -> tuple[Fit, ...]:
 
 
 def instead_of_links(found: Search, start: Fit) -> list[Fit]:
-    """Fits with one effect that are as likely as deviating links alone, the likeliest first.
+    """Fits with one effect that are as likely as deviating links alone, the likeliest first, at most `MOST`.
 
-    A payload may act like a heavier link, and the loss of a supply like links that are all too light.
+    A payload may act like a heavier link, and the loss of a supply like links that are all too light. `start` is the
+    fit with deviating links alone.
     """
     bank = found.bank(start)
     here = found.whole(bank)

@@ -292,7 +292,7 @@ def _as_good(found: Search, judge: Judge, accepted: Fit) -> tuple[Fit, ...]:
 
 
 def left_open(found: Search, judge: Judge, rivals: tuple[Fit, ...], reach: float) -> tuple[Fit, ...]:
-    """Alternatives whose log odds, with those of held-out motions, are within `reach` of the best, the likeliest first.
+    """Those of `rivals` whose log odds, with held-out motions, are within `reach` of the best, the likeliest first.
 
     The lower prior odds of rare effects exclude none of them. Laws that agree to first order, as load friction and gear
     efficiency, have equal evidence before they are fitted: rounding decides which of them the search finds.

@@ -77,7 +77,10 @@ class Judge:
         """Expected sum of `gains` if the law of a claim holds: the mean over the plausible noises.
 
         Half of the squared difference of both fits' predictions, weighted by the uncertainty of the parameters of
-        `less`.
+        `less`. Without motions held out, the claim's own log odds.
+
+        Args:
+            more: the fit with the claimed effect. less: the fit without it.
         """
         if self.held is None:
             return claim.odds
@@ -116,7 +119,10 @@ class Judge:
         return self.foreseen[f.token]
 
     def trained(self, more: Fit, less: Fit) -> np.ndarray:
-        """Log odds of each training motion, from fits without it; empty if `gains` already has these."""
+        """Log odds (C,) by which each training motion is likelier under `more`, foreseen by fits without it.
+
+        Empty if no motion is held out: `gains` has them then.
+        """
         return np.zeros(0) if self.held is None else left_out(more) - left_out(less)
 
 

@@ -68,7 +68,11 @@ class Foreseen:
 
 
 def foreseen_by(found: Inference, model: PowerModel, samples: Samples, joints: Sequence[str]) -> Foreseen:
-    """`foreseen` of the model that a diagnosis writes, over all of its runs."""
+    """`foreseen` of the model that a diagnosis writes, over all of its runs.
+
+    Args:
+        model: the one that is written. samples: of the whole set, training and holdout. joints: names.
+    """
     # if the residual is more than noise, it may affect errors of energy, levels and the estimated noise
     noise = None if found.verdict in ("partly", "unexplained") else found.noise
     best, rivals = found.best, [written(f) for f in found.rivals[1:]]
@@ -90,10 +94,14 @@ def foreseen(
 
     The level error that all motions share is removed: two plans of the same duration share it.
 
-    Args: noise: of the meter; its share of an energy is subtracted from e^2. None subtracts nothing, if more than noise
-    is left. levels: (R,) W of every run by the meter's drift. offset: of its level from run to run, W. f: the fit of
-    the model. best: the likeliest hypothesis; the influence of its free functions on other motions is unknown, unless
-    they follow the position or the time alone. rivals: further models that explain the set as well.
+    Args:
+        noise: of the meter; its share of an energy is subtracted from e^2. None subtracts nothing, if more than noise
+            is left.
+        levels: (R,) W of every run by the meter's drift. offset: of its level from run to run, W.
+        f: the fit of the model.
+        best: the likeliest hypothesis; the influence of its free functions on other motions is unknown, unless they
+            follow the position or the time alone.
+        rivals: further models that explain the set as well.
     """
     likeliest = written(best)
     shown = reading_of(model if noise is None else likeliest, samples)

@@ -90,7 +90,7 @@ class Bodies:
         return np.matmul(turn, self.rotation[body]), shift + poses.origin[k, joint]
 
     def frame(self, poses: Poses, k: int, body: int) -> tuple[np.ndarray, np.ndarray]:
-        """The same of one body: (3, 3) and (3,)."""
+        """The same of body number `body` at configuration number `k`: (3, 3) and (3,) [m]."""
         turn, joint = poses.rotation[k, self.joint[body]], self.joint[body]
         return turn @ self.rotation[body], turn @ self.shift[body] + poses.origin[k, joint]
 
@@ -147,7 +147,7 @@ class Scenery:
         self._placed: dict[tuple[int, int], Any] = {}
 
     def corners(self, k: np.ndarray, body: np.ndarray) -> np.ndarray:
-        """Corners (M, 8, 3) [m] in the base frame, of bodies (M,) at configurations (M,)."""
+        """Corners (M, 8, 3) [m] in the base frame of the boxes of bodies (M,) at configurations k (M,)."""
         joint = self.bodies.joint[body]
         turned = np.matmul(self.bodies.corners[body], self.poses.rotation[k, joint].transpose(0, 2, 1))
         return turned + self.poses.origin[k, joint][:, None]

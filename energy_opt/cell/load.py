@@ -53,7 +53,10 @@ def load_cell(robot: Robot, request: CellRequest) -> Cell | None:
 
 
 def inspected(robot: Robot, request: CellRequest) -> list[str]:
-    """Remarks on bodies and masses, on the power to hold the arm still at a free posture, and on assumed values.
+    """Remarks on bodies and masses, on the torque that holds the arm at a free posture, and on assumed values.
+
+    Args:
+        request: the options of body and cell; what they ask for is loaded and checked.
 
     Raises:
         BadInput: its meshes do not load, or none of many postures is free, or held within the effort limits; says

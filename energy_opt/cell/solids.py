@@ -253,7 +253,7 @@ class Gauge:
         self.exact = a.exact and b.exact
 
     def __call__(self, at: Any, bt: Any) -> float:
-        """The distance; negative where they overlap."""
+        """The distance of the pieces placed at `at` and `bt` (coal's transforms); negative where they overlap."""
         self._result.clear()
         return float(self._measure(at, bt, self._request, self._result))
 

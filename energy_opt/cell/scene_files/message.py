@@ -22,7 +22,7 @@ ADD, REMOVE, APPEND, MOVE = range(4)  # moveit_msgs/CollisionObject.operation
 
 
 def read_message(reading: Reading, document: Mapping[str, Any]) -> None:
-    """Take the objects of the message and the pairs that may touch."""
+    """Take the objects of the message `document` and the pairs that may touch into `reading`, faults included."""
     with reading.at("world"):
         world = mapping(document.get("world") or {}, "world")
         octomap = mapping(world.get("octomap") or {}, "octomap")

@@ -203,7 +203,7 @@ def pose(reading: Reading, position: Sequence[float], quaternion: Sequence[float
 
 
 def plane_pose(reading: Reading, coefficients: Sequence[float]) -> np.ndarray:
-    """Pose (4, 4) of the plane a x + b y + c z + d = 0 [m]: its normal is +z of the pose.
+    """Pose (4, 4) of the plane a x + b y + c z + d = 0 [m] with the coefficients a, b, c, d: its normal is +z there.
 
     Raises:
         BadInput: the normal is zero, or the plane is too far away.
@@ -242,7 +242,7 @@ MESH_SUFFIXES = (".stl", ".obj")
 
 
 def read_mesh(reading: Reading, name: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (V, 3) in the file's unit and triangles (T, 3) of a file in the scene's folder.
+    """Vertices (V, 3) in the file's unit and triangles (T, 3) of the file `name` in the scene's folder.
 
     Raises:
         BadInput: no such file, outside of the folder, too large, of another kind, or not readable.

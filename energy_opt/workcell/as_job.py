@@ -111,6 +111,9 @@ def check_workcell(path: Path, load: Callable[[str], Robot], around: CellRequest
 def request_of(cell: WorkCell, table: RobotTable, path: Path, request: CellRequest) -> CellRequest:
     """Body and cell of a robot: the request with the robot's base and tool, and the file's scene where it has none.
 
+    Args:
+        table: the robot's. path: the job file, in whose folder the scene is looked for.
+
     Raises:
         BadInput: the base is none, or the scene lies outside of the job's folder.
     """

@@ -157,11 +157,16 @@ class _LateCurve(MotionCurve):
 def prove_apart(
     arms: TwoArms, robots: tuple[int, int], one: PeriodicMotion, two: PeriodicMotion, jitter: float
 ) -> Between:
-    """Prove that two robots keep apart over their whole cycle, each up to `jitter` [s] early or late."""
+    """Prove that two robots keep apart over their whole cycle, each up to `jitter` [s] early or late.
+
+    Args:
+        arms: the bodies of both. robots: their indices in the cell, which the result states.
+        one, two: their motions, of the same cycle time.
+    """
     count, wanted = len(arms.bodies.pairs), arms.wanted
     least: Between | None = None
     bound = nearest = np.inf
-    # first without slack, in the middle and at both ends: this finds collisions quickly
+    # first without slack, in the middle and at both ends: this finds collisions quickly; then all leads together
     open_ = [(late, 0.0) for late in dict.fromkeys((2 * jitter, -2 * jitter, 0.0))]
     open_ = [*([(0.0, 2 * jitter)] if jitter > 0 else []), *open_]
     while open_:
@@ -188,9 +193,11 @@ def prove_apart(
 
 
 def side_by_side(arms: TwoArms, one: PeriodicMotion, two: PeriodicMotion, late: float, slack: float) -> _LateCurve:
-    """Both motions on common times over slightly more than one cycle of the first.
+    """Both motions as one curve of all joints, those of `one` first, over slightly more than its cycle.
 
-    The second is ahead by `late` and loose by `slack` [s].
+    Args:
+        late: [s] by which the second is ahead: it is where it would be so much later.
+        slack: [s] by which the second may be early or late in addition; bounds of its motion include this.
     """
     begin, end = one.begin - slack, one.begin + one.cycle + slack
     times = np.unique(

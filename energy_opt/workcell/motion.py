@@ -161,7 +161,12 @@ class Scoring:
         return self.of(False, True).of(step).energy(answer.trajectory).total if self.mixed else answer.energy.total
 
     def between(self, step: Step, known: dict[float, Answer], durations: np.ndarray, duration: float) -> float:
-        """Energy [J] of a move under the first model, linear between those of its answers at `durations` (K,) [s]."""
+        """Energy [J] of a move under the first model at a duration [s], linear between those of its answers.
+
+        Args:
+            step: of the move, for its payload. known: its answers by duration [s].
+            durations: (K,) [s] ascending, those between which to interpolate.
+        """
         k = int(np.clip(np.searchsorted(durations, duration * (1 - SAME)), 1, max(len(durations) - 1, 1)))
         ends = durations[k - 1 : k + 1].tolist()
         return float(np.interp(duration, ends, [self.stated(step, known[nearest(known, end)]) for end in ends]))

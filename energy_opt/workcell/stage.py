@@ -28,7 +28,12 @@ SECONDS = 60.0  # [s] most time for one schedule; the gap that is left is in the
 
 @dataclass(frozen=True)
 class Candidate:
-    """An arrangement of the arms' steps, with the saving of each lever for evenly slowed moves."""
+    """An arrangement of the arms' steps, with the saving of each lever for evenly slowed moves.
+
+    Attributes:
+        arms: by robot, each with its steps in their order; None for a robot with only curves.
+        levers: the schedules of this arrangement.
+    """
 
     arms: tuple[Arm | None, ...]
     levers: Levers

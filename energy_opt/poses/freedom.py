@@ -106,7 +106,12 @@ class PosedGoal:
 
 
 def improved(tool: ToolKinematics, pose: Pose, q: np.ndarray, cost: Cost, cell: Cell | None) -> np.ndarray:
-    """Positions (n,) near q that reach the pose within its tolerance, touch nothing, and cost no more."""
+    """Positions (n,) near q that reach the pose within its tolerance, touch nothing, and cost no more.
+
+    Args:
+        q: (n,) [rad, m] positions that reach the pose. cost: [J] of positions (M, n), which may be infinite.
+        cell: bodies to keep clear of; None for nothing.
+    """
     best = _descended(tool, pose, q, cost, cell)
     moved = used(tool, pose, best, cost)
     if moved is None:

@@ -239,7 +239,12 @@ class Ends:
 def pose_document(
     robot: Robot, tool_words: str | None, poses: Mapping[str, Pose], positions: Mapping[str, np.ndarray]
 ) -> dict[str, Any]:
-    """Errors of positions (n,) from their poses, recomputed with Pinocchio: distance [m] and angle [rad]."""
+    """Errors of positions from their poses, recomputed with Pinocchio: distance [m], angle [rad], and if both are
+    within the tolerance (`valid`).
+
+    Args:
+        tool_words: the tool, as in the settings. poses, positions: by the name of an end or via point, (n,) [rad, m].
+    """
     tool = tool_of(robot.body, tool_words)
     out: dict[str, Any] = {}
     for end, pose in poses.items():

@@ -133,7 +133,7 @@ def straight_is_free(cell: Cell | None, start: np.ndarray, goal: np.ndarray) -> 
 
 
 def free_of(q: np.ndarray, cell: Cell | None) -> np.ndarray:
-    """Those of positions (K, n) at which nothing touches."""
+    """Those of positions q (K, n) at which nothing touches in the cell; all of them without one."""
     return q[[is_free(cell, row) for row in q]].reshape(-1, q.shape[1])
 
 

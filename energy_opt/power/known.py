@@ -204,7 +204,7 @@ def named_model(word: str, robot: Robot | str) -> PowerModel:
 
 
 def model_of(word: str | PathLike[str], robot: Robot | str) -> PowerModel:
-    """The model of a name, or of a model file.
+    """The model of a name, for a robot (or the robot of a name), or of a model file.
 
     Raises:
         BadInput: neither; the message lists the known names.

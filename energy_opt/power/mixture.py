@@ -66,7 +66,7 @@ class Mixture(PowerModel):
         return Mixture.of([member.kept(wanted) for member in self.members], self.weights)
 
     def standing(self, roll: float, pitch: float) -> Mixture:
-        """The mean of the members on a tilted base; see `PowerModel.standing`."""
+        """The mean of the members on a base tilted by `roll` and `pitch` [rad]; see `PowerModel.standing`."""
         return Mixture.of([member.standing(roll, pitch) for member in self.members], self.weights)
 
     def get(self, name: str) -> Effect | None:

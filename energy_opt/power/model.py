@@ -198,7 +198,7 @@ class PowerModel:
         return ca.SX.sym("p", sum(e.size(joints, e.extents) for e in self.effects))
 
     def with_values(self, vector: Sequence[float] | np.ndarray, joints: int) -> PowerModel:
-        """The same effects with other values (P,), laid out as `values`."""
+        """The same effects with the values `vector` (P,), laid out as `values` for so many joints."""
         effects = tuple(
             type(e).from_full(np.asarray(vector)[s], joints, **e.choices, **e.extents)
             for e, s in zip(self.effects, self.slices(joints), strict=True)

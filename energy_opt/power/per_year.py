@@ -57,7 +57,7 @@ def per_year_of(cycles: float | None, price: float | None, co2: float | None) ->
 
 
 def per_year_words(found: Mapping[str, Any], cycles: float) -> str:
-    """One sentence for the console and the report."""
+    """One sentence for the console and the report; `found`: as `PerYear.of` gives it, `cycles`: per year."""
     if found["kwh"] is None:
         return f"in a year of {cycles:,.12g} cycles: no saving is stated"
     parts = [f"{found['kwh']:.4g} kWh"]

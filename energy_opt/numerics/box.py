@@ -10,7 +10,11 @@ PATIENCE = 3  # rounds without progress before exchanging one unknown at a time
 
 
 def bounded_step(hessian: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """min 1/2 x^T H x - g^T x with low <= x <= high (low <= 0 <= high), by block pivoting.
+    """min 1/2 x^T H x - g^T x with low <= x <= high, by block pivoting.
+
+    Args:
+        hessian: H (N, N), positive definite. gradient: g (N,).
+        low, high: (N,) with low <= 0 <= high; infinite where there is no bound.
 
     In each round, all unknowns that break a bound are fixed there, and all fixed ones whose multiplier has the wrong
     sign are freed. If their number does not fall for some rounds, one unknown at a time is exchanged, which always ends

@@ -34,7 +34,7 @@ class Clouds:
         return native.Clouds(*map(pointer, self._columns), pointer(self._first))
 
     def points(self, which: np.ndarray, vertex: np.ndarray) -> np.ndarray:
-        """Points (M, 3) of sets (M,) by their numbers within the set (M,)."""
+        """Points (M, 3): of the sets `which` (M,) those with the numbers `vertex` (M,) within their set."""
         return np.asarray(self._columns.T[self._first[which] + vertex])
 
     def lowest(self, which: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -27,7 +27,10 @@ CAREFUL: dict[str, object] = {"mumps_scaling": 77, "mumps_permuting_scaling": 7,
 
 
 class Problem(Protocol):
-    """A nonlinear program: min f(x) subject to bounds on x and on g(x).
+    """A nonlinear program: min f(x) subject to bounds on x (N,) and on g(x) (R,).
+
+    `jacobian` gives the nonzeros of dg/dx, `hessian` those of the Hessian of factor f + multipliers . g, in the order
+    of the patterns (column by column).
 
     Attributes:
         jacobian_pattern: of dg/dx. hessian_pattern: upper triangle of the Hessian of the Lagrangian. Both are fixed.

@@ -164,7 +164,11 @@ def _own_folder() -> Path:
 
 
 def build(cache: Path, key: str, source: str, cc: str, flags: tuple[str, ...] = ()) -> Path:
-    """Compile `source` in a folder of its own, with `flags` after the usual ones, and put the library into the cache.
+    """Compile C in a folder of its own, and put the library into the cache.
+
+    Args:
+        cache: a private folder, as `folder` gives it. key: of the library, by which it is found again.
+        source: the C. cc: the compiler's path. flags: after the usual ones.
 
     Raises:
         Unusable: the compiler fails, or the disk is full.

@@ -30,7 +30,12 @@ __all__ = ["LEAST_DAMPING", "Banded", "Constraints", "Minimum", "add_nodes", "ad
 
 
 def add_nodes(band: np.ndarray, blocks: np.ndarray, local: np.ndarray, first: np.ndarray, n: int) -> None:
-    """Add the sum over nodes of L' C L to a band; arguments as those of `interior.add_nodes`."""
+    """Add the sum over nodes of L' C L to a band (N, 6 n), in place.
+
+    Args:
+        blocks: C (K, m, m), m >= 3 n, Hessians by position and its first two derivatives, of n joints.
+        local: (K, 3, 6) values of the basis and its derivatives, from which L follows; first: (K,) windows.
+    """
     c = native.library("quadratic")
     if c is None:
         interior.add_nodes(band, blocks, local, first, n)
@@ -45,7 +50,11 @@ def add_nodes(band: np.ndarray, blocks: np.ndarray, local: np.ndarray, first: np
 
 
 def add_places(band: np.ndarray, blocks: np.ndarray, basis: np.ndarray, first: np.ndarray, n: int) -> None:
-    """Add the sum over places of (B B') kron M to a band; `blocks` M (K, n, n) symmetric, `basis` B (K, 6)."""
+    """Add the sum over places of (B B') kron M to a band (N, 6 n), in place.
+
+    Args:
+        blocks: M (K, n, n), symmetric, Hessians by the position. basis: B (K, 6) values of it. first: (K,) windows.
+    """
     c = native.library("quadratic")
     if c is not None:
         given = [np.ascontiguousarray(x, dtype=np.float64) for x in (blocks, basis)]
@@ -98,7 +107,7 @@ class Constraints:
 
     @classmethod
     def of(cls, joints: int, borders: int, **given: np.ndarray) -> Constraints:
-        """The given arrays; all others are empty."""
+        """The given arrays; all others are empty, for `joints` joints and `borders` unknowns behind the band."""
         usual = _empty(joints, borders)
         return cls(**usual | {name: np.ascontiguousarray(x, dtype=usual[name].dtype) for name, x in given.items()})
 
@@ -206,7 +215,20 @@ def minimise(
     h: Banded, g: np.ndarray, box: tuple[np.ndarray, np.ndarray], held: Constraints, price: float, mass: Banded,
     damping: float = 0.0, tolerance: float = 1e-6,
 ) -> Minimum:  # fmt: skip
-    """Solve the program; if H is not convex enough, multiples of `mass` are added to it."""
+    """Solve the program of the module.
+
+    If H is not convex enough, multiples of `mass` are added to it.
+
+    Args:
+        h, g: of the cost; g is (N + k,).
+        box: lowest and highest d, (N + k,) each, finite.
+        held: the constraints A d. price: of a unit of their excess; no multiplier is larger.
+        mass: positive definite, the metric of the damping. damping: its multiple to begin with.
+        tolerance: barrier parameter at which the method ends.
+
+    Raises:
+        LinAlgError: no damping makes the program convex, as if numbers overflowed.
+    """
     c, size, inner = native.library("quadratic"), len(g), len(h.band)
     if c is None:
         parts, heavy = (h.band, h.border, h.corner), (mass.band, mass.border, mass.corner)

@@ -1,4 +1,8 @@
-"""A trajectory on a dense grid, from which limits and energy are computed."""
+"""A trajectory on a dense grid, from which limits and energy are computed.
+
+The motion on the grid and the rigid body's torque there do not depend on effects of the drives. So they are cached by
+the samples: a plan under several models, or one that compares baselines, computes them once.
+"""
 
 from __future__ import annotations
 

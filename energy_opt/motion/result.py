@@ -15,9 +15,12 @@ from energy_opt.reports.words import limits_words
 
 @dataclass(frozen=True)
 class Baseline:
-    """Another trajectory of the same move, judged in the same way; `valid` if it is inside all limits.
+    """Another trajectory of the same move, judged in the same way.
 
-    `peak_power` is the whole arm's [W].
+    Attributes:
+        max_violation: largest excess over a limit, as a share of its bound; below 0 inside.
+        valid: inside all limits, and clear of bodies.
+        peak_power: of the whole arm [W].
     """
 
     name: str
@@ -81,7 +84,7 @@ class FirstPath:
 
 @dataclass(frozen=True)
 class SolverReport:
-    """The solver and its effort; `starts` are those of a reshaping."""
+    """The solver and its effort: iterations, time [s] to build functions and to solve, starts of a reshaping."""
 
     name: str
     iterations: int

@@ -1,4 +1,4 @@
-"""Standstills within a motion."""
+"""Standstills within a motion: a single move cannot keep one on its way, so given motions are checked for them."""
 
 from __future__ import annotations
 

@@ -50,6 +50,7 @@ class TorqueBound:
         """
         turn, v, a, slide = (self._coupling.reach(x) for x in (turn, v, a, slide))
         count = turn.shape[0]
+        # outwards: bounds of each link's angular velocity, and of its angular and linear acceleration
         w: list[np.ndarray] = []
         dw: list[np.ndarray] = []
         acc: list[np.ndarray] = []
@@ -71,6 +72,7 @@ class TorqueBound:
                 dw.append(gain[k] * (dw0 + w0 * v[:, k]) + a[:, k])
                 acc.append(gain[k] * here)
             reach.append(far)
+        # inwards: bounds of the forces and moments that each link passes on
         force, moment, out = [np.zeros(count)] * len(w), [np.zeros(count)] * len(w), np.zeros(turn.shape)
         for k in reversed(range(len(w))):
             for mass, lever in (self._mass[k], *([self._carried] if k == self._last else [])):

@@ -1,4 +1,8 @@
-"""The energy of a trajectory under a power model: Pinocchio's torque, the exact laws, a dense grid."""
+"""The energy of a trajectory under a power model: Pinocchio's torque, the exact laws, a dense grid.
+
+The energy is the integral of the power at the meter over the curve between the samples, by Simpson's rule. It is split
+into standby, stored energy (which depends on the ends alone) and loss: only the loss can be optimized in a given time.
+"""
 
 from __future__ import annotations
 

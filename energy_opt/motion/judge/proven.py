@@ -198,6 +198,7 @@ class Proof:
         piece, low, high, looked = np.arange(count), np.zeros(count), np.ones(count), 0
         middle = self._dense.powers if power else self._dense.effort
         middle = middle[self._dense.factor // 2 :: self._dense.factor]
+        # divide pieces that may exceed the bound, until none may, or one value does
         while len(piece):
             looked += len(piece)
             if looked > MOST + count:

@@ -1,4 +1,7 @@
-"""Checks of limits before anything is solved: places of a path that no timing can bring inside them."""
+"""Checks of limits before anything is solved: places of a path that no timing can bring inside them.
+
+Such a fault would otherwise appear as a solver that finds nothing, without a word about its cause.
+"""
 
 from __future__ import annotations
 

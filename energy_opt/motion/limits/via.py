@@ -1,4 +1,8 @@
-"""Via points: positions that a move passes in order, at times it chooses."""
+"""Via points: positions that a move passes in order, at times it chooses.
+
+Reshaping makes them equality constraints with the times as unknowns (`reshape.model`). Here the judge looks for the
+instant at which a sampled motion is nearest to each.
+"""
 
 from __future__ import annotations
 

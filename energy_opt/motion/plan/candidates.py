@@ -1,4 +1,8 @@
-"""Candidates for a move's answer: the least-energy timing of the first path, and a reshaped curve."""
+"""Candidates for a move's answer: the least-energy timing of the first path, and a reshaped curve.
+
+Solvers hold limits at nodes and points, the judge everywhere. So each candidate that the judge finds beyond a limit is
+solved again with that bound reduced.
+"""
 
 from __future__ import annotations
 

@@ -74,6 +74,7 @@ def choose(
         baselines = baselines_of(context, move, work.timing, duration)
     further = [(name, judged.trajectory.on_nanoseconds()) for name, judged in baselines]
     further += [("warm", t.on_nanoseconds()) for t in work.warm]
+    # a proxy objective asks for its own optimum, so baselines of less energy do not replace it
     found, more = least(
         context, move, work, further if context.settings.objective in ("energy", "time") or context.stopped() else []
     )
@@ -86,7 +87,7 @@ def choose(
             raise too_short(move, first.duration, context.judge.slowed(first, first.duration).within)
         raise Infeasible(work.asked.message or "no trajectory within limits was found", limit="duration")
     name, best = found
-    if abs(best.trajectory.duration - duration) > 1e-9:
+    if abs(best.trajectory.duration - duration) > 1e-9:  # a saving is stated at equal durations
         baselines = baselines_of(context, move, work.timing, best.trajectory.duration)
     interrupted, message = context.progress.interrupted(), work.asked.message
     late = context.progress.cut and not interrupted

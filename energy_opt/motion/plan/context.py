@@ -1,4 +1,8 @@
-"""The input of every part of a solve: robot, model, settings, limits, judge, built functions, and when to stop."""
+"""The input of every part of a solve: robot, model, settings, limits, judge, built functions, and when to stop.
+
+Functions take a while to build and compile. They depend on the structure of model and limits alone, so a `Workshop`
+keeps them for all moves.
+"""
 
 from __future__ import annotations
 

@@ -84,6 +84,7 @@ def candidates_of(
     curve = _curve(context, move, timing, retimed, warm, kept)
     if curve.trajectory is not None and (judged := context.judge(curve.trajectory)).certificate.valid:
         context.progress.found(judged.energy.loss)
+    # timings begin with any acceleration: where they beat the curve from zero to zero, its ends are freed, too
     if context.settings.end_acceleration == "zero" and not context.stopped():
         beaten = _is_beaten(context, move, curve, timing, retimed)
         if beaten or _is_beaten_without_conditions(context, move, curve, timing, bare):

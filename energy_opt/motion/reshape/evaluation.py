@@ -182,7 +182,7 @@ class Evaluation:
         rate, slope = self._cost(z[self._quad])
         cost = self.scale * (float(self._weight @ rate[:, 0]) - self.offset * duration)
         linear = self._shares(points, duration)
-        for end, surface in self.moving:
+        for end, surface in self.moving:  # of the work of an end only the change counts
             before = self.ends.goal if end else self.ends.start
             cost += self.scale * self._sign(end) * float(np.diff(surface.work(np.stack([before, points[end]])))[0])
         hot, hot_slope = np.zeros((len(z), 0)), np.zeros((len(z), 3 * n + 1, 0))
@@ -198,6 +198,7 @@ class Evaluation:
             along = np.vstack([surface.along(points[end]) for end, surface in self.moving])
         slope = self.scale * self._weight[:, None] * slope
         out = Point(points, duration, via_u, z, cost, slope, linear, hot, hot_slope, via, bounds, along)
+        # numeric constraints are renewed at each curve; bodies out of reach of the next step get none
         held: list[tuple[int, Limit]] = list(self._at_curve)
         if self.clearance is not None:
             reach = min(self.clearance.reach, NEAREST + ARM * far)

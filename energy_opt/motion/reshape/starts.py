@@ -116,7 +116,7 @@ def _bent(level: Level, straight: Curve, task: Task, seed: int, k: int) -> Curve
     u = np.linspace(0, 1, shape.basis.controls)
 
     def bent(amplitudes: np.ndarray) -> np.ndarray:
-        """Control points (C, controls, n) of copies bent by amplitudes (C, 2, n)."""
+        """Control points (C, controls, n) of copies bent by amplitudes (C, 2, n): to one side, and to both in turn."""
         waves = np.stack([np.sin(np.pi * u) ** 2, np.sin(2 * np.pi * u) ** 3])
         points = np.clip(straight.points + np.einsum("wu,cwj->cuj", waves, amplitudes), lower, upper)
         points[:, : shape.pinned] = straight.points[: shape.pinned]

@@ -1,4 +1,8 @@
-"""The input of a reshaping, the problems of one shape, first guesses, and the ranking of outcomes."""
+"""The input of a reshaping, the problems of one shape, first guesses, and the ranking of outcomes.
+
+A task says what is asked for and does not depend on the number of control points. A level is one shape with its
+functions. Their combination is a model, which is solved; so one task is solved on a coarse and on a fine level.
+"""
 
 from __future__ import annotations
 

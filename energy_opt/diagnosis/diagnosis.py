@@ -1,4 +1,9 @@
-"""Diagnosis of a measured set: from the set and a declared model to verdict, effects, calibrated model and errors."""
+"""Diagnosis of a measured set: from the set and a declared model to verdict, effects, calibrated model and errors.
+
+This module joins the rooms: the set is prepared and split, the joints' own readings give priors and show external
+contact, the inference judges effects, and the result becomes diagnosis.json and a model file. A set without a meter
+still gives friction, rotor inertia and drive constants, from the joints' readings alone.
+"""
 
 from __future__ import annotations
 
@@ -105,6 +110,7 @@ def diagnose(
     if len(readings) >= FEWEST and np.ptp(readings) == 0:
         raise BadInput(f"{measured.path}: the power is {readings[0]:g} W throughout; is the meter connected?")
     measured = parted(prepared(measured))
+    # the joints' readings: priors for friction, and runs with external contact, whose losses are not the arm's
     side = joint_side(measured, declared)
     if side is not None and (wrong := wrong_units(side)):
         side, measured = None, replace(measured, remarks=(*measured.remarks, wrong))
@@ -127,6 +133,7 @@ def diagnose(
             samples.part(train), declared, limits, moving, held, given, stopped, prior, blind=not enough, clock=clock
         )  # fmt: skip
 
+    # an error of the clocks must not be claimed as a property of the meter: it is removed, and the set judged anew
     samples, train, holdout, found = inferred(measured, True)
     if found.late:
         measured = on_time(measured, found.late)

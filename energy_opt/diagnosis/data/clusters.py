@@ -1,4 +1,8 @@
-"""Distinct motions: repeats of one motion are one cluster, and stay together in every split; which joints move."""
+"""Distinct motions: repeats of one motion are one cluster, and stay together in every split; which joints move.
+
+A model is judged on motions that it was not fitted to. A repeat of a fitted motion is no such test: all errors of a
+model are the same in it.
+"""
 
 from __future__ import annotations
 

@@ -142,6 +142,7 @@ def standing_noise(*sets: Samples) -> tuple[tuple[tuple[float, Noise], ...], Noi
     deviation higher: a few standstills determine noise with a long memory only roughly.
     """
     single = sets[0].noise
+    # with few readings at rest, those while the drives settle count, too
     stretches = [x for samples in sets for x in _standing(samples, SETTLED)]
     if sum(len(t) for t, _ in stretches) < FEW:
         stretches = [x for samples in sets for x in _standing(samples, 0.0)]
@@ -153,6 +154,7 @@ def standing_noise(*sets: Samples) -> tuple[tuple[tuple[float, Noise], ...], Noi
     y = np.concatenate([p for _, p in stretches])
     levels = np.repeat(np.eye(len(times)), [len(t) for t in times], axis=0)
 
+    # the levels of the stretches are unknown and integrated out, so each costs one degree of freedom
     def worth(wave: float, memory: float) -> tuple[float, float]:
         whiten = Whitener(Noise(1.0, wave, memory), times, np.ones(count))
         w = whiten(np.column_stack([y, levels]))

@@ -159,6 +159,7 @@ def _rigid_torque(rigid: PowerModel, s: Samples) -> tuple[np.ndarray, np.ndarray
             if turns:
                 by_g[samples] += np.einsum("njpk,p->njk", by_unit, phi[at])
     slope += by_g @ by_gravity
+    # a mass that is picked up or put down: the share of it that is held changes with time
     for effect, where in zip(rigid.effects, rigid.slices(s.n), strict=True):
         added = _changing(effect.form, s.n)
         if added is None:
@@ -215,7 +216,7 @@ def predict(
     where = model.places(s.n)
     out = law()
     store = store_of(model)
-    if store is not None:
+    if store is not None:  # what it returns follows from the bus power, which does not depend on it
         bus = out[:, 1].copy()
         state[4 + 1 + list(known).index("returned")] = _returned(model, s, bus)
         out = law()
@@ -242,6 +243,7 @@ def predict(
     if rigid:
         jacobian[:, np.concatenate(rigid)] += np.einsum("nj,njp->np", by_tau, by_rigid)
     external = np.zeros((len(power), 0)) if torques is None else np.einsum("nj,njc->nc", by_tau, torques)
+    # the meter's effects are linear in the power: they act on its derivatives as on itself
     reading, slopes = power.copy(), np.column_stack([jacobian, external])
     for effect in sorted((e for e in model.effects if isinstance(e, MeterEffect)), key=lambda e: e.turn):
         value = float(effect.full(n)[0])

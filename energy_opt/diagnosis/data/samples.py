@@ -1,4 +1,8 @@
-"""Measured runs as one table: nodes at which models are evaluated, and the meter readings computed from them."""
+"""Measured runs as one table: nodes at which models are evaluated, and the meter readings computed from them.
+
+What depends on the motion alone is computed once and cached here: rigid torque, its derivatives by inertial parameters
+and gravity, time since the last motion. Hundreds of candidate models are then evaluated on the same table.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Errors of a model in power and energy over all readings of some runs, and their comparison with the noise."""
+"""Errors of a model in power and energy over all readings of some runs, and their comparison with the noise.
+
+Evidence compares hypotheses with one another. It does not say whether the best of them is good: this needs the error of
+single readings beside the noise that standstills show.
+"""
 
 from __future__ import annotations
 

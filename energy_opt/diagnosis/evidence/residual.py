@@ -1,4 +1,8 @@
-"""The residual of a hypothesis: the signals that it correlates with, and the levels of power that it shows at rest."""
+"""The residual of a hypothesis: the signals that it correlates with, and the levels of power that it shows at rest.
+
+If no known effect explains the rest, the signals that it follows show the user where to look. A signal counts as far as
+a free function of it predicts the residual in parts of runs to which the function was not fitted.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Candidate terms for a hypothesis: every known effect in each of its variants, and free functions of one signal."""
+"""Candidate terms for a hypothesis: every known effect in each of its variants, and free functions of one signal.
+
+A candidate is its columns: the derivatives of the readings by its numbers, at values where the effect changes (almost)
+nothing. So hundreds of candidates are weighed together, before any is fitted. Free functions stand for laws that are
+not among the effects.
+"""
 
 from __future__ import annotations
 

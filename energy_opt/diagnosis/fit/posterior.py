@@ -267,7 +267,7 @@ def fit(
         return model, p, residual, white, phi
 
     model, p, residual, white, phi = state(theta)
-    for _ in range(iterations):
+    for _ in range(iterations):  # full steps first; shorter ones where a full one does not lower phi
         jacobian, r = white[:, 1:], white[:, 0]
         hessian = jacobian.T @ jacobian + precision
         step = bounded_step(hessian, jacobian.T @ r - precision @ (theta - mean), low - theta, high - theta)

@@ -1,4 +1,8 @@
-"""The joints' own readings besides the power: priors for the fit, records for diagnosis.json, sets without a meter."""
+"""The joints' own readings besides the power: priors for the fit, records for diagnosis.json, sets without a meter.
+
+Friction is seen twice: by the joints' currents or torques, and by the power. The former gives priors for the fit of the
+power; where the two disagree, a remark says so.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Claims: effects of the likeliest hypothesis that are certain enough. Alternatives: other sets that fit as well."""
+"""Claims: effects of the likeliest hypothesis that are certain enough. Alternatives: other sets that fit as well.
+
+The likeliest set is not yet a claim. An effect is claimed if the set is a thousand times as likely with it as without
+it, and if it is neither an error of the clocks, nor the meter's drift, nor a stand-in for a law of another shape.
+"""
 
 from __future__ import annotations
 
@@ -252,6 +256,7 @@ def alternatives(found: Search, accepted: Fit, reach: float) -> tuple[Fit, ...]:
             found_value = bank.weigh(option).value
             if b.name != bank.blocks[k].name and found_value > least:
                 near.append((found_value, option))
+    # fits that no exchange of one effect reaches: other laws of negative power, other lags of the meter
     out = {frozenset(accepted.names): accepted}
     reached = found.score(accepted)
     for new in elsewhere(found, accepted):

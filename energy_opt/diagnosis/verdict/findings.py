@@ -1,4 +1,4 @@
-"""Types for the findings of a diagnosis: effects with values and intervals, and their form in diagnosis.json."""
+"""The findings of a diagnosis: claimed effects with values and intervals, and their form in diagnosis.json."""
 
 from __future__ import annotations
 

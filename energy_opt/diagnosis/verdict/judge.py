@@ -1,4 +1,8 @@
-"""Errors of fits on motions held out or left out: the evidence for single effects, and the scatter of their numbers."""
+"""Errors of fits on motions held out or left out: the evidence for single effects, and the scatter of their numbers.
+
+Evidence on the fitted motions may favour an effect that imitates another law there. A motion that was not fitted shows
+this: its readings are less likely under the wrong effect.
+"""
 
 from __future__ import annotations
 

@@ -122,6 +122,7 @@ def foreseen(
         if noise is not None:
             own = (noise.white**2 * samples.step + 2 * noise.wave**2 * noise.memory) * time + (offset * time) ** 2
             by_noise.append(own / len(group))
+    # less the level error that all motions share
     e, times = np.array(errors_), np.array(lasting)
     squares = (e - times * (e @ times) / max(float(times @ times), 1e-9)) ** 2
     if noise is not None:

@@ -1,4 +1,8 @@
-"""The arm's body and its cell. A `Cell` is built once and then used for many checks of poses and motions."""
+"""The arm's body and its cell. A `Cell` is built once and then used for many checks of poses and motions.
+
+Poses are checked by measuring distances, motions by a proof for every instant (`proof`). A pair of bodies that is
+nearer at an end of a move than the clearance asked for keeps half of its distance there.
+"""
 
 from __future__ import annotations
 

@@ -309,6 +309,7 @@ def _measured(
         if not known:
             distance = ruler.near(scene.placed(k, a), scene.placed(k, b)) - GJK_ERROR
             cases.normal[i] = ruler.near.normal
+        # finer shapes take longer to measure: only where hulls leave little beside the travel
         if not ruler.convex and distance - asked < NARROW * travel + GJK_ERROR:
             at, bt = scene.placed(k, a), scene.placed(k, b)
             if ruler.cut:
@@ -330,6 +331,7 @@ def _measured(
             again.append(i)
             if kept <= 0:
                 unsure.append(i)
+    # a plane may show what distance less travel does not: bodies that move along each other
     closed = np.array([i for i in planes if bodies.planar[cases.pair[i]]], dtype=int)
     if len(closed):
         k, p, rest = cases.span[closed], cases.pair[closed], cases.travel[closed]

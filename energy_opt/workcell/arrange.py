@@ -98,6 +98,7 @@ def cheapest(
     of = [choices[k] for k in places]
     if not all(of):
         return None
+    # best first: the sum of the arms' energies alone is a lower bound of the cell's
     best: tuple[tuple[Arm | None, ...], Schedule] | None = None
     others: float | None = None  # [J] least energy of the robots with only curves
     open_, seen, tried = [(sum(c[0].energy for c in of), (0,) * len(of))], {(0,) * len(of)}, 0

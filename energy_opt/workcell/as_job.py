@@ -1,4 +1,4 @@
-"""A robot of a cell as a job of one robot."""
+"""A robot of a cell as a job of one robot, so that paths, poses and payloads are treated as in the verb `job`."""
 
 from __future__ import annotations
 

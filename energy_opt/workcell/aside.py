@@ -256,6 +256,7 @@ def others_during(own: Cell, others: Sequence[Other], start: float, duration: fl
         own: the moving arm's cell. others: cell, motion and clearance [m] of each. start, duration: [s] of the move.
         jitter: [s] by which each arm may be early or late.
     """
+    # everything in the base frame of the moving arm, as its solver has it
     late = (0.0,) if jitter == 0 else (0.0, -2 * jitter, 2 * jitter)
     inward = np.linalg.inv(own.request.base_pose)
     bodies: list[Body] = []

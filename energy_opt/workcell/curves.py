@@ -1,4 +1,8 @@
-"""The scheduling problem of a cell, from its file and a curve for every move."""
+"""The scheduling problem of a cell, from its file and a curve for every move.
+
+The curve is the move's energy over its duration, convex: of an arm the lower hull of solved motions, else a formula
+in the file. Lags, zones and `after` become constraints between the steps' starts.
+"""
 
 from __future__ import annotations
 

@@ -27,7 +27,10 @@ ROUNDED = 1e-9  # [s] times that differ by less are the same
 
 @dataclass(frozen=True)
 class Part:
-    """One step of the cycle: its name, its start [s] from the cycle's begin, and its motion (a wait is at rest)."""
+    """One step of the cycle: its name, its start [s] from the cycle's begin, its duration [s], and its motion.
+
+    A wait is at rest.
+    """
 
     name: str
     start: float
@@ -89,7 +92,8 @@ class ArmMove:
 
     Attributes:
         place: index of its step in the robot's table; leg, timing: its first path and that path's fastest timing.
-        answers: best known trajectories by duration [s].
+        shortest, longest: [s] bounds of its duration.
+        answers: best known trajectories by duration [s]; slowed: the fastest timing, slowed evenly.
         tried: durations [s] at which it was optimized.
     """
 

@@ -1,4 +1,8 @@
-"""A pose of the tool, with its free directions and its tolerance."""
+"""A pose of the tool, with its free directions and its tolerance.
+
+The error of a pose is the shift and the rotation vector from it, without what lies in its free directions and their
+ranges. Inverse kinematics, checks and results all use this error.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""The joint positions that a pose allows, as a layer of a shortest path: all branches, free of contact, well spread."""
+"""The joint positions that a pose allows, as a layer of a shortest path: all branches, free of contact, well spread.
+
+A cycle passes one position of each layer. With estimated costs of the moves between neighbouring layers, the cheapest
+choice is a shortest closed path. A price on time, found by bisection, makes the moves fit into the cycle.
+"""
 
 from __future__ import annotations
 
@@ -253,6 +257,7 @@ class Ring:
             cost = np.where(too_slow, TOO_SLOW * (1 + abs(price)), cost)  # above all others at any price of time
             costs.append(cost.reshape(shape) + b.wait * b.standing + self._detours[k])
             times.append(np.where(too_slow, 0.0, time).reshape(shape))
+        # the ring is cut at its smallest layer: one shortest path from each of its positions back to itself
         count = len(self.layers)
         cut = int(np.argmin([len(layer.positions) for layer in self.layers]))
         order = [(cut + k) % count for k in range(count)]

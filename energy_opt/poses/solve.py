@@ -1,4 +1,8 @@
-"""The cheapest move whose start, goal or via points are sets of positions."""
+"""The cheapest move whose start, goal or via points are sets of positions.
+
+A pose is reached by several branches of joint positions. The chain of branches from start to goal that is likely to be
+cheapest is found by estimates; then the goals are compared by solved motions (`choose`).
+"""
 
 from __future__ import annotations
 

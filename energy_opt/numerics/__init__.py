@@ -1,1 +1,1 @@
-"""Numerics independent of robots: IPOPT, compilation, B-splines, functions over many points."""
+"""Numerics independent of robots: IPOPT, quadratic programs, B-splines, functions over many points, compiled C."""

@@ -40,6 +40,7 @@ class Batch:
         c = None if ready else native.library("vectors")
         program = program_of(function) if not ready and (c is not None or count >= BLOCK) else None
         inputs, outputs = (function.inputs, function.outputs) if ready else sizes(function)
+        # compiled functions take LANES points at once, programs a block of points, else CasADi's virtual machine maps
         if ready:
             block = LANES
         elif program is None:

@@ -1,4 +1,8 @@
-"""The minimum of a positive definite quadratic function in a box."""
+"""The minimum of a positive definite quadratic function in a box, by block pivoting.
+
+Fits with a few dozen bounded numbers solve this thousands of times; few bounds bind, so active sets are found in a few
+rounds.
+"""
 
 from __future__ import annotations
 

@@ -104,6 +104,7 @@ def interior(
     """
     size, begin = len(g), 2 * len(g)
     low, high = np.flatnonzero(np.isfinite(floor)), np.flatnonzero(np.isfinite(ceiling))
+    # all constraints as signed d - b >= 0: both sides of the box, then the elastic ones, which have an excess e
     eye = eye_array(size, format="csr")
     signed = vstack([eye, -eye, a[low], -a[high]], format="csr")
     b = np.concatenate([box[0], -box[1], floor[low], -ceiling[high]])
@@ -122,7 +123,7 @@ def interior(
             break
         steps += 1
         weight = 1 / (t / lam + e / room)
-        while True:
+        while True:  # until the matrix is positive definite
             try:
                 factor = _Factor(*_add_square(parts, signed, weight))
                 break
@@ -152,7 +153,7 @@ def interior(
         residual, primal, d, v = residual * (1 - way), primal * (1 - way), d + way * change, v + way * slope
         t, lam, e = t + way * dt, lam + way * dl, e + way * de
         room = np.where(elastic, price - lam, 1.0)
-        if way < STUCK and primal > PRIMAL:
+        if way < STUCK and primal > PRIMAL:  # no point is free: the excesses take all that is missing
             e = np.where(elastic, np.maximum(e, b - v + t), e)
             primal = float(np.abs(e - b + v - t).max())
     multipliers = np.zeros(len(floor))

@@ -193,6 +193,6 @@ class PathDynamics:
 
 
 def points_of(path: JointPath, count: int) -> np.ndarray:
-    """About `count` evenly spaced path positions, with points close to both sides of every knot of the path."""
+    """About `count` evenly spaced path positions (M,), with points close to both sides of every knot of the path."""
     inner = path.knots[1:-1]
     return np.unique(np.concatenate([np.linspace(0, 1, count), inner - 1e-9, inner]))

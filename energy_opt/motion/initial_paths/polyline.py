@@ -40,6 +40,7 @@ def shortened(
     """The bent line (K, n) with detours cut off: by the straight line between two of its places, or in only one joint.
 
     Args:
+        points: (K, n) [rad, m] corners and ends.
         line: whether the straight line between two poses is free.
         velocity: (n,) speed limits; a shortcut is kept if it reduces the line's duration.
         seed: of the attempts at a shortcut.
@@ -97,7 +98,11 @@ def without_needless(points: np.ndarray, line: Callable[[np.ndarray, np.ndarray]
 
 
 def merged(points: np.ndarray, line: Callable[[np.ndarray, np.ndarray], bool]) -> np.ndarray:
-    """The bent line with corners that are close together replaced by one in their middle, if that is free."""
+    """The bent line (K, n) with corners that are close together replaced by one in their middle, if that is free.
+
+    Args:
+        points: (K, n) [rad, m]. line: True for two positions (n,) whose straight line is free.
+    """
     k = 1
     while k < len(points) - 2:
         middle = (points[k] + points[k + 1]) / 2

@@ -41,7 +41,7 @@ def quintics(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
 
 
 def slope(c: np.ndarray, h: np.ndarray) -> np.ndarray:
-    """Coefficients of the time derivative of pieces that take h [s]."""
+    """Coefficients (d, K, n) of the time derivative of pieces c (d + 1, K, n) that take h (K, 1) [s]."""
     return np.asarray((len(c) - 1) * np.diff(c, axis=0) / h)
 
 
@@ -60,7 +60,9 @@ def through(values: np.ndarray) -> np.ndarray:
 
 
 def split(c: np.ndarray, x: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients of both parts of pieces that are divided at x, by de Casteljau's algorithm."""
+    """Coefficients (d + 1, ...) of both parts of pieces c (d + 1, ...) that are divided at x in [0, 1], by de
+    Casteljau's algorithm.
+    """
     left, right = [c[0]], [c[-1]]
     while len(c) > 1:
         c = (1 - x) * c[:-1] + x * c[1:]

@@ -48,7 +48,7 @@ class Tightening:
         self._factors = factors or {}
 
     def of(self, limit: Limit) -> np.ndarray | float:
-        """The factors of a limit."""
+        """The factors (M, m) of a limit's bounds; 1 if none was reduced."""
         return self._factors.get(limit.name, 1.0)
 
     def after(self, uses: Sequence[Use], s: np.ndarray, grid: np.ndarray) -> Tightening:

@@ -297,7 +297,7 @@ def box_of(limits: Sequence[Limit], n: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def values_of(limits: Sequence[Limit], width: float = 1.0) -> np.ndarray:
-    """The input of node functions after the model's values: the limits' numbers in order, and the width of kinks.
+    """The input (V + 1,) of node functions after the model's values: the limits' numbers, and the width of kinks.
 
     Args:
         width: factor of the widths over which kinks of laws are smoothed.

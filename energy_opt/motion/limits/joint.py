@@ -62,7 +62,7 @@ class Position(Limit):
         return Fixed(self._excess(d.q), text)
 
     def box(self, n: int) -> tuple[np.ndarray, np.ndarray]:
-        """The bounds themselves."""
+        """The bounds themselves, (n,) each."""
         return self.lower, self.upper
 
 

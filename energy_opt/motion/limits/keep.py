@@ -145,7 +145,7 @@ class KeepUpright(Keep):
         return np.degrees(np.arctan2(np.linalg.norm(np.cross(axis, up), axis=1), axis @ up))
 
     def correction(self, poses: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The rotation of the axis back to up. Rotations about the axis are free."""
+        """The rotation of the axis back to up; see `Keep.correction`. Rotations about the axis are free."""
         axis, up = poses[:, :3, :3] @ self.reference[:3], self.reference[3:]
         cross = np.cross(axis, up)
         sine = np.linalg.norm(cross, axis=1, keepdims=True)
@@ -162,7 +162,7 @@ class KeepOrientation(Keep):
 
     @classmethod
     def kept(cls, ends: np.ndarray, up: np.ndarray) -> np.ndarray:
-        """The rotation at the start, column by column."""
+        """The rotation at the start, (9,) column by column."""
         return ends[0, :3, :3].T.ravel()
 
     @staticmethod
@@ -181,7 +181,7 @@ class KeepOrientation(Keep):
         return self.reference.reshape(3, 3).T
 
     def correction(self, poses: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The rotation back to the start's."""
+        """The rotation back to the start's; see `Keep.correction`."""
         out, of = np.zeros((len(poses), 6)), np.zeros((len(poses), 6, 6))
         out[:, 3:] = _turn(self._still @ poses[:, :3, :3].transpose(0, 2, 1))
         of[:, 3:, 3:] = np.eye(3)
@@ -224,7 +224,7 @@ class KeepLine(Keep):
 
     @classmethod
     def kept(cls, ends: np.ndarray, up: np.ndarray) -> np.ndarray:
-        """The segment between the tool's places at start and goal; a point if these coincide."""
+        """The segment (7,) between the tool's places at start and goal, see the class; a point if these coincide."""
         begin, displacement = ends[0, :3, 3], ends[1, :3, 3] - ends[0, :3, 3]
         length = float(np.linalg.norm(displacement))
         if length <= NO_LENGTH:
@@ -252,7 +252,7 @@ class KeepLine(Keep):
         return place - begin - along[:, None] * direction
 
     def correction(self, poses: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The displacement to the point at the same share of the segment."""
+        """The displacement to the point at the same share of the segment; see `Keep.correction`."""
         begin, direction, length = self.reference[:3], self.reference[3:6], self.reference[6]
         out, of = np.zeros((len(poses), 6)), np.zeros((len(poses), 6, 6))
         # evenly along the segment: a path in joint space may run back and forth on it

@@ -175,7 +175,7 @@ class Context:
 
     @cached_property
     def values(self) -> np.ndarray:
-        """The model's parameter values, in the order that solvers take them."""
+        """The model's parameter values (P,), in the order that solvers take them."""
         return self.model.values(self.robot.n)
 
     @property

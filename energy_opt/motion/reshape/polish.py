@@ -83,7 +83,7 @@ class PolishProgram:
         return self.at(x).cost
 
     def gradient(self, x: np.ndarray) -> np.ndarray:
-        """The cost's gradient."""
+        """The cost's gradient (N + k,) at steps x (N + k,)."""
         return self.model.gradient(self.at(x))
 
     def constraints(self, x: np.ndarray) -> np.ndarray:
@@ -99,7 +99,7 @@ class PolishProgram:
         return np.asarray(value * factor[self._entries[0]])
 
     def hessian(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray:
-        """Entries of the Hessian of factor cost + multipliers . constraints."""
+        """Entries of the Hessian of factor cost + multipliers . constraints, in the order of the sparsity pattern."""
         point, model = self.at(x), copy(self.model)
         model.scale *= factor
         lam = multipliers.copy()

@@ -211,7 +211,7 @@ class RetimeProgram:
         self.jacobian_pattern = ca.Sparsity(timed + len(first), n, starts.tolist(), row[self._order].tolist())
 
     def control(self, x: np.ndarray) -> np.ndarray:
-        """All control values, ends included."""
+        """All control values (N + 2,), ends included, of the free ones x (N,)."""
         return np.concatenate([self._ends[:1], x, self._ends[1:]])
 
     def at(self, x: np.ndarray) -> Values:
@@ -239,7 +239,7 @@ class RetimeProgram:
         return self.at(x).slope
 
     def constraints(self, x: np.ndarray) -> np.ndarray:
-        """T / T_ref where `timed`, then the constraints of the limits."""
+        """T / T_ref where `timed`, then the constraints of the limits, at the free control values x (N,)."""
         here = self.at(x)
         return np.concatenate([[here.time] * self._timed, here.constraints])
 
@@ -280,6 +280,7 @@ class RetimeProgram:
         The first constraint multiplier is that of T / T_ref, 0 without this constraint.
 
         Args:
+            bounds: lowest and highest free control values, (N,) each.
             exactly: T = T_ref instead of T <= T_ref.
             near: the start is close to the answer.
             loosely: only a lower bound is wanted.

@@ -58,7 +58,7 @@ class Monomials:
         return 1 / np.sqrt(b), k[0] + a * half_a + b * half_b, half_a + k[3] * a + k[4] * b, half_b + k[5] * b
 
     def value(self, z: np.ndarray) -> tuple[float, np.ndarray]:
-        """The sum and its gradient. With u = b^(-1/2): du/db = -u^3 / 2, so d(Q u)/db = (Q_b - Q u^2 / 2) u."""
+        """The sum and its gradient (2, M). With u = b^(-1/2), du/db = -u^3 / 2: d(Q u)/db = (Q_b - Q u^2 / 2) u."""
         u, q, qa, qb = self._parts(z)
         k = self.k
         cost = float(self.weight @ (q * u + k[6] + k[7] * z[0] + k[8] * z[1]))
@@ -97,12 +97,12 @@ class AnyLaw:
         self._last: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None  # x, r, s where the Hessian was last wanted
 
     def value(self, z: np.ndarray) -> tuple[float, np.ndarray]:
-        """The sum and its gradient."""
+        """The sum and its gradient (2, M) at z (2, M)."""
         cost, slope = self._terms(z.T)
         return float(cost.sum()), slope.T.copy()
 
     def curvature(self, z: np.ndarray) -> np.ndarray:
-        """The Hessian at every point; that of kinks depends on where it was last computed."""
+        """The Hessian (3, M) at every point; that of kinks depends on where it was last computed."""
         x, d = (out.copy() for out in self._kinks(z.T))
         r = np.sqrt(x * x + d * d)
         s = x / r

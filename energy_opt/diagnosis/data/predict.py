@@ -263,9 +263,10 @@ ALWAYS = ("temperature", "warmth", "idle", "returned", "run")
 
 
 def recorded(s: Samples) -> dict[str, np.ndarray]:
-    """The signals of the past and the recording at the nodes, by the names of `Signals`; others as signal.<name>.
+    """The signals of the past and the recording at the nodes, (K,) or (K, n) by the names of `Signals`.
 
-    `returned` and `heated` follow from a model, and are zeros here.
+    Further logged ones are named signal.<name>, and `logged` says that there are any. `returned` and `heated` follow
+    from a model, and are zeros here.
     """
     out: dict[str, np.ndarray] = {}
     if np.isfinite(s.temperature).all():

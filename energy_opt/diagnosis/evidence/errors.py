@@ -116,7 +116,7 @@ def quality(model: PowerModel, samples: Samples, noise: Noise, drift: np.ndarray
 
 
 def reading_of(model: PowerModel, samples: Samples, p: Prediction | None = None) -> list[np.ndarray]:
-    """The model's power [W] at every single reading of every run; `p` is its prediction at the samples."""
+    """The model's power [W] at every single reading, an array for each run; `p` is its prediction at the samples."""
     p, out = p or predict(model, samples), []
     for span, part, op, (time, _) in zip(samples.slices, samples.parts, samples.operators, samples.single, strict=True):
         if op is None:

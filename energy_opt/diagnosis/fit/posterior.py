@@ -215,7 +215,7 @@ class Fit:
 
     @property
     def deviations(self) -> list[np.ndarray]:
-        """Posterior standard deviations of every effect's values, ordered as in `Chart.values`."""
+        """Posterior standard deviations (P,) of every effect's values, ordered as in `Chart.values`."""
         spread, out = self.covariance, []
         for c, z, part in zip(self.charts, self.numbers, self.places, strict=True):
             slope = c.slope(z)
@@ -224,13 +224,13 @@ class Fit:
 
     @property
     def link_covariance(self) -> np.ndarray:
-        """Posterior covariance of the link amounts."""
+        """Posterior covariance (c, c) of the link amounts."""
         end = len(self.theta) - len(self.levels)
         return self.covariance[end - len(self.amounts) : end, end - len(self.amounts) : end]
 
     @property
     def level_deviations(self) -> np.ndarray:
-        """Posterior standard deviations [W] of the runs' levels."""
+        """Posterior standard deviations (R,) [W] of the runs' levels."""
         return np.sqrt(np.maximum(np.diag(self.covariance)[len(self.theta) - len(self.levels) :], 0.0))
 
     @property
@@ -304,7 +304,7 @@ def linearised(
     """Model and prediction at theta, the residual (M,), and residual and Jacobian by theta made white (M, 1 + P).
 
     Args:
-        drawn: columns (M, w) of the free functions.
+        drawn: columns (M, w) of the free functions. theta: (P,).
     """
     s, links, model = world.samples, world.links, world.declared
     numbers, weights, amounts, levels = _parts(world, charts, drawn, theta)

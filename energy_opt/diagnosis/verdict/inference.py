@@ -100,17 +100,10 @@ class Inference:
 
 
 def infer(
-    samples: Samples,
-    declared: PowerModel,
-    limits: Limits,
-    moving: np.ndarray,
-    held: Samples | None = None,
-    given: tuple[str, ...] = (),
-    stopped: Callable[[], bool] = lambda: False,
-    measured: Mapping[str, Measured] | None = None,
-    blind: bool = False,
-    clock: bool = False,
-) -> Inference:
+    samples: Samples, declared: PowerModel, limits: Limits, moving: np.ndarray, held: Samples | None = None,
+    given: tuple[str, ...] = (), stopped: Callable[[], bool] = lambda: False,
+    measured: Mapping[str, Measured] | None = None, blind: bool = False, clock: bool = False,
+) -> Inference:  # fmt: skip
     """Run the search and judge it.
 
     Args:
@@ -168,9 +161,11 @@ def _judged(found: Search, best: Fit, noise: Noise, nothing: Fit, judge: Judge, 
     # an uncertain warm-up is as likely the meter's drift
     judge.drifts = drifting = sure if all(map(warms, unsure)) else best
     declared = judge.of_model(world.declared, nothing)
+    # claims that held-out motions do not support are taken back
     accepted, claims = _borne_out(found, judge, sure, claims)
     log.info("alternatives", extra={"share": 0.8})
     rivals: tuple[Fit, ...] = (accepted,)
+    # signs of a law that is not in the library: it makes all forms inexact, so fine differences decide nothing
     odd = bool(claims and structures(found, accepted)) or any(g.signal != "time" for g in accepted.free)
     unknown = odd or bool(accepted.free) or judge.of(accepted).ratio >= NOISE
     imitated = found.score(sure) - found.score(accepted) > CLAIM  # not confirmed by held-out motions
@@ -194,6 +189,7 @@ def _judged(found: Search, best: Fit, noise: Noise, nothing: Fit, judge: Judge, 
             id(f): _borne_out(found, judge, *claimed(found, f), shaped=not unknown) for f in rivals if f is not accepted
         }
         borne[id(accepted)] = accepted, claims
+        # a rival counts only if held-out motions support all of its effects, too
         rivals = tuple(f for f in rivals if borne[id(f)][1] and borne[id(f)][0].names == f.names) or (accepted,)
         accepted, claims = borne[id(rivals[0])]
         if misspecified and len(rivals) > 1:  # an effect that only some of the sets have may imitate the unknown law
@@ -202,6 +198,7 @@ def _judged(found: Search, best: Fit, noise: Noise, nothing: Fit, judge: Judge, 
             rivals = (accepted,)
     rivals = tuple(scattered(widened(f)) if unknown else widened(f) for f in rivals)
     best, accepted = rivals[0] if best is accepted else best, rivals[0]
+    # the written model must predict held-out motions better than the declared one
     after = judge.of(accepted)
     model = written(accepted)
     if claims and judge.held is not None and not after.lower(declared):

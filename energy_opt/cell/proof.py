@@ -52,7 +52,7 @@ def least_heights(
     """Lower bounds (M,) [m] of pairs' distances within intervals about configurations k (M,).
 
     Args:
-        pair: (M,) of those that are `usable`.
+        pair: (M,) of those that are `planar`.
         normal: (M, 3) unit vectors in the base frame, from the second body towards the first.
         far: (M, n) [rad, m] how far the joints that move by themselves go from the middle.
         rest: (M,) [m] T F.

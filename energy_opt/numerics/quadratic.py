@@ -129,7 +129,7 @@ class Constraints:
         return out
 
     def entries(self, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Rows, columns and values of A's entries, for `size` unknowns in the band; column -1 if pinned."""
+        """Rows, columns and values (E,) of A's entries, for `size` unknowns in the band; column -1 if pinned."""
         n, k = self.gradient.shape[1], self.border.shape[1]
         at = (self.basis[self.place][:, :, None] * self.gradient[:, None]).reshape(-1, LOCAL * n)
         window = np.concatenate([self.wide_first, self.place_first[self.place]])[:, None] * n + np.arange(LOCAL * n)

@@ -115,7 +115,7 @@ class Chooser:
         tried = [found for item in tried for found in self._settling(move, *item, False) or [item]]
         answer, solved = self._solved_in_full(move, promising, tried)
         settled = next((found for found in tried if found[0].goal is answer[0].goal), None)
-        if settled is None or abs(_cost(settled) - _cost(answer)) >= self._energy_to_beat(answer):
+        if settled is None or abs(_cost(settled) - _cost(answer)) >= self._least_saving(answer):
             answer = self._refined(move, answer, solved)
         nearest = min(open_, key=lambda c: self._distance(move, c.goal))
         near = self._compared(move, nearest, answer)
@@ -243,15 +243,15 @@ class Chooser:
         rated = [(replace(each, energy=self._energy(at), status="screened"), at) for each, at in found or ()]
         return sorted(rated, key=_cost)[:1]
 
-    def _energy_to_beat(self, item: Solved) -> float:
-        """Energy [J] below which the estimate of another goal must be, to be solved in full."""
+    def _least_saving(self, item: Solved) -> float:
+        """The least energy [J] that another goal must promise to save, to be solved in full."""
         losses = [scorer.energy(item[1].trajectory).loss for scorer in self.scorers]
         return WORTH * float(np.mean(losses))
 
     def _refined(self, move: Move, answer: Solved, solved: list[Solved]) -> Solved:
         """The answer; if its freedom promises less energy, it is solved once more, which is added to `solved`."""
         better = self._settling(move, answer[0], answer[1].trajectory, True)
-        if not better or _cost(better[0]) >= _cost(answer) - self._energy_to_beat(answer):
+        if not better or _cost(better[0]) >= _cost(answer) - self._least_saving(answer):
             return answer
         again = self._solved_or_reason(move, better[0][0], [better[0][1]])
         if isinstance(again, Infeasible):

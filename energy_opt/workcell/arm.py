@@ -50,8 +50,9 @@ class Arm:
     """An arm of a cell, ready to be scheduled.
 
     Args:
-        table: its table in the job file; path: the job file, the base of other files' paths.
-        load: loads a robot from its name or URDF.
+        cell: the whole file. table: the arm's table in it; path: of the file, the base of other files' paths.
+        load: loads a robot from its name or URDF. model_of: the power model of the table's entry (None: no entry).
+        request: body and cell, without the arm's base. stopped: True ends a solve with the best so far.
         share: of the torque limits that moves may use, (n,) or one for all joints.
 
     Raises:
@@ -181,6 +182,7 @@ class Arm:
         """Evaluate every move's first path, slowed evenly to several durations, if not yet done.
 
         Raises:
+            BadInput: `as_is` of a step is no duration that its limits allow.
             Infeasible: the move keeps its limits at none of these durations.
         """
         for move in self.moves:

@@ -210,9 +210,8 @@ def chart(term: Term, declared: PowerModel, scale: Scale, n: int) -> Chart:
     speed = np.array([scale.velocity[j] if j >= 0 else 1.0 for _, j, _ in own])
     high = np.where(friction, np.minimum(high, most), high)
     high = np.where(viscous, np.minimum(high, most / (CRUISE * speed)), high)
-    mean, precision, unknown = _before(kind, own, full, x0, scale, held is not None)
-    covariance = precision[np.ix_(kept, kept)]
-    mean = mean[kept]
+    mean, covariance, unknown = _before(kind, own, full, x0, scale, held is not None)
+    mean, covariance = mean[kept], covariance[np.ix_(kept, kept)]
     if term.name in scale.measured:
         mean, covariance = _informed(mean, covariance, scale.measured[term.name])
     return Chart(

@@ -1,7 +1,7 @@
 """Claims: effects of the likeliest hypothesis that are certain enough. Alternatives: other sets that fit as well.
 
 The likeliest set is not yet a claim. An effect is claimed if the set is a thousand times as likely with it as without
-it, and if it is neither an error of the clocks, nor the meter's drift, nor a stand-in for a law of another shape.
+it, and if it is neither an error of the clocks, nor the meter's drift, nor an imitation of a law of another shape.
 """
 
 from __future__ import annotations

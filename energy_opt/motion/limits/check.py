@@ -1,6 +1,6 @@
 """Checks of limits before anything is solved: places of a path that no timing can bring inside them.
 
-Such a fault would otherwise appear as a solver that finds nothing, without a word about its cause.
+Otherwise a solver would find nothing, and could not say why.
 """
 
 from __future__ import annotations

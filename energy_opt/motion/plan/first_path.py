@@ -59,12 +59,12 @@ def first_path(
         Infeasible: a move that keeps its path would touch something, or no way around was found.
     """
     begin = time.perf_counter()
-    reshape, straight = move.mode == "reshape", move.path is None and not move.via
-    source: Source = "straight" if straight else "given"
-    what = "straight line" if straight else "given path" if move.path is not None else "path through the via points"
+    reshape, is_straight = move.mode == "reshape", move.path is None and not move.via
+    source: Source = "straight" if is_straight else "given"
+    what = "straight line" if is_straight else "given path" if move.path is not None else "path through the via points"
     if settings.tube is not None:  # the tube is about the given path, so other initial paths are useless
         move = replace(move, path=path_of(move))
-    elif straight and not holds(robot, model, limits, path_of(move)):
+    elif is_straight and not holds(robot, model, limits, path_of(move)):
         path = posed(robot, model, limits, path_of(move))
         if path is not None and (cell is None or clearance_along(cell, path).proven):
             return replace(move, path=path), FirstPath("own", time.perf_counter() - begin), ()

@@ -263,7 +263,7 @@ class Evaluation:
         """The sum of all excesses, which the merit function prices.
 
         Args:
-            give: share of a bound by which limits at nodes and control points may be exceeded free of charge.
+            give: share of a bound by which limits at nodes and control points may be exceeded without a price.
             slack: the same of numeric constraints, in their own unit. Errors at via points count in full.
         """
         out = float(np.maximum(np.abs(point.linear) - 1 - give, 0).sum())

@@ -299,8 +299,8 @@ class Model(Evaluation):
             keys, values: (R,) keys of constraints, perhaps of another curve, and the multipliers found for them.
 
         Returns:
-            "linear" (L,), "hot" (K, m), "via" (vias (n + AXES),) and "place k" (R,) for the limit number k; zero for
-            constraints that are not among the keys.
+            The kinds that occur: "linear" (L,), "hot" (K, m), "via" (vias (n + AXES),) and "place k" (R,) for the limit
+            number k; zero for constraints that are not among the keys.
         """
         name, kind = keys >> 2, keys & 3
         out: dict[str, np.ndarray] = {}

@@ -164,7 +164,10 @@ class SupplyTable(Table):
 
 
 class WorkCell(Table):
-    """A job file of format 2."""
+    """A job file of format 2: times in s, poses and modes that all robots share, and the robots (docs/verbs/job.md).
+
+    `jitter` is how early or late every robot may be.
+    """
 
     format: Literal["energy-opt/job/2"]
     cycle_time: Annotated[Number, Field(gt=0, le=LONGEST)]

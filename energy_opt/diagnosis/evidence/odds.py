@@ -94,7 +94,12 @@ class Weighed:
 
 @dataclass
 class Bank:
-    """Blocks around a fit, ready to be weighed in any combination."""
+    """Blocks around a fit, ready to be weighed in any combination.
+
+    Attributes:
+        fit: where all columns were linearised. blocks: those of the fit, of candidates and of free functions.
+        seen, glanced: cached results of `weigh` and `glance`, by set.
+    """
 
     fit: Fit
     blocks: Sequence[Block]

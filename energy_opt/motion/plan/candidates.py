@@ -40,7 +40,10 @@ SMALL = 1e-2  # [rad, m] smaller moves need no search of a path: inertia and gra
 class Candidate:
     """A candidate trajectory (None if the search failed), the effort spent, and a message if a solver gave up.
 
-    `optima`: coarse optima of the search, those of other valleys included.
+    Attributes:
+        converged: False if a solver gave up, as `message` says. starts: of the search.
+        outcome: the curve that it comes from, for searches nearby; None if there is none.
+        optima: coarse optima of the search, those of other valleys included.
     """
 
     trajectory: Trajectory | None

@@ -120,7 +120,7 @@ class Start:
 
 @dataclass
 class Clearing:
-    """Searches of one task, and the best proven result; the last of `curves` is the move's own first path."""
+    """Searches of one task, and the best proven result so far; the last of `curves` is the move's own first path."""
 
     context: Context
     task: Task

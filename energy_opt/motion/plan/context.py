@@ -41,7 +41,11 @@ FINEST = 300  # control points per joint near the least time
 class Judged:
     """A trajectory and its results on the judge's grid, each computed when first asked for.
 
-    A long trajectory is evaluated once for all results, and its grid is not kept. `samples`: of the certificate.
+    A long trajectory is evaluated once for all results, and its grid is not kept.
+
+    Attributes:
+        limits: those of the move. cell: bodies to keep clear of; None for nothing.
+        samples: least number of places of the certificate's grid; None for ten between samples.
     """
 
     trajectory: Trajectory
@@ -157,7 +161,16 @@ def _built(
 
 @dataclass(frozen=True)
 class Context:
-    """The input of a solve; it never changes and holds no reference to its owner."""
+    """The input of a solve; it never changes and holds no reference to its owner.
+
+    Attributes:
+        scorer: gives energies by the exact laws under the model.
+        limits: in force for the move. standing: those of every move, by whose structure functions are built.
+        judge: of the move's trajectories. workshop: keeps what was built.
+        stopped: True ends a search with the best so far. progress: how the best answer improves over time.
+        cell: bodies to keep clear of; None for nothing.
+        initial_paths: free paths of the move besides its first. further: looks for another one where little is saved.
+    """
 
     robot: Robot
     model: PowerModel

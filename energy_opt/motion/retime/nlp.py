@@ -69,7 +69,10 @@ class LinearConstraints:
 
 @dataclass(frozen=True)
 class CurvedConstraints:
-    """Limits that are not linear in (a, b) or (a, b, w), `each` of them at every place of `lift`."""
+    """Limits that are not linear in (a, b) or (a, b, w): `each` of them at every place of `lift`, |value| <= 1.
+
+    `one_sided`: value <= 1 alone.
+    """
 
     lift: Lift
     functions: Functions
@@ -165,7 +168,7 @@ LOOSE: dict[str, object] = {"tol": 1e-5, "mu_init": 1e-3, "bound_mult_init_metho
 
 @dataclass(frozen=True)
 class Values:
-    """Cost, T / T_ref, their gradients (N,) with respect to the free control values, and the constraints (K,)."""
+    """Cost, T / T_ref (`time`), their gradients (N,) with respect to the free control values, and constraints (K,)."""
 
     cost: float
     slope: np.ndarray

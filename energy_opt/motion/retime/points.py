@@ -155,7 +155,7 @@ class PathLaw:
     """The law at points (M,) of a path.
 
     Attributes:
-        numbers: (N, M) the law's input at each point.
+        joints: their number n. numbers: (N, M) the law's input at each point.
         unit: unit of squared speed [1/s^2] of the coefficients.
         coefficients: (9, M) of the power's monomials; None if the law has other terms, such as kinks.
     """

@@ -96,7 +96,7 @@ def passed(open_: Open, via: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, lis
 def bending(f: Callable[[np.ndarray], np.ndarray], q: np.ndarray, along: np.ndarray, step: float = 1e-3) -> np.ndarray:
     """Second derivatives (k, k, ...) of a function along k directions, by central differences.
 
-    With steps h and k along two directions: (f(q+h+k) - f(q+h-k) - f(q-h+k) + f(q-h-k)) / (4 step^2).
+    With steps d and e along two of them: (f(q+d+e) - f(q+d-e) - f(q-d+e) + f(q-d-e)) / (4 step^2).
 
     Args:
         f: of positions (M, n), returns (M, ...). q: (n,). along: (k, n) directions of unit length.

@@ -180,14 +180,14 @@ class Reshaper:
         return sorted(compared, key=task.promise), used + len(lines) - 1, iterations
 
     def refined(self, task: Task, optima: Sequence[Outcome], stopped: Callable[[], bool]) -> tuple[Outcome | None, int]:
-        """The best of some optima, solved in full; and the iterations spent.
+        """Solve some optima in full.
 
         Args:
             optima: as `optima` gives them, the most promising first.
             stopped: True ends the search with what is known.
 
         Returns:
-            None if none of them leads to a curve within the limits.
+            The best outcome, None if none of them leads to a curve within the limits; and the iterations spent.
         """
         best: Outcome | None = None
         level, spent, count = self.fine(task.vias), 0, 0

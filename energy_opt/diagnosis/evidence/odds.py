@@ -61,8 +61,7 @@ class Block:
         precision, mean, low, high: (c, c), (c,) of the amounts' normal prior, and their bounds.
         odds: logarithm of the prior odds.
         source: where it comes from; an integer is the index of an effect or free function of the fit.
-        present: (c,) amounts in the fit; None if the fit does not have the block, and for its free functions, whose x
-            is the change from the fit.
+        present: (c,) amounts in the fit; None if the fit does not have the block.
     """
 
     name: str

@@ -94,7 +94,7 @@ class Search:
         cuts = np.cumsum([g.columns.shape[1] for g in f.free])[:-1]
         whites = np.split(jacobian[:, f.count : f.count + len(f.weights)], cuts, axis=1)
         for k, (g, white, own) in enumerate(zip(f.free, whites, np.split(f.weights, cuts), strict=False)):
-            blocks.append(free_block(g, white, -own, len(f.charts) + k))
+            blocks.append(free_block(g, white, len(f.charts) + k, present=own))
         return blocks
 
     def _bank(self, f: Fit) -> Bank:
@@ -113,7 +113,7 @@ class Search:
         for c in found:
             odds, name = odds_of(c.chart.term, self.variants[c.chart.term.name]), c.chart.term.name
             blocks.append(Block(name, whites[id(c.columns)], c.precision, c.mean, c.low, c.high, odds, c))
-        blocks += [free_block(g, whites[id(g.columns)], np.zeros(g.columns.shape[1]), g) for g in curves]
+        blocks += [free_block(g, whites[id(g.columns)], g) for g in curves]
         bank = Bank(f, blocks)
         here = self.whole(bank)
         worth = {n: bank.nuisances[n] + bank.under(here, n)[0] for n in bank.nuisances}
@@ -223,10 +223,16 @@ class Search:
         return here
 
 
-def free_block(g: Free, white: np.ndarray, mean: np.ndarray, source: Free | int, odds: float = FREE_ODDS) -> Block:
-    """The block of a free function, from its whitened columns (M, c) and the prior mean (c,) of its amounts."""
-    inf = np.full(len(mean), np.inf)
-    return Block(f"free {g.signal}", white, np.eye(len(mean)) / g.size**2, mean, -inf, inf, odds, source)
+def free_block(
+    g: Free, white: np.ndarray, source: Free | int, odds: float = FREE_ODDS, present: np.ndarray | None = None
+) -> Block:
+    """The block of a free function, whose amounts are 0 before the data.
+
+    Args:
+        white: (M, c) whitened columns. source, odds: as in `Block`. present: (c,) amounts in the fit, if it has it.
+    """
+    none, inf = np.zeros(white.shape[1]), np.full(white.shape[1], np.inf)
+    return Block(f"free {g.signal}", white, np.eye(len(none)) / g.size**2, none, -inf, inf, odds, source, present)
 
 
 def _label(bank: Bank, k: int) -> str:

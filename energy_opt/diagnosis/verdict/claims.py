@@ -225,7 +225,7 @@ def bent(found: Search, f: Fit) -> list[bool]:
         share = np.abs(watts) / max(float(np.sqrt(np.mean(watts**2))), 1e-9)
         column = w.samples.shown(watts * np.log(np.maximum(share, 1e-9)))
         bends.append(Free(f"power of {c.term.name}", column[:, None], 1.0))
-    blocks = [free_block(g, w.whiten(g.columns), np.zeros(1), g, 0.0) for g in bends]
+    blocks = [free_block(g, w.whiten(g.columns), g, 0.0) for g in bends]
     bank = Bank(f, [*own, *blocks])
     least = bank.weigh(here).value + RIVAL
     weighed = [bank.weigh(here | {k}) for k in range(len(own), len(bank.blocks))]

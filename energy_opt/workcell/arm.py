@@ -248,7 +248,7 @@ class Arm:
         for k, (name, step, table) in enumerate(zip(self.names, self.job.steps, self.table.step, strict=True)):
             if step.wait is not None:
                 least, most = table.span
-                steps.append(Wait(name, least, max(most, least), self.modes_at(k)))
+                steps.append(Wait(name, least, max(most, least), self.modes_at(k, first)))
             elif k in moves:
                 move = moves[k]
                 known = move.answers if optimized else move.slowed

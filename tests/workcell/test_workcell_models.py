@@ -108,3 +108,14 @@ def test_a_supply_that_is_exceeded_under_the_first_model_is_named() -> None:
     found = eo.job(cell(4.0, **free), **asked).document()
     (said,) = found["warnings"]
     assert found["peak_power"] > peak - 3.0 and said.startswith("under the first model power reaches 99.1")
+
+
+def test_the_bound_of_a_wait_is_that_of_the_first_model() -> None:
+    """The power of an explicit wait was the mean of the models, so the bound exceeded what the first one needs."""
+    job = cell(5.0)
+    job["robot"][0]["step"].insert(1, {"name": "hold", "wait": 1.5})
+    model = eo.source_model(load_robot("z1"))
+    copper = eo.effects.CopperLoss(r_over_kt2=10 * model.get("copper_loss").values["r_over_kt2"])
+    heavy = model.replaced(copper) + eo.effects.ViscousFriction(b=3.0)  # the mean moves slowly, the first model waits
+    alone, several = (eo.job(job, model=models, self_collision=False).document() for models in (model, [model, heavy]))
+    assert alone["energy_total"] - 1e-6 <= several["bound"] < several["energy_total"] - 0.1

@@ -25,6 +25,7 @@ APART = 0.1  # relative difference allowed between joint readings and power: gea
 LEAST = 0.03  # least uncertainty as a share of a usual size
 SHOWN = 0.05  # share of usual dry friction above which readings count as containing friction
 MOST_CURRENT = 300.0  # [A] no drive of a joint takes more at its effort limit
+SURE = 4.0  # standard deviations from which one joint's number claims a law, or shows that a unit is wrong
 DISAGREE = 3.0  # standard deviations between both estimates from which a remark reports it
 
 
@@ -187,7 +188,6 @@ def wrong_units(side: JointSide) -> str:
 
 
 GUESS = 3.0  # upper bound for a joint without information, over the median share of the effort limit
-SURE = 4.0  # standard deviations above 0 from which one joint's number is enough to claim the law
 
 
 def friction_findings(side: JointSide) -> tuple[list[Finding], list[str]]:

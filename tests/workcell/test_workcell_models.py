@@ -110,6 +110,7 @@ def test_a_supply_that_is_exceeded_under_the_first_model_is_named() -> None:
     assert found["peak_power"] > peak - 3.0 and said.startswith("under the first model power reaches 99.1")
 
 
+@pytest.mark.slow
 def test_the_bound_of_a_wait_is_that_of_the_first_model() -> None:
     """The power of an explicit wait was the mean of the models, so the bound exceeded what the first one needs."""
     job = cell(5.0)

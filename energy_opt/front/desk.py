@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import re
 import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -18,8 +19,29 @@ from energy_opt import __version__
 from energy_opt.errors import BadInput, Infeasible, suggest
 from energy_opt.files import write_json
 from energy_opt.folders import guard, written_whole
-from energy_opt.requests.option import Request, options_of
+from energy_opt.requests.option import Option, Request, flag_of, options_of
 from energy_opt.results import Found
+
+# The values that Python takes, where they differ from those of the command line. n: number of joints.
+FORMS = {
+    "robot": "also a `Robot`",
+    "model": "also a `PowerModel`",
+    "models": "also a `PowerModel`",
+    "lock": "a mapping from joint names to positions",
+    "payload": "a mass, (mass, x, y, z), or an `effects.Payload`",
+    "start": "a sequence (n,) in the robot's order, a mapping from joint names, or a pose (`pose_from`)",
+    "goal": "as `start`; alternatives as `AnyOf([...])`",
+    "path": "an array (K, n), a `Trajectory`, a function q(s) on [0, 1] that returns (n,), or a file",
+    "via": "each as `start`",
+    "start_pose": "as `pose_from` takes it",
+    "goal_pose": "as `start_pose`",
+    "via_pose": "as `start_pose`",
+    "conditions": "objects of `energy_opt.conditions`, your own limits, or names of files that define them",
+    "durations": "a sequence, or text FIRST:LAST:COUNT",
+    "job": "a file, or its content as a mapping",
+    "files": "names of files (`evaluate` also takes each `Trajectory`)",
+    "request": "a file, or its content as a mapping",
+}
 
 P = ParamSpec("P")
 Asked = TypeVar("Asked", bound=Request)
@@ -144,11 +166,12 @@ class Desk:
                 write_json(aside / answer, error.document())
 
 
-def verb(request: Callable[P, Asked], run: Callable[[Asked, Desk], Given]) -> Callable[P, Given]:
+def verb(request: Callable[P, Asked], run: Callable[[Asked, Desk], Given], name: str = "") -> Callable[P, Given]:
     """The verb as a Python function whose arguments are the fields of its request.
 
     Args:
         request: the class of the request. run: does the work of a request, with a desk.
+        name: of the function, where it is not the verb's.
 
     Returns:
         The function; its signature and its text come from the request's fields. It raises BadInput for an unknown
@@ -169,9 +192,22 @@ def verb(request: Callable[P, Asked], run: Callable[[Asked, Desk], Given]) -> Ca
         stopped = asked.stopped or (lambda: False)
         return run(asked, Desk(force=getattr(asked, "force", False), ends=stopped))
 
-    called.__name__ = called.__qualname__ = kind.verb
+    called.__name__ = called.__qualname__ = name or kind.verb
     returned = inspect.signature(run).return_annotation
     called.__signature__ = inspect.signature(request).replace(return_annotation=returned)  # type: ignore[attr-defined]
-    lines = [f"    {name}: {found.help}." for name, found in spelled.items()]
-    called.__doc__ = "\n".join([inspect.cleandoc(run.__doc__ or ""), "", "Args:", *lines])
+    values = f"; `found[name]` is a value of {kind.answer}" if kind.answer else ""
+    parts = [inspect.cleandoc(run.__doc__ or ""), _arguments(request, spelled), f"Returns:\n    {returned}{values}."]
+    called.__doc__ = "\n\n".join(parts)
     return called
+
+
+def _arguments(request: Callable[..., Request], spelled: Mapping[str, Option]) -> str:
+    """The arguments of a verb's function, in the order of its signature, in the words of Python."""
+    lines = ["Args:"]
+    for name in sorted(inspect.signature(request).parameters, key=["stopped"].__contains__):
+        text = spelled[name].help.replace("repeatable", "one or several").replace("DIR", "`out`")
+        text = text if "out" in spelled else text.replace("--out", "folder")
+        for other, found in spelled.items():
+            text = re.sub(rf"{flag_of(other, found)}\b(?!-)", f"`{other}`", text)
+        lines.append(f"    {name}: {text}." + (f" In Python: {FORMS[name]}." if name in FORMS else ""))
+    return "\n".join(lines)

@@ -262,4 +262,4 @@ def run(request: ImportRequest, desk: Desk) -> Set:
     return Set(out, found, request)
 
 
-import_logs = verb(ImportRequest, run)
+import_logs = verb(ImportRequest, run, "import_logs")

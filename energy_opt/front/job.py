@@ -98,6 +98,8 @@ def run_workcell_job(request: JobRequest, desk: Desk) -> JobAnswer:
     given = next((name for name in OF_ONE_ROBOT if getattr(request, name) is not None), None)
     if given is not None:
         raise BadInput(f"--{given} belongs to a job of one robot; in a job of several, give it in each [[robot]]")
+    if request.resume:
+        raise BadInput("--resume belongs to a job of one robot; a job of several cannot be continued")
     if request.robust not in (None, "mean"):
         raise BadInput(
             f"--robust {request.robust} belongs to a job of one robot; a job of several takes the mean of the models"

@@ -94,8 +94,14 @@ def resolved_job(request: Asked, robot: Robot, rivals: list[Rival], kind: Kind |
 def answers_of(
     request: JobRequest | TradeoffRequest, job: Job, rivals: list[Rival], settings: Settings, desk: Desk
 ) -> Answers | None:
-    """Answers to the moves that an earlier run into the folder left, for --resume; None without a folder."""
+    """Answers to the moves that an earlier run into the folder left, for --resume; None without a folder.
+
+    Raises:
+        BadInput: an earlier run is to be continued, but there is no folder.
+    """
     if desk.out is None:
+        if request.resume:
+            raise BadInput("--resume needs the folder of the earlier run: `energy-opt job JOB.toml --resume --out DIR`")
         return None
     about = [*(rival.model.to_document() for rival in rivals), job.robot.name, vars(job.robot.limits), vars(settings)]
     return Answers(desk.out, job.robot.joints, [*about, cell_of(request).document()], request.resume)

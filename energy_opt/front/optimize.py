@@ -134,11 +134,13 @@ def _lost(result: Result, robot: Robot, document: Mapping[str, Any]) -> dict[str
 def _why_less(result: Result) -> list[str]:
     """Line on why the fastest timing takes less energy than the result, if it does: the overhead lasts less long."""
     fastest, duration = result.baseline("toppra"), result.trajectory.duration
-    if fastest is None or fastest.energy.total >= result.energy.total or fastest.duration >= duration * (1 - 1e-6):
+    if fastest is None or fastest.energy.total >= result.energy.total or fastest.duration >= duration:
         return []
-    power = result.energy.standby / duration
+    power, own, least = result.energy.standby / duration, f"{duration:.4g}", f"{fastest.duration:.4g}"
+    if own == least:
+        return []
     return [
-        f"toppra is the fastest timing: {fastest.duration:.3g} s instead of {duration:.3g} s; standby alone is "
+        f"toppra is the fastest timing: {least} s instead of {own} s; standby alone is "
         f"{power:.3g} W, {power * (duration - fastest.duration):.4g} J of the difference"
     ]
 

@@ -82,4 +82,4 @@ def run(request: RunRequest, desk: Desk) -> Any:
     return function_of(asked.verb)(asked, desk)
 
 
-repeat = verb(RunRequest, run)
+repeat = verb(RunRequest, run, "repeat")

@@ -215,5 +215,5 @@ def model_of(word: str | PathLike[str], robot: Robot | str) -> PowerModel:
         return named_model(str(word), robot)
     if not Path(word).is_file() and not Path(word).suffix:
         hint = suggest(str(word).replace("_", "-"), NAMED)
-        raise BadInput(f"--model {word}: neither a model file nor a name{hint}: {', '.join(NAMED)}")
+        raise BadInput(f"--model {word}: neither a model file nor a name ({', '.join(NAMED)}){hint}")
     return load_model(Path(word))

@@ -283,7 +283,7 @@ class CellGroup(Request):
     payload_size: str | Sequence[float] | None = option(
         None, "edges of a box around the payload's centre of mass [m] (the payload is a point)", "X,Y,Z"
     )
-    planner: str | None = option("auto", "planner of the first path; not used by this verb", "NAME", hidden=True)
+    planner: str | None = option("auto", "planner of the initial path; not used by this verb", "NAME", hidden=True)
     allow_outside: bool = option(False, "allow a file to name files outside of its own folder", kind=bool)
     allow_large: bool = option(False, "also read files and meshes above the usual size limits", kind=bool)
     cell: CellRequest | None = option(None, "all options of body and cell as one object", internal=True, written=False)

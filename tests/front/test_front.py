@@ -257,6 +257,28 @@ def test_payloads_are_numbers_or_payloads() -> None:
         payload_from(["heavy"])
 
 
+@pytest.mark.parametrize("verb", [eo.optimize, eo.tradeoff, eo.bench, eo.evaluate, eo.simulate, eo.import_logs])
+def test_the_text_of_a_verb_speaks_of_arguments(verb) -> None:
+    """`help(eo.optimize)` named options (`--start`), began with what is seldom given, and took no arrays."""
+    text = inspect.getdoc(verb).partition("Args:\n")[2].partition("\n\n")[0]
+    listed = [line.strip().partition(":")[0] for line in text.splitlines()]
+    assert "--" not in text.replace("`energy-opt --example suite`", "")
+    given = [name for name in inspect.signature(verb).parameters if name != "stopped"]
+    assert listed == [*given, "stopped"]
+    if verb is eo.optimize:
+        assert "a sequence (n,) in the robot's order" in text and "`standard` moves may add" in text
+        assert inspect.getdoc(verb).endswith("Returns:\n    Answer; `found[name]` is a value of result.json.")
+
+
+def test_a_job_from_python_continues_no_earlier_run() -> None:
+    """`resume` was ignored: a call from Python has no folder."""
+    steps = [{"to": [0.3, 1, -1, 0, 0, 0]}, {"to": [0, 1, -1, 0, 0, 0]}]
+    job = {"format": "energy-opt/job/1", "robot": "z1", "cycle_time": 4.0, "step": steps}
+    for verb in (lambda **more: eo.job(job, **more), lambda **more: eo.tradeoff(job=job, **more)):
+        with pytest.raises(BadInput, match="resume needs the folder of the earlier run"):
+            verb(resume=True)
+
+
 def test_the_signature_of_a_verb_says_what_it_returns() -> None:
     """`help(eo.optimize)` said that it returns None."""
     assert {str(inspect.signature(verb).return_annotation) for verb in (eo.optimize, eo.place)} == {

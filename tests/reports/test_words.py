@@ -1,5 +1,8 @@
 """What the console and reports say of a result, and where its losses come from."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -59,6 +62,21 @@ def test_no_line_of_the_table_repeats_another(tmp_path):
     reason = next(line for line in lines if line.startswith("toppra is the fastest timing"))
     assert f"{88.04 * (2 - fastest):.4g} J of the difference" in reason
     assert any(line.startswith("all limits kept; tightest: ") for line in lines)
+
+
+def test_durations_that_read_alike_are_not_compared(tmp_path):
+    """ "toppra is the fastest timing: 0.519 s instead of 0.519 s" was printed."""
+    robot, model = load_robot("z1"), MODEL
+    move = Move(np.zeros(6) + [0, 1, -1, 0, 0, 0], np.array([0.8, 1.5, -1.3, 0.3, 0.2, 0.1]), "retime")
+    planner = Planner(robot, model)
+    shortest = planner.minimum_time(move)
+    found = {}
+    for factor in (1.001, 1.00002):
+        result = planner.solve(replace(move, duration=shortest * factor))
+        lines = table(result, tmp_path, robot).splitlines()
+        found[factor] = [re.findall(r"([0-9.]+) s", x)[:2] for x in lines if x.startswith("toppra is")]
+    assert len(found[1.001]) == 1 and all(float(fastest) < float(own) for fastest, own in found[1.001])
+    assert not found[1.00002]
 
 
 def test_losses_by_joint_are_those_of_the_formula():

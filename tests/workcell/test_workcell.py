@@ -145,6 +145,12 @@ def test_options_of_one_robot_are_refused(
     assert f"{option[0]} belongs to a job of one robot" in capsys.readouterr().err
 
 
+def test_a_job_of_several_is_not_resumed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The option was ignored."""
+    assert run(tmp_path, two_robots(), "--resume")[0] == 2
+    assert "--resume belongs to a job of one robot" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("step", "more", "said"),
     [

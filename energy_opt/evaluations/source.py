@@ -19,7 +19,7 @@ from energy_opt.formats.recording import motion_of
 from energy_opt.formats.waypoints import Samples
 from energy_opt.measured.log import NAME as LOG
 from energy_opt.measured.sets import read_set
-from energy_opt.motion.standing import standstills
+from energy_opt.motion.standstills import standstills
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.robot import Robot
 

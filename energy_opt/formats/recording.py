@@ -12,7 +12,7 @@ from energy_opt.formats.close_waypoints import past
 from energy_opt.formats.readings import as_moved
 from energy_opt.formats.waypoints import Samples
 from energy_opt.motion.path import JointPath, of_trajectory
-from energy_opt.motion.standing import check_moves_on
+from energy_opt.motion.standstills import check_moves_on
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics.signals import SHORTEST, WINDOW, smooth, standstills
 

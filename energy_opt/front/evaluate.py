@@ -27,7 +27,7 @@ from energy_opt.front.moves import documents
 from energy_opt.front.rivals import rivals_of
 from energy_opt.measured.log import read_log
 from energy_opt.measured.sets import robot_of as robot_of_log
-from energy_opt.motion.standing import standstills
+from energy_opt.motion.standstills import standstills
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.requests.verbs import EvaluateRequest
 from energy_opt.results import exit_of

@@ -16,7 +16,6 @@ from energy_opt.front.desk import Answered, Desk
 from energy_opt.front.given import cell_of, named_robot, payload_document, robot_of
 from energy_opt.front.moves import documents, settings_of
 from energy_opt.front.rivals import members, rivals_of
-from energy_opt.fronts.output import ANSWER, Tradeoff
 from energy_opt.jobs.file import job_of
 from energy_opt.jobs.legs import Job, Load
 from energy_opt.jobs.models import efforts_held, mean_of, stated, warned
@@ -32,6 +31,7 @@ from energy_opt.power.assumptions import assumptions, assumptions_line
 from energy_opt.requests.moves import JobRequest, PlaceRequest, TradeoffRequest
 from energy_opt.results import exit_of
 from energy_opt.robot import Robot
+from energy_opt.tradeoffs.output import ANSWER, Tradeoff
 
 Asked = TypeVar("Asked", JobRequest, TradeoffRequest, PlaceRequest)
 

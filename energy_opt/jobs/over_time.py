@@ -10,7 +10,6 @@ import numpy as np
 
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import Infeasible
-from energy_opt.fronts.output import COLUMNS
 from energy_opt.jobs.legs import Job
 from energy_opt.jobs.posed import Posed
 from energy_opt.jobs.run import JobResult, run_job
@@ -23,6 +22,7 @@ from energy_opt.reports.charts import Chart, Line
 from energy_opt.reports.optimize import assumed
 from energy_opt.reports.page import Report
 from energy_opt.reports.words import yearly
+from energy_opt.tradeoffs.output import COLUMNS
 
 COUNT = 10  # default number of cycle times
 ROOM = 1.0005  # times the shortest cycle: the shortest itself leaves nothing to share

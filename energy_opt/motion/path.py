@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from energy_opt.motion.standing import STILL
+from energy_opt.motion.standstills import STILL
 from energy_opt.motion.trajectory import Trajectory
 
 NO_LENGTH = 1e-12  # [rad] a shorter path counts as no move

@@ -23,7 +23,7 @@ from energy_opt.errors import Infeasible
 from energy_opt.jobs.cycle import Answer
 from energy_opt.schedule import UNDECIDED, Exclusion, Run, Schedule, solve
 from energy_opt.workcell.arm import SOLVED, Arm
-from energy_opt.workcell.aside import aside
+from energy_opt.workcell.around import move_around
 from energy_opt.workcell.between import Between, TwoArms, conflicting_parts, prove_apart
 from energy_opt.workcell.motion import ArmMove, Part, PeriodicMotion, nearest
 from energy_opt.workcell.stage import SECONDS, Candidate, Levers, Stage, with_lever
@@ -206,7 +206,7 @@ class Planning(Stage):
                 and other.cell is not None
                 and moves is not None
             ]
-            answer = aside(arm, move, part.start, part.duration, others, self.cell.jitter, turn)
+            answer = move_around(arm, move, part.start, part.duration, others, self.cell.jitter, turn)
             if answer is not None:
                 move.answers[nearest(move.answers, part.duration)] = answer
                 return f"{arm.name}.{part.name}"

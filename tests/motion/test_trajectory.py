@@ -9,7 +9,7 @@ import pytest
 
 from energy_opt.effects import BY_NAME
 from energy_opt.motion.judge.energy import Scorer
-from energy_opt.motion.standing import standstills
+from energy_opt.motion.standstills import standstills
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel, source_method_2
 from energy_opt.robot import PointMass, load_robot

@@ -19,7 +19,7 @@ MODULES = sorted(ROOT.rglob("*.py"))
 
 # Packages of the two sides; they meet in the power model, in `next_motion` above both, and in the command line, which
 # may import all.
-MOTION = {"motion", "profiles", "formats", "fronts", "batches", "jobs"}
+MOTION = {"motion", "profiles", "formats", "tradeoffs", "batches", "jobs"}
 DATA = {"measured", "static_poses", "diagnosis"}
 ABOVE = {"next_motion", "virtual_arm"}
 

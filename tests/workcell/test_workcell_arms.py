@@ -16,7 +16,7 @@ from energy_opt.cell.request import CellRequest
 from energy_opt.cli.main import main
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.robot import load_robot
-from energy_opt.workcell.aside import MovingCell, others_during
+from energy_opt.workcell.around import MovingCell, others_during
 from energy_opt.workcell.between import TwoArms, prove_apart
 from energy_opt.workcell.motion import Part, PeriodicMotion
 

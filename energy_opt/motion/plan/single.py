@@ -1,4 +1,4 @@
-"""One move at any duration: its candidates, and the choice among them. Planner and fronts use this module."""
+"""One move at any duration: its candidates, and the choice among them. `Planner` and `tradeoffs` use this module."""
 
 from __future__ import annotations
 

@@ -18,9 +18,6 @@ from energy_opt.cli.main import main
 from energy_opt.effects import CopperLoss, IdleHold, Standby
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.front.tradeoff import durations_of
-from energy_opt.fronts.cycle import Cycle
-from energy_opt.fronts.front import trace
-from energy_opt.fronts.output import Tradeoff, document, motions_of, table, text
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.judge.energy import Energy
 from energy_opt.motion.path import through
@@ -30,6 +27,9 @@ from energy_opt.power import PowerModel, source_method_2
 from energy_opt.reports.tradeoff import page
 from energy_opt.requests.moves import TradeoffRequest
 from energy_opt.robot import load_robot
+from energy_opt.tradeoffs.cycle import Cycle
+from energy_opt.tradeoffs.front import trace
+from energy_opt.tradeoffs.output import Tradeoff, document, motions_of, table, text
 
 FASTEST = 1.0
 

@@ -168,7 +168,7 @@ FINISHED = 3  # first curves from which the search continues
 Other = tuple[Cell, PeriodicMotion, np.ndarray | None]  # another arm, its motion, and `TwoArms.clearance` from it
 
 
-def aside(
+def move_around(
     arm: Arm, move: ArmMove, start: float, duration: float, others: Sequence[Other], jitter: float, seed: int = 0,
 ) -> Answer | None:  # fmt: skip
     """The move with the least energy found among others' motions; None if nothing clear was found.

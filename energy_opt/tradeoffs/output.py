@@ -17,8 +17,6 @@ from energy_opt.errors import Infeasible, at_least
 from energy_opt.files import write_json, write_text
 from energy_opt.folders import written_whole
 from energy_opt.formats import table as rows
-from energy_opt.fronts.cycle import Cycle
-from energy_opt.fronts.front import Front, Point
 from energy_opt.motion import Move
 from energy_opt.motion.plan.neighbour import Optimum
 from energy_opt.motion.plan.robust import RobustPlanner
@@ -28,6 +26,8 @@ from energy_opt.reports.page import Report
 from energy_opt.requests.moves import TradeoffRequest
 from energy_opt.results import Found
 from energy_opt.robot import Robot
+from energy_opt.tradeoffs.cycle import Cycle
+from energy_opt.tradeoffs.front import Front, Point
 
 ANSWER = "tradeoff.json"
 EXITS = {"solved": 0, "infeasible": 3, "not_converged": 4, "interrupted": 130}  # exit codes by status

@@ -223,8 +223,9 @@ def table(found: Sequence[Evaluation]) -> str:
     width = max(WIDTH, *(len(name) + 2 for name in names))
     lines = [f"{'':<28}" + "".join(f"{name:>{width}}" for name in names)]
 
-    def line(name: str, values: Sequence[float | None], digits: int = 3) -> None:
-        cells = "".join(f"{'-' if x is None else f'{x:.{digits}f}':>{width}}" for x in values)
+    def line(name: str, values: Sequence[float | str | None], digits: int = 3) -> None:
+        words = ("-" if x is None else x if isinstance(x, str) else f"{x:.{digits}f}" for x in values)
+        cells = "".join(f"{word:>{width}}" for word in words)
         lines.append(f"{name:<28}{cells}")
 
     line("duration [s]", [e.motion.trajectory.duration for e in found], 4)
@@ -239,8 +240,12 @@ def table(found: Sequence[Evaluation]) -> str:
             line(f"    {effect}", [energy.by_effect.get(effect) for energy in energies])
         for name in ("toppra", "scaled"):
             known = [next((b for b in e.baselines if b.name == name), None) for e in found]
-            line(f"  {name}", [None if b is None else b.energies[model] for b in known])
+            line(
+                f"  {name}", [None if b is None else f"{b.energies[model]:.3f}{'' if b.valid else '*'}" for b in known]
+            )
     line("peak power [W]", [e.certificate.peak_power for e in found], 1)
+    if not all(b.valid for e in found for b in e.baselines):
+        lines.append("* breaks a limit: no energy to compare with")
     for evaluation in found:
         lines.append(f"{evaluation.motion.name}: {_judged(evaluation)}")
     return "\n".join(lines)

@@ -83,6 +83,20 @@ def test_steps_of_a_job_without_a_wait_between_them_have_baselines(tmp_path: Pat
     assert quick.valid and scaled.valid and quick.duration < 0.8 * scaled.duration
 
 
+def test_the_table_marks_baselines_that_break_a_limit() -> None:
+    """A motion that is faster than its limits: the even timing of its path in the same time is as fast."""
+    time = np.linspace(0.0, 0.3, 101)
+    u, way = (time / 0.3)[:, None], GOAL - START
+    position = START + (10 * u**3 - 15 * u**4 + 6 * u**5) * way
+    velocity, acceleration = (30 * u**2 * (1 - u) ** 2 / 0.3) * way, ((60 * u - 180 * u**2 + 120 * u**3) / 0.09) * way
+    found = evaluate(Trajectory(Z1.joints, time, position, velocity, acceleration), Z1, "source-method-2")
+    valid = {row.name: row.valid for row in found.found[0].baselines}
+    lines = str(found).splitlines()
+    marked = {name: next(x for x in lines if x.split()[0] == name).endswith("*") for name in valid}
+    assert valid == {"toppra": True, "scaled": False} and marked == {"toppra": False, "scaled": True}
+    assert "* breaks a limit: no energy to compare with" in lines
+
+
 def test_a_job_of_several_robots_names_its_motions(tmp_path: Path) -> None:
     """Its folder was refused for a missing cycle.csv, and a robot's motion was judged without its payload unsaid."""
     formats.write(motion(Z1), tmp_path / "cycle_a.csv")

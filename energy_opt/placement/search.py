@@ -319,7 +319,9 @@ def place(
         raise _no_placement_error(search, looked)
     _, _, best, result = min(done, key=lambda item: item[:2])
     fixed = [step.name for k, step in enumerate(job.steps) if step.wait is None and k not in job.open]
-    warnings = [f"joint positions do not change with the {request.fixture or 'base'}: {', '.join(fixed)}"]
+    warnings = [
+        f"steps with given joint positions do not move with the {request.fixture or 'base'}: {', '.join(fixed)}"
+    ]
     # estimates with the penalty of a move in contact, or too slow, are no energies
     known = ((point, value if value < DETOUR else np.inf) for point, value in looked)
     tried = tuple(Looked(search.place(point), value, "estimate") for point, value in known)

@@ -72,7 +72,7 @@ class SpeedRipple(Special):
 class Backlash(Special):
     """After a joint has reversed, the drive closes its play: extra torque that fades over `gap` rad of travel.
 
-    torque * exp(-travel / gap) * tanh(v / 0.01 rad/s), per joint [N m], [rad].
+    amplitude * exp(-travel / gap) * tanh(v / 0.01 rad/s), per joint [N m], [rad].
     """
 
     amplitude: PerJoint
@@ -173,7 +173,9 @@ class Plant:
         for effect in self.model.effects:
             if effect.name not in PLAYED:
                 known = ", ".join(sorted(PLAYED))
-                raise BadInput(f"the virtual arm has no law for {effect.name}; it plays {known}, and [[special]]")
+                raise BadInput(
+                    f"the virtual arm has no law for {effect.name}; it has one for {known}, and for [[special]] tables"
+                )
         for special in self.specials:
             for key, value in special_to_row(special).items():
                 if np.ndim(value) and np.size(value) != joints:

@@ -65,9 +65,16 @@ class Signals:
 class Effect:
     """Base of all effects; an instance holds its parameters' values.
 
-    Subclasses set `name`, `stage`, `parameters` and write their law; `p` in a law holds the parameters by name, as
-    CasADi columns of full length (a per-joint parameter always has one entry per joint there, a table is given row by
-    row), the words of `options` and the lengths of free dimensions.
+    Subclasses set `name` and `parameters` and write the law of their base class (`TorqueEffect`, `PowerEffect`, ...,
+    which set `stage`). `p` in a law holds the parameters by name, as CasADi columns of full length (a per-joint
+    parameter always has one entry per joint there, a table is given row by row), the words of `options` and the lengths
+    of free dimensions. docs/extending.md explains the other class attributes.
+
+    Args:
+        values: of every parameter, by name, in SI units; and the words of `options`.
+
+    Raises:
+        BadInput: a parameter is missing, unknown, out of bounds or of another shape.
     """
 
     name: ClassVar[str]

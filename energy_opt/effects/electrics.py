@@ -85,7 +85,10 @@ class InverterLoss(PowerEffect):
 
 
 class CopperLoss(HeatEffect):
-    """r_over_kt2 * tau_m^2 in every joint: Joule heat of the current that makes the torque (R / Kt^2)."""
+    """r_over_kt2 * tau_m^2 in every joint: Joule heat of the current that makes the torque (R / Kt^2).
+
+    The winding loss of Petrichenko et al. 2024 (arXiv 2411.03194).
+    """
 
     name = "copper_loss"
     parameters = (Parameter("r_over_kt2", "W/(N m)^2", 0.0, 0.0, 1e6, "joint", fit=(0.0, 1e3)),)
@@ -178,7 +181,9 @@ class PsuLoss(SupplyEffect):
 class IronLoss(PowerEffect):
     """sum of hysteresis * |v| + eddy * v^2: losses of the motors' iron. They are drawn as power and add no torque.
 
-    Retiming loses its convexity by the eddy currents: their energy grows with the root of squared path speed.
+    Per cycle of the field, hysteresis loses a constant energy and eddy currents one in proportion to the frequency
+    (Bertotti, IEEE Transactions on Magnetics 24(1), 1988). Retiming loses its convexity by the eddy currents: their
+    energy grows with the root of squared path speed.
     """
 
     name = "iron_loss"

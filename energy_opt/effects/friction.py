@@ -50,7 +50,10 @@ class ViscousFriction(TorqueEffect):
 
 
 class StribeckFriction(TorqueEffect):
-    """tau_s * exp(-(v / v_s)^2) * sign(v): extra breakaway torque at low speed."""
+    """tau_s * exp(-(v / v_s)^2) * sign(v): extra breakaway torque at low speed.
+
+    Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30(7), 1994.
+    """
 
     name = "stribeck_friction"
     parameters = (
@@ -67,7 +70,10 @@ class StribeckFriction(TorqueEffect):
 
 
 class LoadFriction(TorqueEffect):
-    """mu * |tau| * sign(v): friction of gears under load."""
+    """mu * |tau| * sign(v): friction of gears under load.
+
+    Hamon, Gautier and Garrec, IEEE/RSJ IROS, 2010.
+    """
 
     name = "load_friction"
     parameters = (Parameter("mu", "1", 0.0, 0.0, 1.0, "joint"),)

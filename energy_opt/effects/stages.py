@@ -46,13 +46,13 @@ class RigidEffect(Effect):
 
 
 class TorqueEffect(Effect):
-    """Adds to the motor's torque at the joint side."""
+    """Adds to the motor's torque at the joint side. In the laws, n is the number of joints."""
 
     stage = "torque"
 
     @classmethod
     def torque(cls, x: Signals, p: SimpleNamespace, k: Kinks) -> ca.SX:
-        """Added torque, N m, shape (n, 1)."""
+        """Added torque (n, 1) [N m]. x: state; p: parameters by name, see `Effect`; k: functions for kinks."""
         raise NotImplementedError
 
 
@@ -63,7 +63,7 @@ class HeatEffect(Effect):
 
     @classmethod
     def heat(cls, x: Signals, tau_m: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
-        """Power per joint, W, shape (n, 1)."""
+        """Heat of each joint (n, 1) [W]; tau_m: the motors' torque (n, 1) [N m], with all torque effects."""
         raise NotImplementedError
 
 
@@ -99,7 +99,7 @@ class DriveEffect(Effect):
 
     @classmethod
     def drawn(cls, drive: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
-        """Power drawn by the drives, W, from their drive power (n, 1)."""
+        """Power (1, 1) [W] drawn from the bus; drive: of each joint, tau_m v + heat (n, 1) [W], negative in braking."""
         raise NotImplementedError
 
 
@@ -125,12 +125,12 @@ class PowerEffect(Effect):
 
     @classmethod
     def power(cls, x: Signals, tau_m: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
-        """Added power, W, a scalar."""
+        """Added power (1, 1) [W]; tau_m: the motors' torque (n, 1) [N m], with all torque effects."""
         raise NotImplementedError
 
     @classmethod
     def constant(cls, p: SimpleNamespace) -> ca.SX | float:
-        """Power, W, that it adds at every instant, whatever the arm does."""
+        """Power [W] that it adds at every instant, whatever the arm does; 0 if there is none."""
         return 0.0
 
 
@@ -141,5 +141,5 @@ class SupplyEffect(Effect):
 
     @classmethod
     def at_meter(cls, power: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
-        """Power at the meter, W, from the power behind the supply."""
+        """Power at the meter (1, 1) [W]; power: behind the supply (1, 1) [W], negative while more is returned."""
         raise NotImplementedError

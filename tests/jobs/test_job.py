@@ -23,6 +23,8 @@ from energy_opt.jobs.allocate import Front, Solved, allocate
 from energy_opt.jobs.file import load_job
 from energy_opt.jobs.legs import wrong_frames
 from energy_opt.jobs.run import run_job
+from energy_opt.jobs.work import Answers
+from energy_opt.motion import Settings
 from energy_opt.motion.judge.clearance import clearance_of
 from energy_opt.motion.path import straight
 from energy_opt.motion.retime.solve import retime
@@ -259,6 +261,35 @@ def test_a_killed_job_is_continued_with_the_same_result(panda: Robot, tmp_path: 
     first, second = (json.loads((out / "job.json").read_text()) for out in (whole, killed))
     assert second["energy_total"] == pytest.approx(first["energy_total"], rel=1e-9)
     assert not (killed / ".answers").exists()
+
+
+SHUTTLE = """
+format = "energy-opt/job/1"
+robot = "panda"
+cycle_time = 2.0
+home = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]
+[[step]]
+to = [0.9, 0.35, 0.2, -1.9, 0.0, 2.2, 0.9]
+[[step]]
+to = "home"
+"""
+
+
+def test_a_move_whose_search_was_stopped_is_searched_again(panda: Robot, tmp_path: Path) -> None:
+    job, asked = load_job(_written(tmp_path, SHUTTLE), lambda _: panda), [0]
+
+    def progress(text: str, _: float) -> None:
+        asked[0] += text.startswith("2/2")
+
+    def stopped() -> bool:  # within the search for the second move
+        asked[0] += bool(asked[0])
+        return asked[0] > 2
+
+    settings, kept = Settings(starts=1, controls=16), Answers(tmp_path, panda.joints, "", resume=False)
+    found = run_job(job, source_method_2(), settings, stopped=stopped, progress=progress, answers=kept)
+    assert [piece.status for piece in found.pieces] == ["solved", "not_converged"]
+    # it was kept as an answer, so `--resume` took the first guess for the solved move
+    assert len(list((tmp_path / ".answers").iterdir())) == 1
 
 
 AROUND = """

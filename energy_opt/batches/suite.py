@@ -22,7 +22,8 @@
     goal_pose = [0.5, 0.1, 0.3, 3.14159, 0, 0]   # of the tool; also start_pose, via_pose = [...], pose_tolerance
     free = ["rz"]
 
-    [[groups]]                              # optional: further products; what a group does not say, the top level does
+    [[groups]]                              # optional: each is a product in place of the top level's; what a group
+                                            # does not say, the top level does
     robots = ["ur5"]
 
 Every robot meets every move, mode, duration, payload, model and objective. Files are named relative to the suite.

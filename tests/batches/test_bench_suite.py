@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from faults import faults_of
 from energy_opt.batches.suite import load_suite
 from energy_opt.batches.tables import random_moves
 from energy_opt.batches.task import Duration
+from energy_opt.cli.main import example
 from energy_opt.errors import BadInput
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.trajectory import Trajectory
@@ -73,6 +75,12 @@ def test_groups_take_from_the_top_what_they_do_not_say(tmp_path):
     )
     suite = load_suite(written(tmp_path, text))
     assert [(task.robot.name, task.mode) for task in suite.tasks] == [("panda", "retime"), ("ur5", "reshape")]
+
+
+def test_the_groups_of_the_example_can_be_uncommented(tmp_path):
+    head, groups = example("suite").split("# [[groups]]", 1)
+    suite = load_suite(written(tmp_path, head + ("# [[groups]]" + groups).replace("# ", "")))
+    assert Counter(task.robot.name for task in suite.tasks) == {"panda": 4, "ur5": 5, "ur5e": 5}
 
 
 def test_moves_by_joint_name_equal_moves_in_order(tmp_path):

@@ -294,7 +294,8 @@ class _Tracer:
         """The duration of least energy over the cycle, searched between the best point's neighbours."""
         from scipy.optimize import minimize_scalar
 
-        known = [p for p in (*self.front.points, self.front.minimum) if p and p.waiting and p.trajectory is not None]
+        fastest, ends = self.front.fastest, (self.front.minimum, self.front.fastest)
+        known = [p for p in (*self.front.points, *ends) if p and p.waiting and p.trajectory is not None]
 
         def at(duration: float) -> Point:
             near = min(known, key=lambda p: abs(p.duration - duration), default=None)
@@ -305,8 +306,8 @@ class _Tracer:
                 known.append(point)
             return point
 
-        if self.front.fastest is not None:  # the fastest move, for comparison with the best
-            at_once = at(self.front.fastest.duration)
+        if fastest is not None:  # the fastest move, for comparison with the best
+            at_once = min((at(fastest.duration), fastest), key=lambda p: p.cycle_total)
             self.front.cycle_fastest = at_once if at_once.trajectory is not None else None
         if not any(_equal(p.duration, cycle.length) for p in known):
             end = at(cycle.length)  # slower is often even better: always try the whole cycle

@@ -183,6 +183,18 @@ def test_impossible_cycles(panda, length, idle):
         Cycle(panda, source_method_2(), GOAL, length, idle)
 
 
+def test_the_fastest_move_with_a_wait_is_stated_if_no_step_leads_to_it(panda):
+    """Within a power limit, no step ended at the fastest duration, and the saving of the cycle was empty."""
+
+    class Hurried(TwoOptima):
+        def at(self, duration, neighbour):
+            return super().at(duration, neighbour) if duration > FASTEST else None
+
+    cycle = Cycle(panda, PowerModel("panda", (Standby(power=10.0), CopperLoss(r_over_kt2=0.0))), GOAL, 3.0)
+    fastest = front_of(Hurried(), durations=[2.0, 3.0], cycle=cycle).cycle_fastest
+    assert fastest.cycle_total == pytest.approx(law(0, FASTEST) + 10 * (3.0 - FASTEST), rel=1e-12)
+
+
 def test_cycle_weighs_the_wait_against_a_slower_move(panda):
     """With the arm's own standby waiting is as dear as moving, so slow is best; with none, the free optimum is."""
     model = PowerModel("panda", (Standby(power=10.0), CopperLoss(r_over_kt2=0.0)))

@@ -106,9 +106,14 @@ def headline(document: Mapping[str, Any]) -> str:
     text = f"{total:.5g} J a cycle"
     for row in document["baselines"]:
         if row["energy_total"] is not None:
-            saved = 100 * (1 - total / row["energy_total"])
-            text += f", {saved:.3g} % less than {row['name'].replace('_', ' ')}"
+            text += f", {less(total, row['energy_total'])} than {row['name'].replace('_', ' ')}"
     return text + "."
+
+
+def less(energy: float, other: float) -> str:
+    """How much less, or more, than another energy [J] one is."""
+    percent = 100 * (1 - energy / other)
+    return f"{abs(percent):.3g} % {'more' if percent < 0 else 'less'}"
 
 
 def table(found: Mapping[str, Any], cycles: float | None) -> str:
@@ -123,21 +128,27 @@ def table(found: Mapping[str, Any], cycles: float | None) -> str:
             f"{row['name'][:24]:<24} {row['start']:>10.3f} {row['duration']:>10.3f} {row['energy_total']:>11.3f} "
             f"{row['payload']:>5.2g}"
         )
-    lines.append(f"in a {found['cycle_time']:g} s cycle: this plan {found['energy_total']:.3f} J")
+    several, total = found.get("robust"), found["energy_total"]
+    models = found["models"] if several else []
+    under = f" (under {models[0]['name']})" if models else ""
+    lines.append(f"in a {found['cycle_time']:g} s cycle: this plan {total:.3f} J{under}")
     for row in found["baselines"]:
         name = row["name"].replace("_", " ")
         if row["energy_total"] is None:
             lines.append(f"  {name}: not possible within the limits")
         else:
-            saved = 100 * (1 - found["energy_total"] / row["energy_total"])
-            lines.append(f"  {name} {row['energy_total']:.3f} J (this plan saves {saved:.2f} %)")
-    choice, mean = found.get("choice"), " in the mean of the models" if found.get("robust") else ""
+            lines.append(f"  {name} {row['energy_total']:.3f} J (this plan takes {less(total, row['energy_total'])})")
+    against = [row["name"].replace("_", " ") for row in found["baselines"] if row["energy_total"] is not None]
+    for row in models[1:]:
+        saved = row["saving_total_percent"]
+        than = "" if saved is None else f", {less(100 - saved, 100)} than {against[-1]}"
+        lines.append(f"  under {row['name']}: {row['total']:.3f} J{than}")
+    choice, mean = found.get("choice"), " in the mean of the models" if several else ""
     if choice and choice["greedy_nearest"] is not None:
         chosen, nearest = choice["energy_total"], choice["greedy_nearest"]
         lines.append(f"positions at the poses: {chosen:.3f} J a cycle, with the nearest ones {nearest:.3f} J{mean}")
     if "per_year" in found:
         lines.append(per_year_words(found["per_year"], cycles or 0.0))
-    several = found.get("robust")
     bound, of = (several or found["optimality"])["lower_bound"], " (mean of the models)" if several else ""
     if bound is not None:
         gap = found["optimality"]["gap_percent"]

@@ -12,6 +12,8 @@ from energy_opt.motion import Move, Planner
 from energy_opt.motion.judge.energy import Scorer, loss_by_joint
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
+from energy_opt.reports.job import headline as headline_of_job
+from energy_opt.reports.job import table as table_of_job
 from energy_opt.reports.job import timeline
 from energy_opt.reports.optimize import headline
 from energy_opt.reports.words import clearance_words, limits_words
@@ -143,3 +145,20 @@ def test_a_position_at_its_bound_has_nothing_left_of_its_range():
         certificate = {"worst": worst, "max_violation": {"velocity": -0.5, "position": excess}}
         said = limits_words(certificate, lambda limit, joint: "rad")
         assert said == "all limits kept; tightest: j2 position, 0 % of its range left at 2 s"
+
+
+def test_a_job_that_costs_more_under_its_first_model_says_so_in_words():
+    """It was said to save -0.5 %, with no word on the model that the other saving is under."""
+    baselines = [
+        {"name": name, "energy_total": energy} for name, energy in (("fastest_then_wait", 200.0), ("b", 204.0))
+    ]
+    models = [{"name": "first", "total": 201.0}, {"name": "second", "total": 210.0, "saving_total_percent": 2.0}]
+    found = {"cycle_time": 2.0, "energy_total": 201.0, "steps": [], "baselines": baselines, "models": models}
+    found["robust"], found["optimality"] = {"total": 205.5, "lower_bound": None}, {"lower_bound": None}
+    assert table_of_job(found, None).splitlines()[1:] == [
+        "in a 2 s cycle: this plan 201.000 J (under first)",
+        "  fastest then wait 200.000 J (this plan takes 0.5 % more)",
+        "  b 204.000 J (this plan takes 1.47 % less)",
+        "  under second: 210.000 J, 2 % less than b",
+    ]
+    assert headline_of_job(found) == "201 J a cycle, 0.5 % more than fastest then wait, 1.47 % less than b."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -15,7 +16,7 @@ from energy_opt.files import read_json
 from energy_opt.folders import ANSWERS
 from energy_opt.front.desk import Desk, verb
 from energy_opt.requests import moves, verbs
-from energy_opt.requests.option import Request
+from energy_opt.requests.option import Request, options_of
 from energy_opt.requests.verbs import RunRequest
 
 VERBS: dict[str, type[Request]] = {
@@ -37,8 +38,10 @@ def function_of(verb: str) -> Callable[..., Any]:
     return function
 
 
-def asked_in(given: Any) -> Request:
+def asked_in(given: Any, say: Callable[[str], None] = lambda _: None) -> Request:
     """The request of a document, of a result that holds one, or of the file of either.
+
+    Files of a request that is itself a file are found as `_found` says; `say` takes notes of these.
 
     Raises:
         BadInput: there is none, it is not one of a known verb, or a newer version of this program wrote it.
@@ -64,10 +67,39 @@ def asked_in(given: Any) -> Request:
         raise BadInput(
             f"{where}: version = {version!r:.40}; expected {__version__} or an earlier version of energy-opt"
         )
+    if not isinstance(given, Mapping):
+        document = _found(document, VERBS[name], Path(where), say)
     try:
         return VERBS[name].from_document(document)
     except BadInput as error:
         raise BadInput(f"{where}: {error}") from None
+
+
+def _found(
+    document: Mapping[str, Any], request: type[Request], file: Path, say: Callable[[str], None]
+) -> dict[str, Any]:
+    """A request's document with its relative files that are not in the current folder found beside `file` or above.
+
+    A result lies below the folder in which its command was given, and a request written by hand beside its files.
+    """
+    folders = file.resolve().parents
+
+    def one(value: Any, named: bool) -> Any:
+        """A file's new name; `named`: the value is no other word than that of a file or folder."""
+        found = os.path.exists if named else os.path.isfile
+        if not isinstance(value, str) or not value or os.path.exists(value):
+            return value
+        path = next((path for path in (str(folder / value) for folder in folders) if found(path)), value)
+        if path != value:
+            say(f"{value} is not in the current folder; it is {path}")
+        return path
+
+    kinds = {name: spelled.kind for name, (_, spelled) in options_of(request).items() if name != "out"}
+    out = dict(document)
+    for name in [name for name in document if name in kinds]:
+        value, named = document[name], kinds[name] is Path
+        out[name] = [one(each, named) for each in value] if isinstance(value, list) else one(value, named)
+    return out
 
 
 def run(request: RunRequest, desk: Desk) -> Any:
@@ -76,7 +108,7 @@ def run(request: RunRequest, desk: Desk) -> Any:
     Raises:
         BadInput: no such request; and what its verb raises.
     """
-    asked = asked_in(request.request)
+    asked = asked_in(request.request, desk.say)
     if hasattr(asked, "out") and desk.out is not None:
         asked = replace(asked, out=desk.out)  # type: ignore[call-arg]
     return function_of(asked.verb)(asked, desk)

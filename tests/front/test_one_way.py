@@ -232,6 +232,25 @@ def test_a_request_by_hand_and_its_faults(
         assert says in capsys.readouterr().err
 
 
+def test_files_of_a_request_are_found_from_any_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A result names files as its command did; it could be repeated only where that command was given."""
+    for folder in ("project/out", "elsewhere"):
+        (tmp_path / folder).mkdir(parents=True)
+    project = tmp_path / "project"
+    for name in ("limits.yaml", "model.toml"):
+        (project / name).write_text("")
+    asked = {"verb": "tradeoff", "limits": "limits.yaml", "model": ["model.toml", "careful"], "scene": "gone.yaml"}
+    (project / "out/tradeoff.json").write_text(json.dumps({"request": {**asked, **MOVE}}))
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    notes: list[str] = []
+    found = asked_in(project / "out/tradeoff.json", notes.append).document()
+    assert found["limits"] == str(project / "limits.yaml")
+    assert found["model"] == [str(project / "model.toml"), "careful"]
+    assert found["scene"] == "gone.yaml" and found["start"] == A and len(notes) == 2
+    (tmp_path / "elsewhere/limits.yaml").write_text("")
+    assert asked_in(project / "out/tradeoff.json")["limits"] == "limits.yaml"  # the current folder comes first
+
+
 def test_requests_survive_being_written() -> None:
     for verb, rows in requests().items():
         for given in rows:

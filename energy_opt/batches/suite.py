@@ -285,8 +285,8 @@ class _Reading:
                 elif row.posed:
                     move = posed_move(name, row, robot, self.inside(".", "moves"), around)
                 else:
-                    start, goal = (joint_values(end, robot.joints) for end in (row.start, row.goal))
-                    move = NamedMove(name, start, goal, tuple(joint_values(point, robot.joints) for point in row.via))
+                    start, goal = (joint_values(end, robot) for end in (row.start, row.goal))
+                    move = NamedMove(name, start, goal, tuple(joint_values(point, robot) for point in row.via))
                 yield move, row.durations
         for random in table.random:
             for move in random_moves(robot, random.count, random.seed, random.range):

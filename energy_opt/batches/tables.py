@@ -6,7 +6,7 @@ Moves are given by joint name or in order, as poses, by a file, or at random wit
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -23,6 +23,7 @@ from energy_opt.motion import Settings
 from energy_opt.poses.given import Ends, Given, in_base, poses_of_scene
 from energy_opt.requests.moves import OptimizeRequest
 from energy_opt.robot import Robot
+from energy_opt.robot.degrees import refuse_degrees
 from energy_opt.schema import Name, Number, Table, reads
 
 MEAN = "mean"  # the mean of source-method-2 and careful, the default of every verb
@@ -180,12 +181,13 @@ def random_moves(robot: Robot, count: int, seed: int, share: float = 0.6) -> lis
     ]
 
 
-def joint_values(value: Any, joints: Sequence[str]) -> tuple[float, ...]:
+def joint_values(value: Any, robot: Robot) -> tuple[float, ...]:
     """A configuration (n,) [rad] from a list in the robot's order, or from a table by joint name.
 
     Raises:
-        BadInput: wrong count, unknown or missing joints, or a value that is not a finite number.
+        BadInput: wrong count, unknown or missing joints, a value that is not a finite number, or degrees.
     """
+    joints = robot.joints
     if isinstance(value, Mapping):
         unknown = [name for name in value if name not in joints]
         missing = [name for name in joints if name not in value]
@@ -202,6 +204,7 @@ def joint_values(value: Any, joints: Sequence[str]) -> tuple[float, ...]:
     for name, item in zip(joints, value, strict=True):
         if not is_number(item):
             raise BadInput(f"{name} = {item!r} is not a finite number")
+    refuse_degrees(robot, np.array(value, dtype=float))
     return tuple(float(item) for item in value)
 
 
@@ -222,7 +225,7 @@ def posed_move(name: str, row: MoveTable, robot: Robot, folder: Path, around: Su
 
     start = None if row.start_pose is None else pose(row.start_pose, "start_pose")
     goal = None if row.goal_pose is None else pose(row.goal_pose, "goal_pose", row.free)
-    begin, end = ((0.0,) * robot.n if q is None else joint_values(q, robot.joints) for q in (row.start, row.goal))
+    begin, end = ((0.0,) * robot.n if q is None else joint_values(q, robot) for q in (row.start, row.goal))
     via = tuple(pose(value, "via_pose", row.free) for value in row.via_pose)
     ends = Ends(start, (np.array(end) if goal is None else goal,), via)
     return NamedMove(name, begin, end, (), ("", ""), ends.to_text())

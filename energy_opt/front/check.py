@@ -19,7 +19,7 @@ from energy_opt.folders import faults_of_results
 from energy_opt.formats import read
 from energy_opt.formats.messages import trajectories
 from energy_opt.front.desk import Desk, verb
-from energy_opt.front.given import carried, cell_of, model_from, refuse_degrees, robot_of
+from energy_opt.front.given import carried, cell_of, model_from, robot_of
 from energy_opt.jobs.file import load_job
 from energy_opt.jobs.legs import wrong_frames
 from energy_opt.measured import inspect_set
@@ -33,6 +33,7 @@ from energy_opt.power.model import model_from_document
 from energy_opt.requests.verbs import CheckRequest
 from energy_opt.results import Found
 from energy_opt.robot import Robot, known_robots, load_robot
+from energy_opt.robot.degrees import refuse_degrees
 from energy_opt.robot.limits import names_in
 from energy_opt.robot.srdf import read_srdf
 from energy_opt.workcell.as_job import check_workcell

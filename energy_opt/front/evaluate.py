@@ -22,7 +22,7 @@ from energy_opt.formats.output import Written
 from energy_opt.formats.waypoints import Samples
 from energy_opt.front.controllers import check_written
 from energy_opt.front.desk import Answered, Desk, verb
-from energy_opt.front.given import cell_of, named_robot, payload_document, refuse_degrees, robot_of
+from energy_opt.front.given import cell_of, named_robot, payload_document, robot_of
 from energy_opt.front.moves import documents
 from energy_opt.front.rivals import rivals_of
 from energy_opt.measured.log import read_log
@@ -32,6 +32,7 @@ from energy_opt.motion.trajectory import Trajectory
 from energy_opt.requests.verbs import EvaluateRequest
 from energy_opt.results import exit_of
 from energy_opt.robot import Robot, known_robots, load_robot
+from energy_opt.robot.degrees import refuse_degrees
 
 FORMAT = "energy-opt/evaluation/1"
 ANSWER = "evaluate.json"

@@ -28,13 +28,11 @@ from energy_opt.power.variants import of_joints
 from energy_opt.requests.groups import CellGroup, RobotGroup
 from energy_opt.requests.verbs import DiagnoseRequest, IdentifyRequest
 from energy_opt.robot import Robot, load_robot
-from energy_opt.robot.limits import TURNS, look_like_degrees
 
 if TYPE_CHECKING:
     from energy_opt.requests.groups import AnyModel, AnyRobot
 
 DEFAULT = "source-method-2"
-DEGREES = 4 * 3.15  # [rad] beyond a limit from which a position is assumed to be in degrees: two turns
 HEAVIEST = 5.0  # largest payload over an arm's own moving mass: no arm carries twice its weight
 FARTHEST = 2.0  # [m] largest distance of a payload's centre from the last joint: tools of large robots have half of it
 PAYLOAD = "MASS or MASS,CX,CY,CZ"
@@ -256,31 +254,6 @@ def _in_words(text: str, joints: Sequence[str], flag: str) -> np.ndarray:
     if len(parts) != len(joints):
         raise BadInput(f"{flag}: {len(parts)} positions; the robot has {len(joints)} joints: {', '.join(joints)}")
     return np.array([finite_number(part, f"{flag} {text}", "numbers [rad, m]") for part in parts])
-
-
-def refuse_degrees(robot: Robot, position: np.ndarray, where: str) -> tuple[str, ...]:
-    """Refuse positions (N, n) or (n,) that should be radians and look like degrees.
-
-    Returns:
-        A warning where a joint without limits turns many times: this is possible, but may be degrees.
-
-    Raises:
-        BadInput: a joint is far outside its limits; names what to write instead.
-    """
-    found = look_like_degrees(robot.limits, position, DEGREES, robot.slides)
-    if found is not None:
-        value = float(np.atleast_2d(position)[found])
-        raise BadInput(
-            f"{where}: {value:g} rad for {robot.joints[found[1]]} is far outside its limits: these look like degrees; "
-            f"positions are radians ({value:g} deg = {np.radians(value):.4g} rad)"
-        )
-    found = look_like_degrees(robot.limits, position, DEGREES, robot.slides, TURNS)
-    if found is None:
-        return ()
-    value = max(np.atleast_2d(position)[:, found[1]].tolist(), key=abs)
-    turned = f"{where}: {value:g} rad for {robot.joints[found[1]]}"
-    turns, radians = abs(value) / (2 * np.pi), np.radians(value)
-    return (f"{turned} is {turns:.3g} turns; if this is in degrees, write {radians:.4g}",)
 
 
 Asked = TypeVar("Asked", IdentifyRequest, DiagnoseRequest)

@@ -14,7 +14,7 @@ import numpy as np
 
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput
-from energy_opt.front.given import named_robot, payload_document, positions, refuse_degrees
+from energy_opt.front.given import named_robot, payload_document, positions
 from energy_opt.motion import Move, Settings, Trajectory
 from energy_opt.motion.path import JointPath, of_trajectory
 from energy_opt.motion.plan.rivals import Rival
@@ -24,6 +24,7 @@ from energy_opt.poses.given import Ends, Given, poses_of_request
 from energy_opt.poses.pose import EXACT, AnyOf, Freedom, Pose
 from energy_opt.requests.moves import MoveRequest
 from energy_opt.robot import Robot
+from energy_opt.robot.degrees import refuse_degrees
 
 SAMPLED = 401  # points at which a path given as a function is sampled
 DERIVED = ("draw ", "rival ")  # prefixes of models that follow from another one's covariance and rivals

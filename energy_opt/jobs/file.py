@@ -265,7 +265,8 @@ class _Reading:
         """A pose of the tool, or positions within the position limits, by name or by value."""
         if isinstance(value, str) and value in self._poses:
             return self._poses[value]
-        if isinstance(value, str) and self.faults and value in self.job.poses:
+        stated = {*self.job.poses, *(() if self.job.home is None else ("home",))}
+        if isinstance(value, str) and self.faults and value in stated:
             return None  # its fault is already recorded
         if isinstance(value, str) and not ("," in value or value.endswith(SUFFIXES)):
             self.fault(f"{where}: unknown pose {value!r}{suggest(value, self._poses)}; [poses] names them")
@@ -273,9 +274,10 @@ class _Reading:
         if isinstance(value, str) or (isinstance(value, Mapping) and "pose" in value):
             return self._pose(value, where)
         try:
-            q = np.array(joint_values(value, self.robot.joints))
+            q = np.array(joint_values(value, self.robot))
         except BadInput as error:
-            hint = "; a pose of the tool is { pose = [...] }" if np.size(value) in (6, 7) else ""
+            posed = np.size(value) in (6, 7) and np.size(value) != self.robot.n
+            hint = "; a pose of the tool is { pose = [...] }" if posed else ""
             self.fault(f"{where}: {error}{hint}")
             return None
         low, high = self.robot.limits.lower, self.robot.limits.upper

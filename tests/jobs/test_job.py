@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from faults import faults_of
 
+from energy_opt.batches.suite import load_suite
 from energy_opt.cell.load import load_cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.cli.main import example, main
@@ -352,6 +353,18 @@ def test_a_pose_at_fault_is_named_once(tmp_path: Path) -> None:
         load_job(_written(tmp_path, text), load_robot)
     said = str(caught.value)
     assert "outside its position limits" in said and "unknown pose 'a'" not in said and "unknown pose 'nowhere'" in said
+
+
+def test_degrees_are_named(tmp_path: Path) -> None:
+    """They were positions outside of limits, each step to `home` another fault, and in a suite a path in contact."""
+    home = "[0, -45, 0, -135, 0, 90, 45]"
+    text = f'format = "energy-opt/job/1"\nrobot = "panda"\ncycle_time = 5\nhome = {home}\n[[step]]\nto = "home"\n'
+    (said,) = faults_of(load_job, _written(tmp_path, text), load_robot)
+    assert "home: -45 rad for panda_joint2" in said and said.endswith("(-45 deg = -0.7854 rad)")
+    suite = tmp_path / "suite.toml"
+    suite.write_text(f'format = "energy-opt/suite/1"\nrobots = "panda"\n[[moves]]\nstart = {home}\ngoal = {home}\n')
+    (said,) = faults_of(load_suite, suite)
+    assert "moves 1 (move01) on panda: -45 rad" in said
 
 
 def test_check_names_a_frame_that_no_pose_can_be_in(panda: Robot, tmp_path: Path) -> None:

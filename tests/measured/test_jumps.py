@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from logs import SIX, Z1, arm, lines, put
+from logs import PANDA, SEVEN, SIX, Z1, arm, lines, put
 
 from energy_opt.measured import inspect_set, read_set
 from energy_opt.measured.importing import import_files
@@ -23,6 +23,17 @@ def test_rows_whose_positions_jump(tmp_path, stays):
     for run in whole.runs:
         speed = np.abs(np.diff(run.position, axis=0)) / np.diff(run.time)[:, None]
         assert speed.max() < 1.5 * (np.abs(np.diff(clean, axis=0)) / np.diff(t)[:, None]).max()
+
+
+def test_a_damaged_row_does_not_make_radians_degrees(tmp_path):
+    """One reading outside of the limits: all others were taken for degrees, 57 times too small."""
+    t, q, _, p = arm(PANDA)
+    q[300, 3] = 6.2
+    path = put(tmp_path / "a.csv", lines("t," + ",".join(f"q{j}" for j in SEVEN) + ",power", [t, q, p]))
+    import_files([path], tmp_path / "set", PANDA)
+    np.testing.assert_allclose(
+        np.vstack([run.position for run in read_set(tmp_path / "set").runs])[:100], q[:100], atol=0.01
+    )
 
 
 @pytest.mark.parametrize("rate", [5, 10])

@@ -179,8 +179,8 @@ def _guess_time(table: Table, out: Guess, key: str, hand: ByHand, span: float | 
         falls = np.flatnonzero(np.diff(values) < 0)
         if len(falls) and not back:
             k = int(falls[0])
-            back = f"row {table.row_number(int(at[k + 1]))}, column {name}: {values[k + 1]:.10g} comes after "
-            back += f"{values[k]:.10g}; expected times that never decrease"
+            back = f"row {table.row_number(int(at[k + 1]))}, column {name}: {values[k + 1]:.14g} comes after "
+            back += f"{values[k]:.14g}; expected times that never decrease (a file for each start of a clock)"
         if len(values) < 2 or len(falls) or values[-1] <= values[0]:
             continue
         out.dated = table.is_date(name)

@@ -33,8 +33,8 @@ def runs_backward(table: Table, column: str, time: np.ndarray, index: np.ndarray
     if back.size:
         k = int(back[0]) + 1
         table.faults.append(
-            f"{table.path}: row {table.row_number(int(index[k]))}, column {column}: time {time[k]:.10g} s does not "
-            f"come after {time[k - 1]:.10g} s"
+            f"{table.path}: row {table.row_number(int(index[k]))}, column {column}: time {time[k]:.14g} s does not "
+            f"come after {time[k - 1]:.14g} s (a file for each start of a clock)"
         )
     return bool(back.size)
 
@@ -100,6 +100,12 @@ def read_joints(table: Table, rules: Mapping[str, Rule], robot: Robot, kind: str
     spike = spikes(time[index], signals["position"][index], robot)
     spiked, index = index[spike], index[~spike]
     if runs_backward(table, rules["time"].columns[0], time[index], index):
+        return None
+    if len(np.unique(time[index])) < 3:  # samples are spread between stamps; two do not say how many belong to each
+        table.faults.append(
+            f"{table.path}: column {rules['time'].columns[0]}: {len(index)} rows have two different times or one; "
+            "expected a time for each row, with enough digits"
+        )
         return None
     samples = clean(time[index], np.column_stack([values[index] for values in signals.values()]))
     dropped, index = np.concatenate([spiked, np.delete(index, samples.kept)]), index[samples.kept]

@@ -50,6 +50,11 @@ def is_number(cell: str) -> bool:
     return _NUMBER.fullmatch(cell) is not None  # decimal commas; numbers too large for a float
 
 
+def is_comment(row: str) -> bool:
+    """Whether a row is a remark of the recorder or its user."""
+    return row.lstrip().startswith(("#", "%"))
+
+
 def date_form(cell: str) -> re.Pattern[str] | None:
     """The form of a date or time of day, None for another cell."""
     return next((form for form in DATES if form.fullmatch(cell)), None)
@@ -185,12 +190,15 @@ def layout_of(path: Path, given: Csv | None = None) -> Layout:
     at = _header(path, cells)
     names = tuple(re.sub(r"^[#%]\s*(?=\w)", "", name.strip()) for name in cells[at])
     _no_nul(path, content, delimiter, names)
-    body = [k for k in range(at + 1, len(text_lines)) if text_lines[k].strip()]
+    body = [k for k in range(at + 1, len(text_lines)) if text_lines[k].strip() and not is_comment(text_lines[k])]
     units: tuple[str, ...] = ()
     if body and _is_unit_row(cells[body[0]]):
         units = tuple(cell.strip() for cell in cells[body[0]])
         body = body[1:]
     sample = tuple(tuple(cells[k]) for k in body[:SAMPLE])
+    more = min((len(row) for row in sample), default=0) - len(names)
+    if more > 0 and not any(cell.strip() for row in sample for cell in row[len(names) :]):
+        names += ("",) * more  # a delimiter at the end of each row, but not of the header
     decimal = given.decimal or _decimal([cells[k] for k in body])
     first = body[0] if body else len(text_lines)
     begin = skip + starts[first] if first < len(starts) else len(content)

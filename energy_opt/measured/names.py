@@ -94,7 +94,10 @@ STRANGE = words_in(  # a header with one of these words is no joint's signal
 MEASURED = words_in("actual measured state states act ist real feedback fb meas joint")
 NAMED = re.compile(r".*\d[./](?:position|velocity|acceleration|effort|current|temperature)")  # a joint's own name
 PLAIN = frozenset[str]().union(*SIGNALS.values(), MEASURED, words_in("robot arm states data"))  # say no name
-TIME = ("time", "timestamp", "stamp", "t", "zeit", "datetime", "date", "clock", "elapsed", "secs", "seconds")
+TIME = (
+    "time", "timestamp", "stamp", "t", "zeit", "datetime", "date", "clock", "elapsed", "secs", "seconds", "zeitstempel",
+    "datum", "uhrzeit", "duration",
+)  # fmt: skip
 NOT_TIME = words_in("execution frame nsecs nanosec control run cycle delta")
 
 

@@ -187,7 +187,7 @@ def read_recording(log: LogFile, entry: RunEntry, robot: Robot, clock: float) ->
     if joints is None:
         out.faults = list(dict.fromkeys(table.faults))
         return out
-    out.remarks += [f"{entry.file}: {word}" for word in joints.stamps.remarks]
+    out.remarks += [f"{entry.file}: {word}" for word in (*table.remarks, *joints.stamps.remarks)]
     readings = _readings(log, entry, table, rules, joints, out)
     if readings is None:
         return out

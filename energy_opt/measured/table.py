@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.measured.layout import NUMBER, Csv, Layout, date_form, layout_of, seconds, split, text
+from energy_opt.measured.layout import NUMBER, Csv, Layout, date_form, is_comment, layout_of, seconds, split, text
 
 MAX_FAULTS = 5  # most faults named per column; the rest is counted
 BLOCK = 1 << 24  # [bytes] parsed at a time; a row must be shorter
@@ -29,6 +29,7 @@ class Table:
         self.header = list(self.layout.names)
         self.units = dict(zip(self.header, self.layout.units, strict=False))
         self.faults: list[str] = []
+        self.remarks: list[str] = []
         for name in sorted({name for name in self.header if name and self.header.count(name) > 1}):
             self.faults.append(f"{path}: row 1: column {name!r} is given twice")
         self._columns: dict[str, np.ndarray] = {}
@@ -131,10 +132,10 @@ class Table:
         import pyarrow as pa
         import pyarrow.csv as arrow
 
-        ragged: list[tuple[int, int]] = []
+        ragged: list[tuple[int, int, str]] = []
 
         def note(row: Any) -> str:
-            ragged.append((row.number, row.actual_columns))
+            ragged.append((row.number, row.actual_columns, row.text))
             return "skip"
 
         source = pa.BufferReader(pa.py_buffer(self.layout.content)[self.layout.first :])
@@ -155,22 +156,34 @@ class Table:
             ),
         )
         if self._count is None:
-            self._skipped = [number - 1 for number, _ in ragged]
-            self._ragged_faults(ragged)
+            self._skipped = [number - 1 for number, _, _ in ragged]
+            self._note_ragged(ragged, len(table) + len(ragged))
             self._lost_lines(len(table) + len(ragged))
         return table
 
-    def _ragged_faults(self, ragged: Sequence[tuple[int, int]]) -> None:
-        """A fault for each row of another width, MAX_FAULTS at most."""
-        if not ragged:
+    def _note_ragged(self, ragged: Sequence[tuple[int, int, str]], count: int) -> None:
+        """A remark on comments and on a last row that the recorder did not complete; a fault for each other row of
+        another width, MAX_FAULTS at most.
+
+        Args:
+            ragged: number (from 1), cells and text of each. count: number of all lines.
+        """
+        wrong = [(number, cells) for number, cells, line in ragged if not is_comment(line)]
+        if len(wrong) < len(ragged):
+            self.remarks.append(f"{len(ragged) - len(wrong)} rows that begin with # or % are taken for comments")
+        content = self.layout.content
+        if wrong and wrong[-1][0] == count and content[len(content) - 1 :] not in (b"\n", b"\r"):
+            self.remarks.append("the last row is incomplete: left out")
+            wrong.pop()
+        if not wrong:
             return
         filled = [k + self.layout.first_row for k, row in enumerate(self._lines()) if row]
-        for number, cells in ragged[:MAX_FAULTS]:
+        for number, cells in wrong[:MAX_FAULTS]:
             self.faults.append(
                 f"{self.path}: row {filled[number - 1]}: {cells} cells, the header has {len(self.header)}"
             )
-        if len(ragged) > MAX_FAULTS:
-            self.faults.append(f"{self.path}: {len(ragged) - MAX_FAULTS} more rows of another width than the header")
+        if len(wrong) > MAX_FAULTS:
+            self.faults.append(f"{self.path}: {len(wrong) - MAX_FAULTS} more rows of another width than the header")
 
     def _lost_lines(self, read: int) -> None:
         """Add a fault if lines are missing because a quotation mark is not closed."""

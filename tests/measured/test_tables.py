@@ -39,6 +39,10 @@ from energy_opt.measured.table import Table
         ("time;p\n05.10.2021 23:59:59,75;1,5\n06.10.2021 00:00:00,25;2\n", [0.75, 0.25], [1.5, 2]),
         ("time,p\n23:59:59.5,1.5\n00:00:00.5,2\n", [0.5, 0.5], [1.5, 2]),
         ("time,p\n10/5/2021 11:59:59.5 AM,1.5\n10/5/2021 12:00:00 PM,2\n", [0.5, 0.0], [1.5, 2]),
+        ("time,p\n0,1.5,\n0.5,2,\n", [0, 0.5], [1.5, 2]),
+        ("time,p,,\n0,1.5,,\n0.5,2,,\n", [0, 0.5], [1.5, 2]),
+        ("# by X\ntime,p\n# begin\n0,1.5\n# pause\n0.5,2\n# end\n", [0, 0.5], [1.5, 2]),
+        ("time,p\n0,1.5\n0.5,2\n1.0", [0, 0.5], [1.5, 2]),
     ],
 )
 def test_tables_of_every_kind_hold_the_same_numbers(tmp_path, raw, first, second):
@@ -88,6 +92,16 @@ def test_damage_is_named_with_row_and_column(tmp_path, raw, expected):
         assert expected in str(error)
 
 
+def test_what_is_left_out_of_a_table_is_said(tmp_path):
+    """A recorder that was ended in the middle of a row, and a remark of its user."""
+    table = Table(put(tmp_path / "a.csv", "time,p\n0,1\n# paused\n1,2\n2,"[:-1]))
+    assert len(table) == 2 and table.row_number(1) == 4
+    assert table.remarks == [
+        "1 rows that begin with # or % are taken for comments",
+        "the last row is incomplete: left out",
+    ]
+
+
 # -- rows --------------------------------------------------------------------------------------------------------------
 
 
@@ -114,6 +128,16 @@ def test_coarse_stamps_are_spread():
     rows = clean(np.floor(t * 10 + 1e-9) / 10, np.arange(200.0)[:, None])
     np.testing.assert_allclose(rows.time, t, atol=1e-9)
     assert len(rows.kept) == 200 and "kept" in rows.remarks[0]
+
+
+def test_stamps_with_too_few_digits_are_refused(tmp_path):
+    """Of 1.7e9 s with nine digits two stamps are left: rows spread between them moved at half the speed or twice."""
+    t, q, _, p = arm(Z1, 12.0)
+    stamps = np.round(1.7e9 + t, -1)
+    put(tmp_path / "a.csv", lines("time," + ",".join(f"{j}.position" for j in Z1.joints) + ",power", [stamps, q, p]))
+    log(tmp_path, "z1", '[[run]]\nfile = "a.csv"\n')
+    with pytest.raises(BadInput, match="column time: 1201 rows have two different times or one"):
+        read_set(tmp_path)
 
 
 def test_missing_rows_are_counted_and_gaps_cut():

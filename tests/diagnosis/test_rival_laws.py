@@ -12,8 +12,9 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from energy_opt.diagnosis import diagnose
-from energy_opt.diagnosis.data.noise import Noise, meter_noise, standing_noise
+from energy_opt.diagnosis.data.noise import Noise, meter_noise
 from energy_opt.diagnosis.data.samples import Samples
+from energy_opt.diagnosis.data.standing import standing_noise
 from energy_opt.diagnosis.evidence.errors import reading_of
 from energy_opt.diagnosis.evidence.odds import density
 from energy_opt.diagnosis.fit.posterior import Free

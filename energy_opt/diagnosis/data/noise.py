@@ -13,8 +13,8 @@ squares on its results maximises the likelihood.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise, product
+from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -25,9 +25,6 @@ FLOOR = 0.8  # least noise of a fit, over the noise of single readings
 NORMAL_MEDIAN = 0.6745  # median of |x| of a standard normal x
 EDGE, DOUBTED = 2, 0.15  # samples around the start and end of a motion, and their weight
 NEAR, SWITCHED = 8, 3.0  # readings beside the middle of a dwell; step of power there over the noise of single readings
-SETTLED, FEW = 0.5, 40  # [s] settling time of drives after a stop; least readings to estimate the noise
-JUMP = 6.0  # standard deviations of the difference of neighbouring readings beyond which it is a step, not noise
-SWITCHES = 0.02  # share of samples at which a signal changes; below it the signal counts as switched
 SLACK = 2e-3  # [s] time uncertainty between motion and meter
 # standard deviation of a model's error that all repeats of a motion share, over the noise of a reading: repeats tell no
 # more than four recordings would without it
@@ -124,81 +121,7 @@ class Whitener:
 # Grids of the wave over the white noise and of its memory [s]. They reach so far that the readings may be a wave alone:
 # over 2 s this is 20 times the least white noise that `no_less` allows beside it, at `BIN`.
 WAVES, MEMORIES = (0.0, 0.3, 0.6, 1.0, 1.7, 3.0, 5.0, 10.0, 20.0), (0.08, 0.25, 0.7, 2.0)
-# finer grid for readings at rest
-FINE_WAVES = (0.0, 0.15, 0.3, 0.45, 0.6, 0.8, 1.0, 1.3, 1.7, 2.2, 3.0, 4.0, 5.0, 7.0, 10.0, 14.0, 20.0)
-FINE_MEMORIES = (0.08, 0.14, 0.25, 0.42, 0.7, 1.2, 2.0)
-GUESSED = (0.3, 1.0)  # the wave over the white noise where standstills are too few or too short to show it
-LESS = 0.7  # least white noise at rest over the noise of single readings; a wave contributes to their differences
-PLAUSIBLE = 3.0  # log odds below the likeliest noise within which others are plausible: twenty to one
 MISFITS = (0.0, 0.3, 0.7, 1.5, 3.0, 6.0, 12.0)  # grid of the misfit over the white noise
-
-
-def standing_noise(*sets: Samples) -> tuple[tuple[tuple[float, Noise], ...], Noise]:
-    """The meter's noise at rest: plausible ones with log odds, the likeliest first, and the largest of them.
-
-    It is estimated from intervals at rest, each without its mean. An interval begins `SETTLED` after the arm stopped
-    (if some standstills are long enough). It ends where the power jumps or a logged signal switches, because brakes
-    and fans are not noise. The largest plausible noise has more correlated noise, so that its total is one standard
-    deviation higher: a few standstills determine noise with a long memory only roughly.
-    """
-    single = sets[0].noise
-    # with few readings at rest, those while the drives settle count, too
-    stretches = [x for samples in sets for x in _standing(samples, SETTLED)]
-    if sum(len(t) for t, _ in stretches) < FEW:
-        stretches = [x for samples in sets for x in _standing(samples, 0.0)]
-    count = sum(len(t) for t, _ in stretches)
-    if count < FEW:
-        guesses = [Noise(single, wave * single, memory) for wave, memory in product(GUESSED, MEMORIES[1:])]
-        return tuple((0.0, guess) for guess in guesses), guesses[-1]
-    times = [t for t, _ in stretches]
-    y = np.concatenate([p for _, p in stretches])
-    levels = np.repeat(np.eye(len(times)), [len(t) for t in times], axis=0)
-
-    # the levels of the stretches are unknown and integrated out, so each costs one degree of freedom
-    def worth(wave: float, memory: float) -> tuple[float, float]:
-        whiten = Whitener(Noise(1.0, wave, memory), times, np.ones(count))
-        w = whiten(np.column_stack([y, levels]))
-        q, _ = np.linalg.qr(w[:, 1:])
-        r = w[:, 0] - q @ (q.T @ w[:, 0])
-        free = count - len(times)
-        white = max(float(r @ r) / free, 1e-12)
-        gram = w[:, 1:].T @ w[:, 1:]
-        value = -0.5 * free * np.log(white) - 0.5 * whiten.log_determinant - 0.5 * float(np.linalg.slogdet(gram)[1])
-        return value, white**0.5
-
-    found = weighed(worth, LESS * single, count - len(times), FINE_WAVES, FINE_MEMORIES)
-    found.sort(key=lambda row: -row[0])
-    value, best = found[0]
-    odds = np.exp([v - value for v, _ in found])
-    size = np.log([np.hypot(n.white, n.wave) for _, n in found])
-    middle = np.average(size, weights=odds)
-    most = np.exp(middle + np.average((size - middle) ** 2, weights=odds) ** 0.5)
-    plausible = tuple((v - value, n) for v, n in found if v > value - PLAUSIBLE)
-    return plausible, replace(best, wave=float(np.sqrt(max(most**2 - best.white**2, best.wave**2))))
-
-
-def by_chance(noise: Noise, lasts: float) -> Noise:
-    """The noise with a wave so large that its mean square over `lasts` [s] is one standard deviation higher."""
-    return replace(noise, wave=noise.wave * (1 + (2 * noise.memory / lasts) ** 0.5) ** 0.5)
-
-
-def _standing(samples: Samples, settled: float) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Times and readings of stretches at rest without a jump, from `settled` [s] after the arm stopped."""
-    out, changes = [], [np.diff(x, prepend=x[0]) != 0 for x in samples.logged.values()]
-    rare = [x for x in changes if np.mean(x) < SWITCHES]
-    switched = samples.t[np.any(rare, axis=0)] if rare else np.zeros(0)
-    for part in samples.parts:
-        still = np.concatenate([[False], ~samples.moving[part], [False]]).astype(int)
-        edges, time, power = np.flatnonzero(np.diff(still)), samples.at[part], samples.power[part]
-        for first, last in zip(edges[::2], edges[1::2], strict=True):
-            first = int(np.searchsorted(time, time[first] + settled))
-            jumps = first + 1 + np.flatnonzero(np.abs(np.diff(power[first:last])) > JUMP * 2**0.5 * samples.noise)
-            cuts = {*jumps.tolist(), *(k for k in np.searchsorted(time, switched).tolist() if first < k < last)}
-            for a, b in pairwise([first, *sorted(cuts), last]):
-                a, b = a + EDGE, b - EDGE  # leave out the uncertain samples next to motions
-                if b - a >= 6:
-                    out.append((time[a:b], power[a:b]))
-    return out
 
 
 def weighed(

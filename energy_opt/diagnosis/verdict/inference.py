@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 
 from energy_opt.diagnosis.data.clusters import FEWEST, clusters, repeats
-from energy_opt.diagnosis.data.noise import Noise, by_chance, standing_noise, weighted
+from energy_opt.diagnosis.data.noise import Noise, weighted
 from energy_opt.diagnosis.data.predict import predict
 from energy_opt.diagnosis.data.samples import Samples
+from energy_opt.diagnosis.data.standing import by_chance, standing_noise
 from energy_opt.diagnosis.evidence.errors import Quality, mostly_explained
 from energy_opt.diagnosis.evidence.odds import links_odds, noise_of
 from energy_opt.diagnosis.evidence.residual import follows

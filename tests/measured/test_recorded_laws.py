@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import casadi as ca
 import numpy as np
 import pytest
+from logs import Z1, arm, lines, log, put
 from scipy.integrate import solve_ivp
 
 import energy_opt as eo
@@ -226,3 +229,13 @@ def test_idle_time_ignores_short_stops_and_single_noisy_speeds() -> None:
     noisy[150:155] = 0.0  # the speed passes through zero within the motion
     noisy[[40, 250, 320]] = 0.02  # noise at standstill
     np.testing.assert_array_equal(idle_time(time, noisy), clean)
+
+
+def test_a_signal_switches_within_a_mean_of_readings(tmp_path: Path) -> None:
+    """Three readings are averaged: beside the signal's value in their middle, each switch left a third of its power."""
+    t, q, _, _ = arm(Z1)
+    on = (np.arange(len(t)) > 300).astype(float)
+    header = ",".join(["time", *(f"{j}.position" for j in Z1.joints), "power", "signal.gripper"])
+    put(tmp_path / "a.csv", lines(header, [t, q, 50 + 9 * on, on]))
+    samples = take_samples(read_set(log(tmp_path, "z1", '[[run]]\nfile = "a.csv"\n')))
+    np.testing.assert_allclose(samples.power, 50 + 9 * samples.logged["gripper"], atol=1e-6)

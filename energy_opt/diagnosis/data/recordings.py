@@ -173,11 +173,18 @@ def _blur(run: Run, smoothing: Smoothing, cutoffs: np.ndarray) -> tuple[np.ndarr
 
 def _bins(run: Run, smoothing: Smoothing) -> Taken:
     """Readings at instants, averaged in bins; nodes are the bins' middles."""
+    index = binned(run)
+    time, power = run.power_time[index].mean(axis=1), run.power[index].mean(axis=1)
+    return _motion(run, time, smoothing), (run.start + time, power), None, index.shape[1]
+
+
+def binned(run: Run) -> np.ndarray:
+    """Indices (K, count) of the readings in each bin; bins over a gap, where readings were dropped, are left out."""
     count = per_bin(run)
-    whole = len(run.power) // count * count
-    time = run.power_time[:whole].reshape(-1, count).mean(axis=1)
-    power = run.power[:whole].reshape(-1, count).mean(axis=1)
-    return _motion(run, time, smoothing), (run.start + time, power), None, count
+    index = np.arange(len(run.power) // count * count).reshape(-1, count)
+    lasts = np.ptp(run.power_time[index], axis=1) if len(index) else np.zeros(0)
+    whole = lasts <= (count + 1) * float(np.median(np.diff(run.power_time))) if count > 1 else lasts == 0
+    return index[whole]
 
 
 def _windows(run: Run, smoothing: Smoothing) -> Taken:
@@ -221,11 +228,18 @@ def _motion(run: Run, time: np.ndarray, smoothing: Smoothing) -> tuple[np.ndarra
 
 
 def _logged(runs: Sequence[Run], times: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
-    """Further signals that all runs have and that change, at the set times; a value holds until the next sample."""
+    """Further signals that all runs have and that change, at the set times; a value holds until the next sample.
+
+    Of readings that are averaged, it is the mean signal: it may switch between two of them.
+    """
     out: dict[str, np.ndarray] = {}
     for name in sorted(set.intersection(*(set(run.logged) for run in runs))):
-        at = [np.searchsorted(r.time, t - r.start, side="right") - 1 for r, t in zip(runs, times, strict=True)]
-        values = np.concatenate([r.logged[name][np.maximum(k, 0)] for r, k in zip(runs, at, strict=True)])
+        parts = []
+        for run, time in zip(runs, times, strict=True):
+            stamps = (time - run.start)[:, None] if run.window.any() else run.power_time[binned(run)]
+            at = np.searchsorted(run.time, stamps, side="right") - 1
+            parts.append(run.logged[name][np.maximum(at, 0)].mean(axis=1))
+        values = np.concatenate(parts)
         out |= {name: values} if np.ptp(values) > 0 else {}
     return out
 

@@ -15,6 +15,10 @@ FASTER = 5.0  # multiple of a velocity limit that no joint reaches from one samp
 JUMP = 0.05  # [rad, m] least change between two samples that may be a damaged row; noise of encoders is far below
 CHANGES, REGULAR = 20, 0.95  # least changes of the positions, and their share at regular distances, of a slower source
 GLITCH = 30.0  # multiple of the usual power by which no arm's power changes for one reading
+LOST, RARE = 0.5, 0.01  # share of the usual power above which both neighbours of a lost reading are; most of these
+# What is just below the highest power: a share of its distance from the usual one, and steps of the meter; least levels
+# above the usual one; least readings of the highest power, and over those just below it, of a meter that saturates
+NEAR, STEPS, COARSE, MANY, TOP = 0.05, 2.5, 20, 20, 3.0
 LEAP = 0.5  # [rad, m] the same for a position that stays at the new value
 TURN = 2 * np.pi  # [rad] the jump of an angle that wraps
 WRAP = 2.0  # multiple of a velocity limit above which a change by about one turn is a wrapped angle
@@ -63,13 +67,20 @@ def update_indices(values: np.ndarray) -> np.ndarray | None:
 
 
 def glitches(power: np.ndarray) -> np.ndarray:
-    """Mask (N,) of single readings of the power [W] that are far beyond what the meter shows else, as damaged ones."""
+    """Mask (N,) of single readings of the power [W] that are far beyond what the meter shows else, as damaged ones.
+
+    A reading of 0 among far larger ones is a lost one, unless others stay at 0: then the arm takes no power there.
+    """
     out = np.zeros(len(power), dtype=bool)
     if len(power) < 3:
         return out
     usual = max(float(np.median(np.abs(power))), float(np.ptp(np.quantile(power, (0.02, 0.98)))))
     wide = np.abs(np.diff(power)) > GLITCH * usual
     out[1:-1] = wide[:-1] & wide[1:] & (np.abs(power[2:] - power[:-2]) < usual)
+    lost = power == 0
+    beside = np.minimum(power[:-2], power[2:]) > LOST * float(np.median(power))
+    if lost.mean() < RARE and np.array_equal(np.flatnonzero(lost), 1 + np.flatnonzero(lost[1:-1] & beside)):
+        out |= lost
     return out
 
 
@@ -124,3 +135,18 @@ def degrees_fault(position: np.ndarray, robot: Robot) -> tuple[int, str, str] | 
     )
     outside = f"is far outside {joint}'s limits [{lower[j]:.4g}, {upper[j]:.4g}]"
     return row, joint, f"{position[row, j]:.4g} rad {outside}: {remedy}"
+
+
+def saturated(power: np.ndarray) -> bool:
+    """Whether readings of the power (N,) [W] reach the end of the meter's range, beyond which the power is unknown.
+
+    Then far more readings have exactly the highest value than lie just below it; else high readings are rarer than
+    others.
+    """
+    if len(power) < MANY:
+        return False
+    levels, counts = np.unique(power, return_counts=True)
+    usual = float(np.median(power))
+    near = max(NEAR * (levels[-1] - usual), STEPS * float(np.diff(levels).min(initial=np.inf)))
+    below = int(counts[levels >= levels[-1] - near][:-1].sum())
+    return bool((levels > usual).sum() > COARSE and counts[-1] >= max(MANY, RARE * len(power), TOP * below))

@@ -15,6 +15,7 @@ from energy_opt.measured.columns import ARM_POWER, LOGGED, PAYLOAD
 from energy_opt.measured.differentiate import choose_smoothing, coarse, kinematics
 from energy_opt.measured.joint_units import contradicting
 from energy_opt.measured.log import LogFile, read_log
+from energy_opt.measured.plausible import saturated
 from energy_opt.measured.recording import Recording, read_recording
 from energy_opt.measured.run import MeasuredSet, Run
 from energy_opt.measured.table import Table
@@ -113,14 +114,34 @@ def collect(log: LogFile, robot: Robot) -> tuple[list[Run], bool, list[str], lis
         )
     faults += [fault for one in found for fault in one.faults]
     runs = [run for one in found for run in one.runs]
+    if ends := _range_end(runs):
+        runs = [_below(run, ends) for run in runs]
+        remarks = [f"{log.path.name}: the readings of {ends:.4g} W are left out: the meter's range seems to end there"]
+    else:
+        remarks = []
     clock = len(log.runs) == 1 or all(entry.start is not None for entry in log.runs)
-    remarks = [remark for one in found for remark in one.remarks]
+    remarks += [remark for one in found for remark in one.remarks]
     if overlap := _overlap(log, runs):
         starts = [0.0, *np.cumsum([run.time[-1] for run in runs]).tolist()]  # each where the one before ends
         runs = [dataclasses.replace(run, start=begin) for run, begin in zip(runs, starts, strict=False)]
         clock = False
         remarks.append(overlap)
     return runs, clock, list(dict.fromkeys(faults)), _merged_remarks(remarks)
+
+
+def _range_end(runs: Sequence[Run]) -> float:
+    """The highest power [W] that the set's meter can show, if it often shows that; else 0."""
+    powers = [run.power for run in runs if run.meter == "power"]
+    power = np.concatenate(powers) if powers else np.zeros(0)
+    return float(power.max()) if saturated(power) else 0.0
+
+
+def _below(run: Run, power: float) -> Run:
+    """A run with those of its readings that are below a power [W]."""
+    keep = (run.power < power) | (run.meter != "power")
+    return dataclasses.replace(
+        run, power_time=run.power_time[keep], power=run.power[keep], window=run.window[keep]
+    )  # fmt: skip
 
 
 CLOSE = 1.0  # [s] by which runs may overlap, as starts are rounded

@@ -55,12 +55,26 @@ def test_a_reading_far_beyond_the_others_is_dropped_and_named(tmp_path):
     t, q, _, p = arm(Z1)
     names = ",".join(f"{joint}.position" for joint in Z1.joints)
     damaged = p.copy()
-    damaged[[40, 90]] = 1e6, -65535.0
+    damaged[[40, 90, 160]] = 1e6, -65535.0, 0.0
     put(tmp_path / "a.csv", lines(f"time,{names},power", [t, q, damaged]))
     log(tmp_path, "z1", '[[run]]\nfile = "a.csv"\n')
     measured = read_set(tmp_path)
-    assert np.abs(measured.runs[0].power).max() < 2 * p.max() and len(measured.runs[0].power) == len(p) - 2
-    assert any("2 readings dropped: the power jumps away and back (first: row 42)" in x for x in measured.remarks)
+    assert np.abs(measured.runs[0].power).max() < 2 * p.max() and len(measured.runs[0].power) == len(p) - 3
+    assert any("3 readings dropped: the power jumps away and back (first: row 42)" in x for x in measured.remarks)
+
+
+@pytest.mark.parametrize(("most", "step"), [(130.0, 0.0), (130.0, 0.5), (np.inf, 0.0), (np.inf, 0.5), (np.inf, 10.0)])
+def test_readings_at_the_end_of_a_meters_range_are_left_out(tmp_path, most, step):
+    t, q, _, p = arm(Z1)
+    p = np.minimum(p + np.random.default_rng(1).normal(size=len(p)), most)
+    p = np.round(p / step) * step if step else p
+    names = ",".join(f"{joint}.position" for joint in Z1.joints)
+    put(tmp_path / "a.csv", lines(f"time,{names},power", [t, q, p]))
+    log(tmp_path, "z1", '[[run]]\nfile = "a.csv"\n')
+    measured = read_set(tmp_path)
+    kept = p < most
+    assert measured.runs[0].power == pytest.approx(p[kept], abs=1e-5) and kept.mean() > 0.5
+    assert any("the meter's range seems to end there" in x for x in measured.remarks) == (not kept.all())
 
 
 def test_files_are_paired_and_runs_ordered(tmp_path):

@@ -79,7 +79,7 @@ class Evaluation:
         self.open, self.moving = open_, open_.ends
         self.of = np.repeat(np.arange(len(self.moving)), [surface.count for _, surface in self.moving]).astype(int)
         directions = len(self.of)
-        self.ends, self.limits, self.offset, self.scale = ends, tuple(limits), offset, 1.0
+        self.ends, self.limits, self.scale = ends, tuple(limits), 1.0
         self.fixed = durations[0] == durations[1]
         self.durations = durations
         self.clearance: ClearanceConstraints | None = None
@@ -299,7 +299,6 @@ class Evaluation:
         if self.moving:
             by_end = np.stack([self.by_end(point, k) for k in range(len(self.moving))])
             out[s.size :][self.toward] = np.sum(point.along * by_end[self.of], axis=1)
-        assert s.vias == 0 or self.border
         return out
 
     def by_end(self, point: Point, k: int) -> np.ndarray:

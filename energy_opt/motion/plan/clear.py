@@ -26,26 +26,19 @@ from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 
 OPTIMA = 3  # most optima found without bodies to start from
-WORTH = 1.25  # an optimum of a larger cost relative to the least is not mixed with the first path
-NEARLY = 0.0015  # [m] an optimum whose clearance is short by less is continued first
 DEEP = 0.1  # [m] a start is at most this deep in a body
 TOWARDS = (0.9, 0.75, 0.6, 0.45, 0.3)  # shares of the way from the first path to an optimum: mixtures to try
-# a search from a mixture of at least CLOSE ends all others if less than the share LEFT of the saving is missing
-CLOSE, LEFT = 0.6, 0.12
+CLOSE = 0.6  # a search from a mixture with the best optimum, of at least this share of it, ends most others
 BOLD = 0.25  # [rad, m] first step from such a mixture
 # scaled cost with violations: a trial below it came free of bodies; a second step is tried if at most one trial does
 FREED = 2.0
 # Iterations of a search, and the relative change of cost at which it ends. With 30 and 4e-4, 17 moves in scenes take
 # 1.6 % more loss in the mean and 22 % at worst (`benchmarks/unseen.py --scenes 17 --seed 8 --short`).
 ITERATIONS, DONE = 100, 1e-4
-ONWARD = 3  # most searches that continue one which has not converged
-FINISHED = 2  # most trials to continue
-BETTER = 0.99  # once one was continued: largest merit relative to the best result, to be continued
-APART = 0.3  # [rad, m] curves whose control points differ by less lead to the same optimum
 HOPES = (1.3, 1.1)  # largest merit relative to the best after the first and second trial, to be continued
 HALF = 0.1  # share of the cost: if the optimum without bodies saves more, a search starts half-way to it
 LITTLE = 0.25  # share of the loss of the first path slowed evenly: if less is saved, another initial path is looked for
-HAIR = 0.0005  # [m] a mixture of two curves may miss the required clearance by this much
+HAIR = 0.0005  # [m] a curve may miss the required clearance by this much and still be searched from as a clear one
 NOTHING = "reshaping found no collision-free motion that is better than the given path"
 
 
@@ -57,8 +50,8 @@ def nearly_clear(context: Context, move: Move, curve: Curve) -> bool:
     ends = np.stack([move.start, move.goal])
     wanted = context.cell.wanted(ends)
     near = Near(context.cell.bodies, ends, wanted)
-    _, number, distance, _, _ = near.measured(u, curve.position(u), context.cell.asked + NEARLY)
-    return bool((distance > wanted[near.pair[number]] - NEARLY).all())
+    _, number, distance, _, _ = near.measured(u, curve.position(u), context.cell.asked + HAIR)
+    return bool((distance > wanted[near.pair[number]] - HAIR).all())
 
 
 def kept_clear(
@@ -156,20 +149,18 @@ class Clearing:
             if self.best is not None and least > self._scaled(self.best):
                 continue
             gap = search.gap(optimum)
-            if gap > -NEARLY and self.finish(optimum, TRUST):
+            if gap > -HAIR and self.finish(optimum, TRUST):
                 if number == 0:
                     return
                 continue
             if gap > -DEEP:
                 starts.append(Start(optimum, BOLD, least))
-            mix, share = self._mixture(optimum) if self._cost(optimum) <= WORTH * self._cost(optima[0]) else (None, 0.0)
+            mix, share = self._mixture(optimum)
             if mix is None:
                 continue
             if number == 0 and share >= CLOSE and self.finish(mix, BOLD):
-                if self._missing_saving(optimum) < LEFT:
-                    self._search_from_other_optima(optima[1:])
-                    return
-                continue
+                self._search_from_other_optima(optima[1:])
+                return
             starts.append(Start(mix, BOLD, least))
         self.best_of(starts)
         self._half_way(optima)
@@ -216,17 +207,12 @@ class Clearing:
                 known = min(known, search.merit(trials[-1]))
         if starts and sum(search.merit(trial) < FREED for trial in trials) < 2:
             trials.append(search.trial(starts[0].curve, BOLD))
-        done: list[Descent] = []
         for trial in sorted(trials, key=search.merit):
-            beaten = self.best is not None and search.merit(trial) > BETTER * self._scaled(self.best)
-            if len(done) == FINISHED or (done and beaten) or (self.best is not None and self.context.stopped()):
+            if self.best is not None and self.context.stopped():
                 break
-            if any(np.abs(trial.point.points - other.point.points).max() < APART for other in done):
-                continue
-            done.append(trial)
             curve = self._second_start(trial)
-            if curve is not None:
-                self.finish(curve, TRUST)
+            if curve is not None and self.finish(curve, TRUST):
+                break
         if self.best is None and not self.context.stopped():
             self.finish(self.first, TRUST / 3)
 
@@ -250,24 +236,13 @@ class Clearing:
         """
         known = np.inf if self.best is None else self._scaled(self.best)
         found = self.search.finish(curve, ITERATIONS, trust, DONE, known)
-        for _ in range(ONWARD):  # steps failed before it converged; from another first step, others may not
-            if found is None or found.converged or self.context.stopped():
-                break
+        if found is not None and not found.converged and not self.context.stopped():
+            # steps failed before it converged; from another first step, others may not
             more = self.search.finish(found.curve, ITERATIONS, TRUST / 3, DONE, self._scaled(found))
-            if more is None:
-                break
-            found = more
+            found = found if more is None else more
         if found is not None and (self.best is None or found.cost < self.best.cost):
             self.best = found
         return found is not None
-
-    def _missing_saving(self, optimum: Curve) -> float:
-        """How much more the best costs than an optimum found without bodies, as a share of how much more the first path
-        costs.
-        """
-        first, least = self._cost(self.first), self._cost(optimum)
-        assert self.best is not None
-        return (self.task.cost(self.best) - least) / max(first - least, 1e-9)
 
     def _cost(self, curve: Curve) -> float:
         """The part of a curve's cost that depends on the path."""

@@ -26,7 +26,8 @@ from energy_opt.motion.plan.candidates import (
     repaired_timing,
     task_of,
 )
-from energy_opt.motion.plan.clear import APART, Clearing, repaired_clear
+from energy_opt.motion.plan.clear import Clearing, repaired_clear
+from energy_opt.motion.plan.further import alike
 from energy_opt.motion.plan.single import Single
 from energy_opt.motion.plan.standing import at_rest
 from energy_opt.motion.reshape.clear import TRUST
@@ -146,7 +147,7 @@ class Neighbours:
         search, stopped = self._reshaper.optima, self._context.stopped
         best = search(task, lines, settings.starts, settings.seed, stopped, self._single.kept)[0][0].curve
         known = here.outcome.curve
-        found = known.shape is best.shape and bool(np.abs(known.points - best.points).max() < APART)
+        found = known.shape is best.shape and alike(known, best)
         if found:
             self._alone_at.append(task.durations[0])
         return found

@@ -38,9 +38,6 @@ GIVE = 0.1  # share of a bound: smaller excesses are accepted in the first desce
 NEARBY = 0.06  # [rad, m] first step of each descent but the first
 FINE = 2e-4  # relative: such a descent ends if it can save less
 TINY = 0.002  # [rad, m] a first descent that ends with a smaller trust region may not have converged
-# After the third descent and later ones, the search is given up if a larger share of the sum of violations is left: the
-# arm is caught between bodies.
-CAUGHT = 0.7
 MET = 1e-7  # [rad] allowed error of via points: a tenth of that of poses
 TRIAL, ROUGH = 5, 3e-3  # iterations of a trial, and the relative change of cost at which it ends
 SOON, STUCK = 2, 5.0  # it ends after so many iterations if the sum of its violations is larger [0.1 m]
@@ -187,7 +184,7 @@ class ClearSearch:
         places = Places.evenly(len(self.wanted))
         dense = (np.arange(DENSE) + 0.5) / DENSE
         now: Descent | None = None
-        again, broken, settled = FINE, np.inf, False
+        again, settled = FINE, False
         for turn in range(ROUNDS):
             model, first = self._with(places), now is None
             point = model.at_curve(curve, trust if first else NEARBY)
@@ -201,8 +198,7 @@ class ClearSearch:
                 nearby = float(np.clip(4 * now.trust, NEARBY / 16, NEARBY))
                 descend(model, now, AGAIN, nearby, tolerance=again, slack=SLACK, stopped=self.stopped)
             # give up if it costs more than what is known, or is caught between bodies
-            before, broken = broken, model.broken(now.point, GIVE, SLACK)
-            if now.point.cost + 10 * broken > known or (turn > 1 and broken > max(SLACK, CAUGHT * before)):
+            if now.point.cost + 10 * model.broken(now.point, GIVE, SLACK) > known:
                 break
             # look densely before the proof, which takes longer: places where bodies are too near join the constraints
             curve = self.curve_of(now)

@@ -94,23 +94,21 @@ def remarks(found: Inference, measured: MeasuredSet, declared: PowerModel) -> li
         out.append(f"The declared model was written for {declared.robot!r}, the set says {measured.robot.name!r}.")
     if not found.follows:
         out.append(
-            "The measured power does not depend on the motion: with a time shift they fit equally well. "
+            "The measured power does not depend on the motion: shifted in time, it fits equally well. "
             "Are power and motion columns of the same recording, in the same order?"
         )
     out += _unit(found, declared)
     if len(found.idle) == len(joints):
         out.append(
-            f"No joint reaches {100 * SLOW:.0f} % of its velocity limit: poses and crawling show neither friction nor "
+            f"No joint reaches {100 * SLOW:.0f} % of its velocity limit: so slow motions show neither friction nor "
             "rotor inertia, regeneration or the meter's lag."
         )
     elif found.idle:
         names = ", ".join(joints[j] for j in found.idle)
-        out.append(f"Never moving: {names}; the losses of these joints in motion cannot be determined from this set.")
+        out.append(f"These joints never move: {names}. The set cannot determine their losses in motion.")
     if measured.payload is not None:
         mass, com = measured.payload.mass, ", ".join(f"{x:.3g}" for x in measured.payload.com)
-        out.append(
-            f"The recording states a payload of {mass:.3g} kg at ({com}) m, declared or not; it counts as declared."
-        )
+        out.append(f"The recording states a payload of {mass:.3g} kg at ({com}) m: the declared model is used with it.")
     if any(coarse(run) for run in measured.runs):
         out.append("Rows of the joints are too far apart to show accelerations: log them at 10 Hz or more.")
     if not measured.clock:
@@ -118,8 +116,8 @@ def remarks(found: Inference, measured: MeasuredSet, declared: PowerModel) -> li
     after = found.after
     if found.verdict and after.ratio >= NOISE:
         out.append(
-            f"What is left is {after.motion:.3g} W rms in motion and {after.rest:.3g} W at rest, where noise alone "
-            f"leaves {after.noise_motion:.3g} and {after.noise_rest:.3g} W."
+            f"The remaining residual is {after.motion:.3g} W rms in motion and {after.rest:.3g} W at rest; noise alone "
+            f"would leave {after.noise_motion:.3g} and {after.noise_rest:.3g} W."
         )
     if found.links:
         out.append(_links(found.accepted, joints))
@@ -128,25 +126,26 @@ def remarks(found: Inference, measured: MeasuredSet, declared: PowerModel) -> li
         level = float(np.mean(f.levels))
         if "standby" not in f.names and abs(level) > WANDERS * f.world.whiten.noise.white:
             out.append(
-                f"The standby of the model is {level:+.2g} W off the declared one: what the effects add is taken back."
+                f"The model's standby differs by {level:+.2g} W from the declared one, so that the mean power is the "
+                "measured one."
             )
     model_fit = found.accepted
     level = float(np.mean(model_fit.levels))
     if found.verdict == "nothing_missing" and abs(level) > WANDERS * found.still.white:
         out.append(
-            f"The readings are {abs(level):.2g} W {'above' if level > 0 else 'below'} the declared model throughout, "
-            "which a meter's drift may be: another standby or a loss of the supply would look the same here."
+            f"The readings are {abs(level):.2g} W {'above' if level > 0 else 'below'} the declared model throughout. "
+            "A drift of the meter, another standby and a loss of the supply would look the same here."
         )
     out += _borrowed(model_fit, joints)
     apart = float(np.std(model_fit.levels))
     if apart > WANDERS * model_fit.world.whiten.noise.white and len(model_fit.levels) > 2:
         out.append(
-            f"The level differs from run to run by {apart:.2g} W (standard deviation), as where a meter or the standby "
-            "drifts: included in the fit, not reported as a cause."
+            f"The level of power differs from run to run by {apart:.2g} W (standard deviation), as if the meter or the "
+            "standby drifts. The fit includes this; it is not stated as a cause."
         )
     for f in found.rivals[1:]:
         more = [name for name in f.names if name not in f.world.given]
-        out.append(f"Fits as well: {listed(more) if more else 'nothing missing'}.")
+        out.append(f"This explains the data as well: {listed(more) if more else 'nothing is missing'}.")
     return out
 
 
@@ -192,7 +191,9 @@ def _borrowed(f: Fit, joints: Sequence[str]) -> list[str]:
         if worst and len(worst) < len(joints):
             names = ", ".join(joints[j] for j in worst)
             what = plain(c.term.name).capitalize()
-            out.append(f"{what} of {names} is hardly in the data: taken to be like the others'.")
+            out.append(
+                f"{what} of {names}: the data hardly determine it; it is assumed to be like that of other joints."
+            )
     return out
 
 
@@ -219,7 +220,7 @@ def speeds_seen(found: Inference, joints: Sequence[str]) -> list[str]:
         sums = [float(law(np.array([usual]), j)[0]) for law in laws]
         speed, unit = (unit_of(kind, s.body.slides[j]) for kind in ("velocity", "effort"))
         span = f"{min(sums):.2g} to {max(sums):.2g} {unit}"
-        out.append(f"Friction of {joint} at {usual:.2g} {speed} is {span} under all of them.")
+        out.append(f"Friction of {joint} at {usual:.2g} {speed} is {span} under all these alternatives.")
     return out
 
 
@@ -238,9 +239,12 @@ def next_step(document: dict[str, Any], follows: bool = True) -> str:
     if document["remainder"]:
         first = document["remainder"][0]
         if first["signal"] == UNRECORDED:
-            return "Next: check the power's unit and what else the meter feeds: no recorded signal explains the rest."
-        return f"Next: look for what goes with {first['signal']}{' of ' + first['joint'] if first['joint'] else ''}."
-    return "Next: more runs, in other parts of the workspace, would narrow the held-out error."
+            return (
+                "Next: check the power's unit and what else the meter measures: no recorded signal explains the rest."
+            )
+        of = f" of {first['joint']}" if first["joint"] else ""
+        return f"Next: look for a cause that depends on {first['signal']}{of}."
+    return "Next: record more runs in other parts of the workspace, so that the held-out error is known better."
 
 
 def summary(d: dict[str, Any]) -> str:
@@ -251,16 +255,16 @@ def summary(d: dict[str, Any]) -> str:
         odds = f", odds e^{row['log_odds']:.0f}" if row["log_odds"] is not None else ""
         percent = 100 * row["share_of_residual"]
         share = f"{percent:.0f} %" if percent >= 1 else "less than 1 %"
-        lines.append(f"  {row['name']}{refit}: {share} of what is explained{odds}")
+        lines.append(f"  {row['name']}{refit}: {share} of the explained part{odds}")
         lines += [f"    {line}" for line in _values(row, d["joints"])]
     if d["joint_side"]:
         lines += ["joints' own readings:", *(f"  {line}" for line in side_words(d["joint_side"]))]
     if d["alternatives"]:
         lines.append("  fit equally well: " + " | ".join(" + ".join(names) or "nothing" for names in d["alternatives"]))
     if d["nuisance"]:
-        lines.append("  included in the fit, not reported as a cause: " + ", ".join(d["nuisance"]))
+        lines.append("  included in the fit, not stated as a cause: " + ", ".join(d["nuisance"]))
     for row in d["remainder"][:3]:
-        lines.append(f"  what is left goes with {row['signal']} {row['joint'] or ''}: {row['watts']:.2f} W")
+        lines.append(f"  the rest depends on {row['signal']} {row['joint'] or ''}: {row['watts']:.2f} W")
     for part in ("train", "holdout"):
         before, after = d["error"]["before"][part], d["error"]["after"][part]
         if before is not None and after is not None:

@@ -227,7 +227,8 @@ class Journal:
         if records and not resume and not force and old.get("digest") != header.get("digest"):
             raise BadInput(
                 f"{self.path}: holds {len(records)} results of the suite {old.get('suite')!r} as it was, with other "
-                "moves, models or settings; choose another --out, --resume, or add --force to overwrite them"
+                "moves, models or settings; choose another --out, add --resume to keep those that still fit, "
+                "or add --force to overwrite them"
             )
         if resume and old:
             os.ftruncate(self._stream.fileno(), whole)

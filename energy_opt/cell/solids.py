@@ -146,7 +146,7 @@ def mesh_file(path: Path, scale: tuple[float, ...], most: int) -> Solid:
     if model.num_tris > most:
         raise BadInput(
             f"{path}: {model.num_tris:,} triangles; expected a collision mesh of at most {most:,} "
-            "(--allow-large takes it)"
+            "(--allow-large reads it)"
         )
     return _of_mesh(model)
 

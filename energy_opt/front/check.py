@@ -181,7 +181,7 @@ def _limits(file: Path, request: CheckRequest) -> list[str]:
         if {request.joint_prefix + joint for joint in load_robot(name).joints} & set(names):
             load_robot(name, limits=file, prefix=request.joint_prefix)
             return []
-    return [f"{file}: names {', '.join(names)}, which are joints of none of {', '.join(candidates)} (say --robot)"]
+    return [f"{file}: names {', '.join(names)}, which are joints of none of {', '.join(candidates)} (give --robot)"]
 
 
 def _trajectory(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:

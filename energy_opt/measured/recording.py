@@ -289,7 +289,7 @@ def _one_clock(
         out.remarks.append(
             f"{entry.power_file}: the meter's clock was found by correlation with the motion: its first reading is at "
             f"{stamps[0]:.3f} s of {entry.file}, power_start = {start:.3f}{drift} (the motion explains "
-            f"{100 * found.explained:.0f} % of the readings' variance; power_start in log.toml states it otherwise)"
+            f"{100 * found.explained:.0f} % of the readings' variance; power_start in log.toml overrides this)"
         )
     window = windows[which]
     if infer:

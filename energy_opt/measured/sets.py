@@ -110,7 +110,7 @@ def collect(log: LogFile, robot: Robot) -> tuple[list[Run], bool, list[str], lis
         found[0].remarks.append(
             f"meter: a reading every {interval:.3g} s, taken for {shows}, "
             + ("which fits the motion better" if sure else "the motion does not decide this")
-            + " ([meter] window states it otherwise)"
+            + " ([meter] window overrides this)"
         )
     faults += [fault for one in found for fault in one.faults]
     runs = [run for one in found for run in one.runs]

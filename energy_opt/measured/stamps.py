@@ -55,7 +55,9 @@ def clean(time: np.ndarray, values: np.ndarray) -> Stamped:
     if same.any():
         if coarse:
             stamps = _spread(stamps, same)
-            remarks.append(f"stamps stand still in {int(same.sum())} of {len(stamps)} rows: rows spread evenly, kept")
+            remarks.append(
+                f"{int(same.sum())} of {len(stamps)} rows repeat the stamp before them: kept, and spread evenly"
+            )
         else:
             kept, stamps, moved = _moved_to_gaps(kept, stamps, same)
             if moved:

@@ -212,7 +212,7 @@ def long_turns(robot: Robot, move: Move) -> list[str]:
         short = float(np.remainder(turn + np.pi, 2 * np.pi) - np.pi)
         if link.continuous and abs(turn) > np.pi + 1e-9:
             out.append(
-                f"{link.name} turns {turn:.4g} rad; it has no end: a goal of {move.start[k] + short:.6g} rad is "
-                f"the same pose {abs(short):.4g} rad away"
+                f"{link.name} turns {turn:.4g} rad, but has no position limits: {move.start[k] + short:.6g} rad is the "
+                f"same pose {abs(short):.4g} rad away"
             )
     return out

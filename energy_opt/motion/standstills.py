@@ -33,6 +33,6 @@ def check_moves_on(trajectory: Trajectory, where: str) -> None:
     for begin, end in standstills(trajectory).tolist():
         if begin > BRIEF and end < trajectory.duration - BRIEF:
             raise BadInput(
-                f"{where}: stands still from {begin:.4g} to {end:.4g} s, which one move does not keep; give its parts "
-                "as steps of a job (`energy-opt job`), or see what it takes as it is (`energy-opt evaluate`)"
+                f"{where}: stands still from {begin:.4g} to {end:.4g} s, but one move has no wait; give its parts as "
+                "steps of a job (`energy-opt job`), or compute its energy as it is (`energy-opt evaluate`)"
             )

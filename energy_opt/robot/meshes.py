@@ -52,7 +52,7 @@ def mesh_files(
         if size > LARGEST and not allow_large:
             raise BadInput(
                 f"{path}: link {link}: {found}: {size:,} bytes; expected a collision mesh of at most {LARGEST:,} "
-                "(--allow-large takes it)"
+                "(--allow-large reads it)"
             )
         out[name] = found.absolute()
     if missing:

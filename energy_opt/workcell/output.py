@@ -159,9 +159,13 @@ def document(result: CellResult) -> dict[str, Any]:
             bodies = "" if between.pair is None else f", {between.pair[0]} and {between.pair[1]}"
             warnings.append(f"{names}{bodies}: {between.verdict} at {between.time or 0.0:.4g} s")
     if result.levers.relaxed:
-        warnings.append("at full speed no schedule keeps the bounds of the waits: as_is lets waits last longer")
+        warnings.append(
+            "at full speed no schedule keeps the bounds of the waits: in the lever as_is, waits last longer"
+        )
     if result.levers.steps[0][0] != "as_is":
-        warnings.append("at the durations of today, or at full speed, no schedule keeps lags and zones: no as_is lever")
+        warnings.append(
+            "at the durations of as_is, or at full speed, no schedule keeps lags and zones: the lever as_is is left out"
+        )
     if cell.supply is None and result.left > SETTLED:
         warnings.append(f"a gap of {100 * result.left:.2g} % to the bound is left; more seconds may close it")
     for name, joint, share in result.overloads:

@@ -122,9 +122,9 @@ class Reading:
         if self.allow_large:
             return
         if self.shapes > MOST_SHAPES:
-            raise BadInput(f"more than {MOST_SHAPES:,} shapes in the scene (--allow-large takes them)")
+            raise BadInput(f"more than {MOST_SHAPES:,} shapes in the scene (--allow-large reads them)")
         if self.triangles > MOST_TRIANGLES:
-            raise BadInput(f"more than {MOST_TRIANGLES:,} triangles in the scene's meshes (--allow-large takes them)")
+            raise BadInput(f"more than {MOST_TRIANGLES:,} triangles in the scene's meshes (--allow-large reads them)")
 
 
 def mapping(value: Any, what: str) -> Mapping[str, Any]:
@@ -257,7 +257,7 @@ def read_mesh(reading: Reading, name: Any) -> tuple[np.ndarray, np.ndarray]:
         raise BadInput(f"{name}: no such file in {folder}")
     size = path.stat().st_size
     if size > LARGEST and not reading.allow_large:
-        raise BadInput(f"{name}: {size:,} bytes; expected at most {LARGEST:,} (--allow-large takes it)")
+        raise BadInput(f"{name}: {size:,} bytes; expected at most {LARGEST:,} (--allow-large reads it)")
     return _load(path, name)
 
 

@@ -145,7 +145,7 @@ class _Lines:
     def line(self) -> str:
         """The next line; no word of the line before may remain."""
         if self._words:
-            raise BadInput(f"{self._words[-1][:40]!r} is left over")
+            raise BadInput(f"{self._words[-1][:40]!r} is not expected here; expected the end of the line")
         if self.row >= len(self._lines):
             raise BadInput("the file ends here; expected '.' on a line of its own")
         self.row += 1

@@ -80,7 +80,7 @@ def first_path(
     if not found.proven and move.path is not None and not reshape:
         raise Infeasible(
             f"the {what} is not free: at {found.time:.4g} of it {found}; "
-            "--mode reshape may start from it all the same",
+            "--mode reshape can start from it",
             limit="clearance", position=found.time, excess=found.depth,
         )  # fmt: skip
     paths = _further_paths(robot, cell, settings, limits, move, found.proven)

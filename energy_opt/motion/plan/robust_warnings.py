@@ -34,8 +34,8 @@ def power_warnings(trajectory: Trajectory, scorers: Sequence[tuple[str, Scorer]]
         return []
     peaks = [(name, certify(trajectory, scorer, ()).peak_power) for name, scorer in scorers]
     return [
-        f"under {name!r} power reaches {peak:.5g} W; the limit of {limit:g} W is held under the models "
-        "themselves: measure friction with `diagnose`, or give a lower limit"
+        f"under {name!r} power reaches {peak:.5g} W; the plan holds the limit of {limit:g} W under its own models "
+        "only: measure friction with `diagnose`, or give a lower limit"
         for name, peak in peaks
         if peak > limit * (1 + ALLOWED)
     ]

@@ -243,7 +243,9 @@ class SolvingGroup(Request):
     verify_samples: int | None = option(
         None, "number of samples of the certificate (10 between two samples of the trajectory)", "N", kind=int
     )
-    dynamics: str = option("auto", "source of the dynamics: auto, compact or pinocchio (auto)", "SOURCE")
+    dynamics: str = option(
+        "auto", "symbolic dynamics: compact (own), pinocchio (its CasADi build), or auto (auto)", "SOURCE"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -324,7 +326,7 @@ class WriteGroup(Request):
 
 @dataclass(frozen=True, kw_only=True)
 class WorthGroup(Request):
-    """what it is worth"""
+    """saving in a year"""
 
     cycles_per_year: float | None = option(None, "cycles in a year: also state the saving in a year", "N", kind=float)
     price: float | None = option(None, "price of one kWh, in any currency", "PER_KWH", kind=float)

@@ -270,6 +270,17 @@ def test_the_text_of_a_verb_speaks_of_arguments(verb) -> None:
         assert inspect.getdoc(verb).endswith("Returns:\n    Answer; `found[name]` is a value of result.json.")
 
 
+def test_the_document_of_a_duration_that_is_too_short_has_the_time_of_its_message() -> None:
+    """`time` was null, though the message named it."""
+    goal = [0.8, 1.5, -1.3, 0.3, 0.2, 0.1]
+    quick: dict[str, object] = {"starts": 1, "controls": 12, "self_collision": False, "duration": 0.05}
+    with pytest.raises(eo.Infeasible, match=r"binds at 0\.\d+ s") as caught:
+        eo.optimize("z1", "source-method-2", start=[0, 1, -1, 0, 0, 0], goal=goal, **quick)
+    document = caught.value.document()
+    assert f"binds at {document['time']:.4g} s" in document["message"]
+    assert 0 < document["time"] < document["shortest_duration"]
+
+
 def test_a_job_from_python_continues_no_earlier_run() -> None:
     """`resume` was ignored: a call from Python has no folder."""
     steps = [{"to": [0.3, 1, -1, 0, 0, 0]}, {"to": [0, 1, -1, 0, 0, 0]}]

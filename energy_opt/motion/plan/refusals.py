@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 from energy_opt.errors import Infeasible, at_least
 from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.move import Move
@@ -16,6 +18,7 @@ def too_short(move: Move, shortest: float, certificate: Certificate) -> Infeasib
         f"{worst['limit']} limit of {worst['joint']} binds at {worst['time']:.4g} s",
         joint=str(worst["joint"]),
         limit=str(worst["limit"]),
+        time=cast(float, worst["time"]),
         excess=shortest / float(wanted or shortest) - 1,
         shortest_duration=shortest,
     )
@@ -48,4 +51,5 @@ def never_held(certificate: Certificate) -> Infeasible:
         f"(value {worst['value']:.4g} at {worst['time']:.4g} s)",
         joint=str(worst["joint"]),
         limit=str(worst["limit"]),
+        time=cast(float, worst["time"]),
     )

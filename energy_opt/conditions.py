@@ -159,7 +159,8 @@ def load_file(file: str | PathLike[str]) -> list[Any]:
     path = Path(file)
     spec = importlib.util.spec_from_file_location(path.stem, path)
     if not path.is_file() or spec is None or spec.loader is None:
-        raise BadInput(f"--conditions {path}: no such Python file")
+        known = "" if path.suffix == ".py" else "; a request repeats own limits only if FILE.py defines them"
+        raise BadInput(f"--conditions {path}: no such Python file{known}")
     module = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)

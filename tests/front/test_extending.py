@@ -61,6 +61,15 @@ def test_a_limit_that_depends_on_time_is_kept_by_reshaping_and_refused_for_a_tim
     assert (speed * (1 + time / 2) <= 1 + 1e-5).all()
 
 
+def test_a_request_with_a_limit_that_no_file_defines_says_what_would_work(tmp_path):
+    """`eo.repeat` said that `__main__.DrivePower` is no Python file."""
+    asked = OptimizeRequest("z1", start=[0] * 6, goal=[1] * 6, conditions=[Slower()]).document()
+    with pytest.raises(
+        eo.BadInput, match=r"Slower: no such Python file; a request repeats own limits only if FILE\.py"
+    ):
+        eo.repeat(asked)
+
+
 def test_conditions_are_options(panda, tmp_path, capsys):
     ends = {"start": START, "goal": GOAL, "mode": "retime", "model": "source-method-2"}
     conditions = [eo.conditions.MaxPower(400), eo.conditions.ToolSpeed(0.9), eo.conditions.KeepLine(2000)]

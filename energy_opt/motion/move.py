@@ -149,9 +149,9 @@ class Settings:
         allow_large: allow more starts, samples and control points than usual.
         tool: FRAME[,X,Y,Z], the frame of a joint or link and the tool's origin there [m]; None for the last joint's.
         deadline: seconds after which the search for a motion ends with the best proven answer so far; None for none.
-        initial_paths: number of free paths to look for and start from if the straight line is not free, and
-            in addition to a given path; None for one (two if it saves little), and none in addition to a free given
-            path.
+        initial_paths: number of collision-free paths to look for and start from if the straight line touches
+            something, and in addition to a given path; None for one (two if it saves little), and none in addition to a
+            given path without collision.
         own_limits: user-defined limits (`motion.limits.own.OwnLimit`), in addition to all others.
     """
 

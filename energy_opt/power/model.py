@@ -68,7 +68,10 @@ class Uncertainty:
 
 @dataclass(frozen=True, repr=False)
 class PowerModel:
-    """The effects of an arm; mechanical power tau^T v is always counted, negative included.
+    """The effects of an arm; mechanical power tau^T v [W] is always counted, negative included.
+
+    `model + effect` has one more effect, `model - "name"` one less, `model.replaced(effect)` other values of it.
+    `model.save(path)` writes the model file.
 
     Attributes:
         robot: the robot's name (a label; joints are the robot's own, in its order).
@@ -337,7 +340,8 @@ def names_of(model: PowerModel) -> list[str]:
 def load_model(path: str | PathLike[str]) -> PowerModel:
     """Read a model file (TOML, format energy-opt/model/1; `energy-opt --example model` prints one).
 
-    Its values are in SI units: W, N m, W/(N m)^2. A list has one value for each joint, in the robot's order.
+    Its values are in SI units: W, N m, W/(N m)^2. A list has one value for each joint, in the robot's order. Names such
+    as "careful" are no files: they are given to a verb, as in `optimize(..., model="careful")`.
 
     Raises:
         BadInput: names the file, the effect and the parameter at fault.

@@ -192,11 +192,11 @@ def text(found: Mapping[str, Any]) -> str:
     best, fastest = cycle.get("minimum"), cycle.get("fastest_then_wait")
     if best:
         whole = best["duration"] >= cycle["length"] * (1 - 1e-6)
-        how = "slowest move" if whole else f"a move of {best['duration']:.4f} s, then wait"
-        line = f"in a {cycle['length']:g} s cycle: {how} {best['energy_total']:.1f} J"
+        how = f"a move of {best['duration']:.4f} s, " + ("no wait" if whole else "then a wait")
+        line = f"in a {cycle['length']:g} s cycle: {how}: {best['energy_total']:.1f} J"
         if fastest:
             saved = 100 * (1 - best["energy_total"] / fastest["energy_total"])
-            line += f"; fastest then wait {fastest['energy_total']:.1f} J (saves {saved:.1f} %)"
+            line += f"; fastest move, then a wait: {fastest['energy_total']:.1f} J ({saved:.1f} % is saved)"
         lines.append(line)
     if "per_year" in found:
         lines.append(per_year_words(found["per_year"], found["request"]["cycles_per_year"]))

@@ -77,7 +77,7 @@ def _records(robot: Robot, what: str, known: Known) -> list[Assumption]:
     """Assumptions for the first parameter of an effect that is no shape; of a table, its first column."""
     effect, n = known.effect, robot.n
     p = next(p for p in effect.parameters if not p.shapes)
-    note = f"{effect.name.replace('_', ' ')}: {known.note}"
+    note = f"{effect.name.replace('_', ' ')}, {p.name}: {known.note}"
     values = effect.values[p.name]
     if not p.per_joint:
         return [Assumption(what, None, float(values[0]), p.unit, known.source, note)]

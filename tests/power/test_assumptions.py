@@ -77,6 +77,17 @@ def test_electrical_values_and_friction_go_with_the_size_of_the_arm(tmp_path: Pa
     assert CoulombFriction(tau_c=0.06 * 50_000).full(1) == 3000  # of the largest arms: inside the effect's bounds
 
 
+def test_a_published_value_says_which_parameter_it_is() -> None:
+    """Twice the friction of a Panda's joints, the law's parameter a, was called their friction."""
+    robot = load_robot("panda")
+    records = assumptions(robot, [careful(robot)])
+    notes = {row.note.partition(":")[0] for row in records if row.what in ("friction", "electrical values")}
+    assert notes == {"standby, power", "copper loss, r_over_kt2", "sigmoid friction, a"}
+    model = careful(robot)
+    a = [row.value for row in records if row.what == "friction"]
+    assert a == model.get("sigmoid_friction").values["a"].tolist()
+
+
 def test_a_velocity_that_is_a_placeholder_measures_no_drive(tmp_path: Path) -> None:
     """1000 rad/s is kept as a limit, with a warning; a standby of 3 sqrt(effort * 1000) W belongs to no such arm."""
     fast, usual = arm(tmp_path, effort=20.0, velocity=1000.0), arm(tmp_path, effort=20.0, velocity=np.pi)

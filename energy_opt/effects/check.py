@@ -16,9 +16,9 @@ from energy_opt.effects.parameter import EXACT, Kinks, Parameter, Smooth
 from energy_opt.effects.stages import (
     DriveEffect,
     HeatEffect,
+    HeatMemoryEffect,
     PowerEffect,
     RigidEffect,
-    SoakingEffect,
     StoreEffect,
     SupplyEffect,
     TorqueEffect,
@@ -52,7 +52,7 @@ def check_effect(kind: type[Effect], joints: int = 3, seed: int = 0) -> list[str
         kind: the effect's class. joints: number of joints of the arm that is simulated. seed: of its random states.
     """
     rng = np.random.default_rng(seed)
-    if issubclass(kind, MeterEffect | StoreEffect | SoakingEffect):
+    if issubclass(kind, MeterEffect | StoreEffect | HeatMemoryEffect):
         law = _law_over_time(kind, rng)
     else:
         law = _law(kind, joints, rng)
@@ -244,7 +244,7 @@ def refuse_unusable(kind: type[Effect], joints: int = 2) -> None:
 
 
 def _law_over_time(
-    kind: type[MeterEffect] | type[StoreEffect] | type[SoakingEffect], rng: np.random.Generator
+    kind: type[MeterEffect] | type[StoreEffect] | type[HeatMemoryEffect], rng: np.random.Generator
 ) -> SimpleNamespace:
     """`_law` for an effect whose law runs over time, on a power over time."""
     time = np.arange(200) * 0.01
@@ -257,7 +257,7 @@ def _law_over_time(
             return kind.reading(time, 90 + x, float(values[0])) - 90 - x
         if issubclass(kind, StoreEffect):
             return kind.supplied(step, x, float(values[0])) - x
-        none, heated = ca.DM.zeros(1), ca.DM(kind.soaked(50 * time, x[:, None] ** 2, values))
+        none, heated = ca.DM.zeros(1), ca.DM(kind.heated(50 * time, x[:, None] ** 2, values))
         signals = Signals(none, none, none, none, none, heated=heated)
         return np.array(kind.factor(signals, kind.split(ca.DM(values), 1))).ravel() - 1
 

@@ -14,7 +14,7 @@ from energy_opt.effects.base import Signals
 from energy_opt.effects.electrics import POWER_WIDTH
 from energy_opt.effects.friction import SOAKING
 from energy_opt.effects.parameter import Kinks, Parameter
-from energy_opt.effects.stages import PowerEffect, SoakingEffect, StoreEffect
+from energy_opt.effects.stages import HeatMemoryEffect, PowerEffect, StoreEffect
 from energy_opt.errors import BadInput
 
 ENDLESS = 1e9  # [J] a store of this size accepts all negative power, as if all of it were used again
@@ -155,7 +155,7 @@ class SignalPower(PowerEffect):
 GAP = 3.0  # steps longer than this multiple of the usual one are gaps between runs
 
 
-class WindingSelfHeating(SoakingEffect):
+class WindingSelfHeating(HeatMemoryEffect):
     """r_over_kt2 of a joint grows by the factor 1 + rate * theta; dtheta/dt = (c - theta) / time_constant.
 
     c is the joint's copper loss [W] at the resistance of a cold winding, so that theta is its recent mean with
@@ -179,7 +179,7 @@ class WindingSelfHeating(SoakingEffect):
         return 1 + p.rate * x.heated if x.heated is not None else 1 + 0 * p.rate
 
     @classmethod
-    def soaked(cls, time: np.ndarray, heat: np.ndarray, values: np.ndarray) -> np.ndarray:
+    def heated(cls, time: np.ndarray, heat: np.ndarray, values: np.ndarray) -> np.ndarray:
         """theta (N, n) [W] at every instant, with the heat constant between instants (zero-order hold):
 
             theta[k+1] = keep theta[k] + (1 - keep) heat[k],     keep = exp(-dt / time_constant)

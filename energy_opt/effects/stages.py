@@ -78,7 +78,7 @@ class WindingEffect(Effect):
         raise NotImplementedError
 
 
-class SoakingEffect(WindingEffect):
+class HeatMemoryEffect(WindingEffect):
     """Multiplies heat by a factor that depends on the joints' earlier heat: its law runs over time.
 
     Its last parameter is the time constant of this memory; the signal `heated` depends on this parameter only.
@@ -87,7 +87,7 @@ class SoakingEffect(WindingEffect):
     follows = ("heated",)
 
     @classmethod
-    def soaked(cls, time: np.ndarray, heat: np.ndarray, values: np.ndarray) -> np.ndarray:
+    def heated(cls, time: np.ndarray, heat: np.ndarray, values: np.ndarray) -> np.ndarray:
         """The signal `heated` (N, n) [W] from the heat (N, n) [W] at times (N,) [s]; `values` are as `full`."""
         raise NotImplementedError
 

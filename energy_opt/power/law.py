@@ -27,11 +27,11 @@ from energy_opt.effects import (
     DriveEffect,
     Effect,
     HeatEffect,
+    HeatMemoryEffect,
     Kinks,
     PowerEffect,
     RigidEffect,
     Signals,
-    SoakingEffect,
     StoreEffect,
     SupplyEffect,
     TorqueEffect,
@@ -245,21 +245,21 @@ def dwells(time: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def heated(model: PowerModel, time: np.ndarray, tau_m: np.ndarray) -> np.ndarray:
-    """`Signals.heated` (N, n) [W] for the model's soaking effect; zeros if it has none.
+    """`Signals.heated` (N, n) [W] for the model's memory effect; zeros if it has none.
 
     Args:
         time: (N,) s, increasing. tau_m: (N, n) N m of the motors.
     """
     n = tau_m.shape[1]
-    soaking = next((e for e in model.effects if isinstance(e, SoakingEffect)), None)
-    if soaking is None:
+    memory = next((e for e in model.effects if isinstance(e, HeatMemoryEffect)), None)
+    if memory is None:
         return np.zeros_like(tau_m)
     torque, none = ca.SX.sym("tau_m", n), ca.SX.zeros(n)
     x = Signals(none, none, none, torque, ca.SX(0))
-    sources = [e for e in model.effects if isinstance(e, HeatEffect) and e.name in soaking.needs]
+    sources = [e for e in model.effects if isinstance(e, HeatEffect) and e.name in memory.needs]
     heat = sum((e.heat(x, torque, e.named(ca.DM(e.full(n)), n), EXACT) for e in sources), ca.SX.zeros(n))
     by_joint = np.array(ca.Function("heat", [torque], [ca.densify(heat)])(tau_m.T)).T
-    return soaking.soaked(time, by_joint, soaking.full(n))
+    return memory.heated(time, by_joint, memory.full(n))
 
 
 def store_of(model: PowerModel) -> StoreEffect | None:

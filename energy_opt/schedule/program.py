@@ -31,7 +31,7 @@ FEASIBLE = 1e-9  # tolerance of HiGHS on constraints and integers: times are acc
 
 
 @dataclass(frozen=True)
-class Found:
+class Solution:
     """The result of HiGHS.
 
     Attributes:
@@ -71,7 +71,7 @@ class Program:
         self._lags()
         self._exclusions()
 
-    def solve(self, seconds: float, gap: float) -> Found:
+    def solve(self, seconds: float, gap: float) -> Solution:
         """Solve the present program with HiGHS, within `seconds` [s], to a relative `gap`."""
         # the base, as Highs itself prints a banner to standard output when it is made (1.16)
         solver = highspy.Highs.__mro__[1]()
@@ -99,10 +99,10 @@ class Program:
                 highspy.HighsModelStatus.kInfeasible,
                 highspy.HighsModelStatus.kUnboundedOrInfeasible,
             )
-            return Found(None, np.inf, impossible)
+            return Solution(None, np.inf, impossible)
         mixed = bool(solver.getLp().integrality_)
         bound = info.mip_dual_bound if mixed else info.objective_function_value
-        return Found(np.array(solver.getSolution().col_value), float(bound), False)
+        return Solution(np.array(solver.getSolution().col_value), float(bound), False)
 
     def add_tangent(self, at: tuple[int, int], duration: float) -> None:
         """Bound the energy of a move from below by the tangent of its curve at `duration` [s]."""

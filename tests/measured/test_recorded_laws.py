@@ -59,7 +59,7 @@ def test_own_heat_is_that_of_the_thermal_model():
         return (heat[max(np.searchsorted(time, t, side="right") - 1, 0)] - theta) / constant
 
     truth = solve_ivp(rate, (0, time[-1]), [0.0, 0.0], t_eval=time, max_step=0.02, rtol=1e-6).y.T
-    ours = eo.WindingSelfHeating.soaked(time, heat, np.array([1.0, 1.0, constant]))
+    ours = eo.WindingSelfHeating.heated(time, heat, np.array([1.0, 1.0, constant]))
     np.testing.assert_allclose(ours, truth, atol=2e-3 * truth.max())
 
 

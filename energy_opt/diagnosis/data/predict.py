@@ -18,10 +18,10 @@ import numpy as np
 from energy_opt.diagnosis.data.samples import Samples, pieces, times
 from energy_opt.effects import (
     EXACT,
+    HeatMemoryEffect,
     MeterEffect,
     RigidEffect,
     Signals,
-    SoakingEffect,
     TorqueEffect,
     of_form,
 )
@@ -223,10 +223,10 @@ def predict(
     n = s.n
     if "heated" in known:
         warm, tau_m = state[5 + list(known).index("heated")], out[:, 2 : 2 + n].copy()
-        soaking = next(e for e in model.effects if isinstance(e, SoakingEffect))
-        at, step = where[soaking.name].stop - 1, STORE_STEP * float(soaking.full(n)[-1])
+        memory = next(e for e in model.effects if isinstance(e, HeatMemoryEffect))
+        at, step = where[memory.name].stop - 1, STORE_STEP * float(memory.full(n)[-1])
         moved = None
-        if values[where[soaking.name]][:-1].any():
+        if values[where[memory.name]][:-1].any():
             later = model.with_values(values + step * (np.arange(len(values)) == at), n)
             warm[:] = _heated(later, s, tau_m)
             moved = law()[:, 0].copy()

@@ -80,7 +80,10 @@ class ToolAcceleration(Condition):
 
 @dataclass(frozen=True)
 class KeepUpright(Condition):
-    """The tool's axis that points up at the start stays within `degrees` of up."""
+    """The tool's axis that points up most at the start stays within `degrees` of the upward vertical.
+
+    The axis is x, y or z of the tool's frame, or the opposite of one. Rotations about it are free.
+    """
 
     word = "upright"
     degrees: float = 5.0
@@ -88,7 +91,7 @@ class KeepUpright(Condition):
 
 @dataclass(frozen=True)
 class KeepOrientation(Condition):
-    """The tool's rotation relative to its orientation at the start stays within `degrees`."""
+    """The tool's orientation stays within a rotation of `degrees` from its orientation at the start."""
 
     word = "orientation"
     degrees: float = 2.0
@@ -96,7 +99,7 @@ class KeepOrientation(Condition):
 
 @dataclass(frozen=True)
 class KeepLine(Condition):
-    """The tool's origin stays within `millimetres` of the straight line between its ends."""
+    """The tool's origin stays within `millimetres` of the straight segment between its start and its goal."""
 
     word = "line"
     millimetres: float = 1.0
@@ -104,7 +107,11 @@ class KeepLine(Condition):
 
 @dataclass(frozen=True)
 class Tube(Condition):
-    """Every joint stays within `radians`, or the tool's origin within `metres`, of the nearest point of the path."""
+    """Every joint stays within `radians`, or the tool's origin within `metres`, of the nearest point of the path.
+
+    The path is the given one, or the straight line in joint space. BadInput is raised when a verb uses a tube with
+    neither bound or both.
+    """
 
     radians: float | None = None
     metres: float | None = None

@@ -9,7 +9,7 @@ from typing import Any
 
 from energy_opt.batches.batch import Batch, run_batch
 from energy_opt.batches.compare import compare, comparison_text
-from energy_opt.batches.suite import load_suite
+from energy_opt.batches.suite import Suite, load_suite
 from energy_opt.batches.tables import CellTable
 from energy_opt.errors import BadInput
 from energy_opt.front.desk import Desk, verb
@@ -47,6 +47,8 @@ def run(request: BenchRequest, desk: Desk) -> Batch | Listing:
         Path(request.suite), overrides=overrides_of(request), seed=request.seed, compile=request.compile,
         allow_outside=request.allow_outside, allow_large=request.allow_large,
     )  # fmt: skip
+    for warning in _models_of_other_robots(suite):
+        desk.say(warning)
     out = Path(request.out or f"bench_{suite.name}")
     asked = replace(request, suite=str(Path(request.suite).resolve()))
     with desk.showing() as show:
@@ -62,6 +64,17 @@ def run(request: BenchRequest, desk: Desk) -> Batch | Listing:
 
 
 bench = verb(BenchRequest, run)
+
+
+def _models_of_other_robots(suite: Suite) -> list[str]:
+    """A warning for each model that was written for another robot than the one that it is used for."""
+    pairs = {(task.model, task.robot.name): task for task in suite.tasks}.values()
+    return [
+        f"warning: {name}: a model of {model.robot}, used for {task.robot.name}"
+        for task in pairs
+        for name, model in task.powers()
+        if not model.is_of(task.robot.name)
+    ]
 
 
 def overrides_of(request: BenchRequest) -> dict[str, Any]:

@@ -133,3 +133,18 @@ def test_workers_do_not_run_the_users_script_again(tmp_path):
     )
     done = subprocess.run([sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True)
     assert (done.stdout.splitlines(), done.stderr) == (["once", "{'infeasible'}"], "")
+
+
+def test_a_model_of_another_robot_is_named(tmp_path, capsys):
+    """Its values were used without a word; optimize warns."""
+    head, _, moves = SUITE.partition("[[moves]]")
+    (tmp_path / "suite.toml").write_text(
+        head.replace('"source_method_2"', '"mine.toml"') + moves[moves.rindex("[[moves]]") :]
+    )
+    (tmp_path / "mine.toml").write_text(
+        'format = "energy-opt/model/1"\nrobot = "z1"\n[[effect]]\nname = "standby"\npower = 9.0\n'
+    )
+    words = ["bench", str(tmp_path / "suite.toml"), "--jobs", "1", "--out", str(tmp_path / "out")]
+    main(words)
+    said = [line for line in capsys.readouterr().err.splitlines() if "warning" in line]
+    assert said == ["warning: mine.toml: a model of z1, used for panda"]

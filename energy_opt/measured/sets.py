@@ -109,7 +109,7 @@ def collect(log: LogFile, robot: Robot) -> tuple[list[Run], bool, list[str], lis
         shows = f"means over {interval:.3g} s" if mean else "the power at its stamps"
         found[0].remarks.append(
             f"meter: a reading every {interval:.3g} s, taken for {shows}, "
-            + ("which fits the motion better" if sure else "the motion does not decide this")
+            + ("which fits the motion better" if sure else "though the motion does not show whether they are means")
             + " ([meter] window overrides this)"
         )
     faults += [fault for one in found for fault in one.faults]

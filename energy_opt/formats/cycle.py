@@ -92,6 +92,8 @@ def _written(
         found = rate if certificate.valid else next((r for r in RATES if r > rate and judge(_at(parts, r)).valid), None)
         why = "" if certificate.valid else broken(certificate, rate)
         got = Sampled(cycle if found is None else _at(parts, found), found, why)
+        if found is not None and len(parts) > 1:
+            carried = "; each motion is sampled from its own start, a wait by three points" + carried
     path = out / file_of(form, got.rate, stem)
     form.write(named(got.trajectory), path)
     row = read_back(path, form, got, judge, prefix, cycle)

@@ -126,7 +126,7 @@ def run_workcell_job(request: JobRequest, desk: Desk) -> JobAnswer:
             )  # fmt: skip
         answer = desk.keep(JobAnswer(result=result, request=asked, stamp=desk.stamp, output=output, formats=formats))
     for row in answer.files:
-        if row.format != "csv" or not row.valid:
+        if row.format != "csv" or row.rate is not None or not row.valid:
             file = row.file if desk.out is None else desk.out / row.file
             desk.say(f"{file}: {row}; begins at {row.about['starts_at']:.3f} s of the cell's cycle")
     desk.report(warnings=answer.document()["warnings"])

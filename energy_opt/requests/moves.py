@@ -151,7 +151,9 @@ class JobRequest(
     jitter: float | None = option(
         None, "how early or late each of several robots may be [s] (the job's, 0.02)", "S", kind=float, main=True
     )
-    resume: bool = option(False, "continue an earlier run into the same --out", kind=bool, main=True, written=False)
+    resume: bool = option(
+        False, "one robot: continue an earlier run into the same --out", kind=bool, main=True, written=False
+    )
     folder: str | PathLike[str] | None = option(None, "where the files are that the job names", internal=True)
 
 

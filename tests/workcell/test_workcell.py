@@ -137,7 +137,7 @@ def test_jitter_is_an_option_too(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert "jitter = -1.0; expected 0 or more" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("option", [("--robot", "panda"), ("--payload", "2"), ("--base", "0,0,1,0,0,0")])
+@pytest.mark.parametrize("option", [("--robot", "panda"), ("--payload", "2"), ("--base", "0,0,1,0,0,0"), ("--resume",)])
 def test_options_of_one_robot_are_refused(
     option: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -27,7 +27,7 @@ from energy_opt.motion.move import LONGEST, SHORTEST
 from energy_opt.motion.plan.robust import RobustPlanner
 from energy_opt.motion.timing.toppra import INTERVALS
 from energy_opt.poses.chosen import Chosen
-from energy_opt.poses.given import pose_document
+from energy_opt.poses.given import Ends, pose_document
 from energy_opt.poses.pose import Pose
 from energy_opt.poses.solve import solve_to
 from energy_opt.power.assumptions import assumptions_line, until
@@ -214,20 +214,24 @@ def _passing(trajectory: Trajectory, q: np.ndarray) -> np.ndarray:
     return np.asarray(trajectory.sample(np.array([found.x]))[0][0])
 
 
-def with_goals(result: Answer, chosen: Chosen, poses: dict[str, Pose], settings: Settings) -> Answer:
+def with_goals(result: Answer, chosen: Chosen, ends: Ends, settings: Settings) -> Answer:
     """The answer with the goals that were considered, and the errors of its ends at their poses.
 
     It is `not_converged` if an end misses the tolerance of its pose.
 
     Args:
         result: the solved move. chosen: the goals that were compared.
-        poses: of the ends, by "start", "goal" and "via 1". settings: with the tool.
+        ends: as asked for; of several goals, the pose that the motion ends nearest to counts. settings: with the tool.
     """
     positions = result.trajectory.position
-    at = {"start": positions[0], "goal": positions[-1]}
+    at = {"start": positions[0]}
     for k, q in enumerate(chosen.move.via, start=1):
         at[f"via {k}"] = _passing(result.trajectory, q)
-    said = pose_document(result.arm, settings.tool, poses, at)
+    said = pose_document(result.arm, settings.tool, ends.poses, at)
+    if chosen.candidates[0].pose is not None:
+        goals = {str(k): goal for k, goal in enumerate(ends.goals) if isinstance(goal, Pose)}
+        missed = pose_document(result.arm, settings.tool, goals, dict.fromkeys(goals, positions[-1]))
+        said["goal"] = min(missed.values(), key=lambda end: (not end["valid"], end["distance"], end["angle"]))
     status = result.status
     if not all(end["valid"] for end in said.values()):
         status = "not_converged"
@@ -302,7 +306,7 @@ def run(request: OptimizeRequest, desk: Desk) -> Answer:
                 controllers=lambda result, out: controllers.write(move, result, moves, out),
             )  # fmt: skip
             if ends is not None and chosen is not None:
-                answer = with_goals(answer, chosen, ends.poses, settings)
+                answer = with_goals(answer, chosen, ends, settings)
         except Infeasible as fault:
             error = fault if ends is not None else replace(controllers, request=asked).with_duration(move, fault)
             desk.failed(

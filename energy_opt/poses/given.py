@@ -229,10 +229,8 @@ class Ends:
 
     @property
     def poses(self) -> dict[str, Pose]:
-        """The poses against which the ends of a trajectory are judged."""
+        """The poses at which a trajectory begins and that it passes."""
         out = {} if self.start is None else {"start": self.start}
-        if len(self.goals) == 1 and isinstance(self.goals[0], Pose):
-            out["goal"] = self.goals[0]
         return out | {f"via {k}": pose for k, pose in enumerate(self.via, start=1)}
 
 

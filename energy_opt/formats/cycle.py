@@ -66,10 +66,10 @@ def _written(
         followed = [
             replace(
                 part,
-                trajectory=named(part.trajectory if part.waits or rate is None else resampled(part.trajectory, rate)),
+                trajectory=named(part.trajectory),
                 payload=in_tool(robot, part.payload) if carries and part.payload is not None else None,
             )
-            for part in parts
+            for part in (parts if rate is None else _each_at(parts, rate))
         ]
         got = Sampled(cycle, rate)
         path = out / file_of(form, None, stem)
@@ -77,7 +77,7 @@ def _written(
         row = read_back(path, form, got, judge, prefix, cycle)
         if row.valid or rate is None:
             return row
-        why = broken(judge(_at(parts, rate)), rate)
+        why = broken(judge.of_parts(_each_at(parts, rate)), rate)
         again = _written(form, parts, cycle, judge, out, None, prefix, stem)
         return replace(again, text=f"{again.text}; {why}")
     carried = _carried(parts)
@@ -115,7 +115,7 @@ def certificates(
         cycle = joined([part.trajectory for part in without_jumps(parts, limits)])
         out.append(judge.at_steps(on_steps(cycle, STEPS["franka"], limits), STEPS["franka"]))
     if rate is not None and "urscript" in names:
-        out.append(judge(_at(parts, rate)))
+        out.append(judge.of_parts(_each_at(parts, rate)))
     if rate is not None and names - {"franka", "urscript"}:
         out.append(judge(_at(without_jumps(parts, limits, rate), rate)))
     return out
@@ -175,9 +175,14 @@ def _met(parts: Sequence[Part], limits: Limits) -> Sequence[Part]:
     return out
 
 
+def _each_at(parts: Sequence[Part], rate: float) -> list[Part]:
+    """The parts with every motion sampled at a rate from its own start; waits keep their three points."""
+    return [part if part.waits else replace(part, trajectory=resampled(part.trajectory, rate)) for part in parts]
+
+
 def _at(parts: Sequence[Part], rate: float) -> Trajectory:
-    """The cycle with every motion sampled at a rate from its own start; waits keep their three points."""
-    return joined([part.trajectory if part.waits else resampled(part.trajectory, rate) for part in parts])
+    """The cycle with every motion sampled at a rate from its own start."""
+    return joined([part.trajectory for part in _each_at(parts, rate)])
 
 
 def _carried(parts: Sequence[Part]) -> str:

@@ -166,8 +166,8 @@ SLOW = 0.09  # [s] a meter slower than this may show means over its own interval
 class Recording:
     """Result of reading a [[run]]: its runs, faults, and remarks on the reading.
 
-    `interval`: [s] between readings of a slow meter that may show means; `scores`: log likelihoods of both cases from
-    this run's motion, see `clock.shows_means`.
+    `interval`: [s] between readings of a slow meter that may show means; `scores`: log likelihoods of both cases, see
+    `clock.shows_means`. `open`: whether the meter's clock was searched for; `offset`: [s] by which the motion moved it.
     """
 
     runs: list[Run] = field(default_factory=list)
@@ -175,11 +175,17 @@ class Recording:
     remarks: list[str] = field(default_factory=list)
     interval: float = 0.0
     scores: np.ndarray | None = None
+    open: bool = False
+    offset: float | None = None
 
 
-def read_recording(log: LogFile, entry: RunEntry, robot: Robot, clock: float) -> Recording:
-    """Read one [[run]] of a log; `clock` is the set time [s] of its time 0 if the log states none."""
-    out = Recording()
+def read_recording(log: LogFile, entry: RunEntry, robot: Robot, clock: float, offset: float | None = None) -> Recording:
+    """Read one [[run]] of a log.
+
+    Args:
+        clock: the set time [s] of its time 0 if the log states none. offset: [s] of the meter's clock in other runs.
+    """
+    out = Recording(offset=offset)
     table = Table(log.file(entry.file), log.csv)
     rules = PRESETS[log.preset](robot.joints, table) if log.preset else plain_rules(robot.joints)
     rules = {**rules, **log.rules}
@@ -275,6 +281,14 @@ def _one_clock(
     if (seek or infer) and float(np.ptp(joints.signals["position"], axis=0).max()) > MOVES_ENOUGH:
         motion = activity(robot, time, joints.signals["position"])
         found, which, scores = align(motion, stamps, windows, readings.power, overlap >= 0.5, seek)
+    out.open, known = seek, out.offset
+    out.offset = None if found is None else found.offset
+    if found is None and seek and known is not None:
+        stamps, status, overlap = stamps + known, "estimated", 1.0
+        out.remarks.append(
+            f"{entry.power_file}: the meter's clock was moved by {known:.3f} s, as in other runs; this motion does not "
+            "show it (power_start in log.toml states it otherwise)"
+        )
     if found is None and seek and overlap < 0.5:
         out.faults.append(
             f"{log.file(entry.power_file or '')}: its clock runs from {stamps[0]:g} to {stamps[-1]:g} s, the "

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.measured.clock import shows_means
+from energy_opt.measured.clock import LEAST, shows_means
 from energy_opt.measured.columns import ARM_POWER, LOGGED, PAYLOAD
 from energy_opt.measured.differentiate import choose_smoothing, coarse, kinematics
 from energy_opt.measured.joint_units import contradicting
@@ -99,19 +99,24 @@ def collect(log: LogFile, robot: Robot) -> tuple[list[Run], bool, list[str], lis
         if key.rpartition(".")[0] not in (*robot.joints, "", "power", LOGGED)
     ]
     found = _recordings(log, robot, faults)
+    known, said = [fault for fault in faults if fault.startswith(f"{log.path}: columns.")], []
     if log.window is None and any(one.interval for one in found):
         # Whether a slow meter shows means is a property of the meter: all runs decide together.
         interval = float(np.median([one.interval for one in found if one.interval]))
         scored = [one.scores for one in found if one.scores is not None and np.isfinite(one.scores).all()]
         mean, sure = shows_means(np.sum(scored, axis=0), interval) if scored else (True, False)
-        faults = [fault for fault in faults if fault.startswith(f"{log.path}: columns.")]
-        found = _recordings(dataclasses.replace(log, window=interval if mean else 0.0), robot, faults)
+        log = dataclasses.replace(log, window=interval if mean else 0.0)
+        found = _recordings(log, robot, faults := [*known])
         shows = f"means over {interval:.3g} s" if mean else "the power at its stamps"
-        found[0].remarks.append(
+        said.append(
             f"meter: a reading every {interval:.3g} s, taken for {shows}, "
             + ("which fits the motion better" if sure else "though the motion does not show whether they are means")
             + " ([meter] window overrides this)"
         )
+    if (offset := _common_offset(found)) is not None:
+        found = _recordings(log, robot, faults := [*known], offset)
+    if found:
+        found[0].remarks += said
     faults += [fault for one in found for fault in one.faults]
     runs = [run for one in found for run in one.runs]
     if ends := _range_end(runs):
@@ -173,14 +178,25 @@ def _merged_remarks(remarks: list[str]) -> list[str]:
     return out
 
 
-def _recordings(log: LogFile, robot: Robot, faults: list[str]) -> list[Recording]:
-    """Read every [[run]]; the errors of those that cannot be read go to `faults`."""
+def _common_offset(found: Sequence[Recording]) -> float | None:
+    """The offset [s] of the meter's clock where runs agree on it and others do not show it; else None."""
+    offsets = [one.offset for one in found if one.offset is not None]
+    agreed = len(offsets) > 1 and np.ptp(offsets) < LEAST
+    return float(np.median(offsets)) if agreed and any(one.open and one.offset is None for one in found) else None
+
+
+def _recordings(log: LogFile, robot: Robot, faults: list[str], offset: float | None = None) -> list[Recording]:
+    """Read every [[run]]; the errors of those that cannot be read go to `faults`.
+
+    Args:
+        offset: [s] of the meter's clock, for runs that do not show it.
+    """
     out = []
     clock = 0.0
     for k, entry in enumerate(log.runs):
         LOGGER.info("file %d of %d: %s", k + 1, len(log.runs), entry.file, extra={"share": k / len(log.runs)})
         try:
-            out.append(read_recording(log, entry, robot, clock))
+            out.append(read_recording(log, entry, robot, clock, offset))
         except BadInput as error:
             faults.append(str(error))
             continue

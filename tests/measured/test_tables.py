@@ -319,6 +319,23 @@ def test_a_meters_clock_is_found_and_reported(tmp_path):
     assert read_set(folder).runs[0].clock == "shared"  # a tenth of a second is the meter's delay, which the fit finds
 
 
+@pytest.mark.parametrize("apart", [0.0, 1.0])
+def test_runs_that_are_too_short_to_show_the_meters_clock_have_that_of_the_others(tmp_path, apart):
+    """Two long runs show that the meter is 0.8 s ahead (or 0.8 and 1.8 s), a third one of 3 s has too few readings."""
+    rng, rest = np.random.default_rng(3), ""
+    for k, (seconds, ahead) in enumerate([(30.0, 0.8), (30.0, 0.8 + apart), (3.0, 0.8)]):
+        t, q, _, p = arm(Z1, seconds)
+        own = np.arange(0.0, seconds, 0.1)
+        put(tmp_path / f"{k}.csv", lines("time," + ",".join(f"{j}.position" for j in Z1.joints), [t, q]))
+        power = np.interp(own, t, p) + rng.normal(0, 2, len(own))
+        put(tmp_path / f"p{k}.csv", lines("time,power", [own + ahead, power]))
+        rest += f'[[run]]\nfile = "{k}.csv"\npower_file = "p{k}.csv"\n'
+    measured = read_set(log(tmp_path, "z1", rest + "[meter]\nwindow = 0\n"))
+    assert measured.runs[2].clock == ("shared" if apart else "estimated")
+    assert measured.runs[2].power_time[0] == pytest.approx(0.8 if apart else 0.0, abs=0.1)
+    assert any("as in other runs" in x for x in measured.remarks) == (not apart)
+
+
 def test_counters_totals_and_no_meter(tmp_path):
     t, q, _, p = arm(Z1)
     energy = np.concatenate([[0], np.cumsum((p[1:] + p[:-1]) / 2 * np.diff(t))])

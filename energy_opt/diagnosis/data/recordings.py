@@ -25,6 +25,7 @@ MOST_READINGS = 10_000  # most readings in a fit: five minutes of a fast meter; 
 REST, BY_NOISE = 1e-3, 4.0  # [rad/s] slower joints count as standing still; standard deviations of a speed that do, too
 MOST_NODES = 40_000  # most nodes at which models are evaluated: twenty minutes of a fast meter
 FEW_RUNS = 8  # least runs to keep if runs are left out; otherwise each run is cut short
+FOUND = 0.1  # share of the time between readings to which a clock is found by correlation
 COMPARED = 4  # least runs of a kind to compare their scatter
 # scatter from reading to reading of a damaged run, over the median of such runs; and over the level of the power
 SCATTER, WILD = 20.0, 0.1
@@ -145,8 +146,14 @@ def take_samples(measured: MeasuredSet) -> Samples:
 
 
 def _lag(measured: MeasuredSet, smoothing: Smoothing, v: np.ndarray, smoothed: np.ndarray) -> float:
-    """Time uncertainty [s] of the motion: the largest of sampling time, time per position step, and smoothing time."""
+    """Time uncertainty [s] of the motion: the largest of sampling time, time per position step, and smoothing time.
+
+    Clocks that were found by correlation are uncertain by a share of the time between readings.
+    """
     spacing = float(np.median(np.concatenate([np.diff(run.time) for run in measured.runs])))
+    found = [np.diff(run.power_time) for run in measured.runs if run.clock == "estimated" and len(run.power) > 1]
+    if found:
+        spacing = max(spacing, FOUND * float(np.median(np.concatenate(found))))
     speed = np.abs(v[v != 0])
     if not speed.size:
         return spacing

@@ -82,6 +82,9 @@ def run(request: IdentifyRequest, desk: Desk) -> Identification | Suggested:
         measured = read_set(folder, arm, allow_outside=request.allow_outside)
     for remark in measured.remarks:
         desk.say(f"note: {remark}")
+    if mass is None and measured.payload is not None:
+        mass = measured.payload
+        desk.say(f"note: the arm carries {mass.mass:g} kg, as its recorder states")
     asked = request_of_set(request, measured.robot)
     document = desk.take(ANSWER, asked)
     result = replace(

@@ -52,27 +52,28 @@ def read_set(
     runs = [dataclasses.replace(run, **dict.fromkeys(wrong[run.file])) for run in runs]  # type: ignore[arg-type]
     said = "contradicts the positions: not used; are unit and sign right?"
     remarks += _merged_remarks([f"{file}: logged {name} {said}" for file, names in wrong.items() for name in names])
-    return MeasuredSet(log.path.parent, robot, tuple(runs), clock, stated_payload(log), tuple(remarks))
+    stated = _stated_payloads(log)
+    if len(stated) > 1:
+        remarks.append(
+            f"{log.path.name}: the recorder states several payloads ({stated[:, 0].min():g} to {stated[:, 0].max():g} "
+            "kg): none is used; make a set of the runs with each"
+        )
+    payload = PointMass(float(stated[0][0]), stated[0][1:]) if len(stated) == 1 and stated[0][0] > 0 else None
+    return MeasuredSet(log.path.parent, robot, tuple(runs), clock, payload, tuple(remarks))
 
 
-def stated_payload(log: LogFile) -> PointMass | None:
-    """The payload that the recorder states, in the last joint's frame; None where it states none or several."""
-    names = PAYLOAD.get(log.preset or "", ())
-    stated = []
-    for entry in log.runs:
-        if not names:
-            return None
+def _stated_payloads(log: LogFile) -> np.ndarray:
+    """Mass [kg] and centre of mass [m], in the last joint's frame, of each payload (K, 4) that the recorder states."""
+    names, stated = PAYLOAD.get(log.preset or "", ()), []
+    for entry in log.runs if names else ():
         table = Table(log.file(entry.file), log.csv)
         if not all(name in table for name in names):
-            return None
+            return np.zeros((0, 4))
         table.load(names)
-        values = np.column_stack([table.column(name) for name in names])
-        if table.faults or np.ptp(values, axis=0).max() > 0:
-            return None
-        stated.append(values[0])
-    if not stated or any(not np.array_equal(x, stated[0]) for x in stated) or stated[0][0] <= 0:
-        return None
-    return PointMass(float(stated[0][0]), stated[0][1:])
+        if table.faults:
+            return np.zeros((0, 4))
+        stated.append(np.column_stack([table.column(name) for name in names]))
+    return np.unique(np.vstack(stated), axis=0) if stated else np.zeros((0, 4))
 
 
 def robot_of(log: LogFile, limits: Path | None = None, lock: Mapping[str, float] | None = None) -> Robot:

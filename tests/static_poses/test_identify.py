@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pinocchio as pin
 import pytest
+from hidden import Hidden
 from logs import Z1, arm, lines, log, put
 from virtual_sets import make_set
 
@@ -177,3 +178,28 @@ def test_a_run_that_is_called_static_and_moves_is_refused(tmp_path):
     measured = read_set(log(tmp_path, "z1", '[[run]]\nfile = "a.csv"\nkind = "static"\n'))
     with pytest.raises(BadInput, match=r"a.csv: column joint\d.position: moves by .* rad in a run called static"):
         poses_of(measured)
+
+
+@pytest.mark.parametrize("masses", [(2.5, 2.5), (0.0, 2.5)])
+def test_the_payload_that_the_recorder_states_hangs_on_the_arm(tmp_path, capsys, masses):
+    """RTDE writes the payload that is set on a UR; of several none is used, and that is said."""
+    ur, rng, rest = Hidden("ur5e"), np.random.default_rng(2), '[columns]\npreset = "ur_rtde"\n'
+    none, bare = np.zeros(6), ur.model.inertias[6].copy()
+    header = ["timestamp", *(f"actual_q_{k}" for k in range(6)), "actual_robot_voltage", "actual_robot_current",
+              "payload", *(f"payload_cog_{k}" for k in range(3))]  # fmt: skip
+    for k in range(10):
+        mass, q = masses[k % 2], rng.uniform(*ur.limits)
+        ur.model.inertias[6] = bare + pin.Inertia(mass, np.array([0, 0, 0.1]), np.zeros((3, 3)))
+        torque = pin.rnea(ur.model, ur.model.createData(), q, none, none)
+        current = (60 + 0.004 * torque @ torque + 0.05 * rng.normal(size=100)) / 48
+        columns = [0.02 * np.arange(100), *np.tile(q, (100, 1)).T, np.full(100, 48.0), current, np.full(100, mass)]
+        write_table(tmp_path / f"{k}.csv", header, [*columns, *np.tile([0, 0, 0.1], (100, 1)).T])
+        rest += f'[[run]]\nfile = "{k}.csv"\nkind = "static"\n'
+    log(tmp_path, "ur5e", rest)
+    assert main(["identify", str(tmp_path), "--out", str(tmp_path / "out")]) == 0
+    said, line = capsys.readouterr().err, json.loads((tmp_path / "out/identify.json").read_text())["method2"]
+    if masses[0] > 0:
+        assert "carries 2.5 kg, as its recorder states" in said
+        assert line["r_over_kt2"] == pytest.approx(0.004, rel=0.01) and line["standby"] == pytest.approx(60, abs=0.1)
+    else:
+        assert "the recorder states several payloads (0 to 2.5 kg): none is used" in said

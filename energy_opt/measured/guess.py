@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import log, prod
 from typing import Any
 
 import numpy as np
@@ -224,9 +225,11 @@ def _guess_meter(table: Table, out: Guess, hand: ByHand) -> None:
         out.words.append(f"power: {power} [{unit or 'W'}]")
     elif pair is not None:
         out.columns["power"] = {"product": list(pair)}
-        if named_unit("current", pair[1], table) == "mA":
-            out.columns["power"]["unit"] = "mW"
-        out.words.append(f"power: {pair[0]} * {pair[1]} [W]")
+        units = (named_unit(kind, name, table) for kind, name in zip(("voltage", "current"), pair, strict=True))
+        factor = prod(UNITS[kind][unit] for kind, unit in zip(("voltage", "current"), units, strict=True) if unit)
+        unit = min(UNITS["power"], key=lambda known: abs(log(UNITS["power"][known] / factor)))
+        out.columns["power"] |= {} if unit == "W" else {"unit": unit}
+        out.words.append(f"power: {pair[0]} * {pair[1]} [{unit}]")
     elif energy is not None:
         unit = named_unit("energy", energy, table) or _counter_unit(table.column(energy), out.last - out.first)
         out.columns["energy"] = {"column": energy, "unit": unit}

@@ -32,7 +32,7 @@ UNITS: dict[str, dict[str, float]] = {
     "current": {"A": 1.0, "mA": 1e-3},
     "voltage": {"V": 1.0, "mV": 1e-3, "kV": 1e3},
     "temperature": {"degC": 1.0},
-    "power": {"W": 1.0, "mW": 1e-3, "kW": 1e3},
+    "power": {"W": 1.0, "mW": 1e-3, "kW": 1e3, "uW": 1e-6},
     "energy": {"J": 1.0, "kJ": 1e3, "MJ": 1e6, "Ws": 1.0, "mWh": 3.6, "Wh": 3600.0, "kWh": 3.6e6},
 }
 BY_SIGNAL = {"position": "", "velocity": "/s", "acceleration": "/s^2"}  # suffix of an angle's unit, by signal

@@ -88,6 +88,18 @@ def test_power_by_hand_may_be_a_voltage_times_a_current(tmp_path: Path) -> None:
     np.testing.assert_allclose(made.runs[0].power, p[: len(made.runs[0].power)], rtol=1e-4)
 
 
+@pytest.mark.parametrize(("volt", "ampere"), [(1.0, 1e3), (1e3, 1.0), (1e3, 1e3), (1.0, 1.0)])
+def test_units_of_voltage_and_current_multiply(tmp_path: Path, volt: float, ampere: float) -> None:
+    """Millivolts times milliamperes were read as milliwatts: 100 kW."""
+    t, q, _, p = arm(UR)
+    header = ",".join(["t", *(f"q{k}" for k in SIX), f"bus voltage [{'m' if volt > 1 else ''}V]"])
+    header += f",bus current [{'m' if ampere > 1 else ''}A]"
+    put(tmp_path / "a.csv", lines(header, [t, q, 0 * t + 48 * volt, p / 48 * ampere]))
+    import_files([tmp_path / "a.csv"], tmp_path / "set", UR)
+    power = np.concatenate([run.power for run in read_set(tmp_path / "set").runs])
+    assert power.max() == pytest.approx(p.max(), rel=1e-3)
+
+
 def test_a_full_disk_keeps_the_old_set(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     t, q, _, p = arm(Z1)
     new, out, copy = tmp_path / "new", tmp_path / "set", shutil.copyfile

@@ -26,6 +26,7 @@ from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.trajectory import Trajectory
 
 OPTIMA = 3  # most optima found without bodies to start from
+WORTH = 1.25  # an optimum of a larger cost relative to the least is not mixed with the first path
 DEEP = 0.1  # [m] a start is at most this deep in a body
 TOWARDS = (0.9, 0.75, 0.6, 0.45, 0.3)  # shares of the way from the first path to an optimum: mixtures to try
 CLOSE = 0.6  # a search from a mixture with the best optimum, of at least this share of it, ends most others
@@ -155,7 +156,7 @@ class Clearing:
                 continue
             if gap > -DEEP:
                 starts.append(Start(optimum, BOLD, least))
-            mix, share = self._mixture(optimum)
+            mix, share = self._mixture(optimum) if self._cost(optimum) <= WORTH * self._cost(optima[0]) else (None, 0.0)
             if mix is None:
                 continue
             if number == 0 and share >= CLOSE and self.finish(mix, BOLD):

@@ -36,6 +36,7 @@ FREED = 2.0
 # Iterations of a search, and the relative change of cost at which it ends. With 30 and 4e-4, 17 moves in scenes take
 # 1.6 % more loss in the mean and 22 % at worst (`benchmarks/unseen.py --scenes 17 --seed 8 --short`).
 ITERATIONS, DONE = 100, 1e-4
+FINISHED = 2  # most trials to continue
 HOPES = (1.3, 1.1)  # largest merit relative to the best after the first and second trial, to be continued
 HALF = 0.1  # share of the cost: if the optimum without bodies saves more, a search starts half-way to it
 LITTLE = 0.25  # share of the loss of the first path slowed evenly: if less is saved, another initial path is looked for
@@ -208,12 +209,12 @@ class Clearing:
                 known = min(known, search.merit(trials[-1]))
         if starts and sum(search.merit(trial) < FREED for trial in trials) < 2:
             trials.append(search.trial(starts[0].curve, BOLD))
-        for trial in sorted(trials, key=search.merit):
+        for trial in sorted(trials, key=search.merit)[:FINISHED]:
             if self.best is not None and self.context.stopped():
                 break
             curve = self._second_start(trial)
-            if curve is not None and self.finish(curve, TRUST):
-                break
+            if curve is not None:
+                self.finish(curve, TRUST)
         if self.best is None and not self.context.stopped():
             self.finish(self.first, TRUST / 3)
 

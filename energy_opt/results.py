@@ -60,9 +60,13 @@ class Found:
         """Write the result's files into the folder `out`; return the result, completed with data on these files."""
         return self
 
+    def __str__(self) -> str:
+        """The text that the command prints, without the line on the folder; the `repr` if there is none."""
+        lines = (line for line in self.text(Path(".")).splitlines() if line != "files in .")
+        return "\n".join(lines) or repr(self)
+
     def _repr_html_(self) -> str:
-        lines = self.text(Path(".")).splitlines() or str(self).splitlines()
-        return f"<pre>{escape(chr(10).join(line for line in lines if line != 'files in .'))}</pre>"
+        return f"<pre>{escape(str(self))}</pre>"
 
 
 class FoundSet(Found):

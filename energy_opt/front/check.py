@@ -74,6 +74,11 @@ class Checked(Found):
         """A line for every file that is usable."""
         return "\n".join(f"{name}: usable" for name, found in self.faults.items() if not found)
 
+    def __str__(self) -> str:
+        """A line for each fault, and for every file that is usable."""
+        faults = [fault for found in self.faults.values() for fault in found]
+        return "\n".join([*faults, *self.text(Path()).splitlines()])
+
 
 def run(request: CheckRequest, desk: Desk) -> Checked:
     """Whether files are usable; every fault is named with its place."""

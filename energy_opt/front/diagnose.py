@@ -54,6 +54,7 @@ class Diagnosed(Found, Diagnosis):
     request: DiagnoseRequest | None = None
     next_motion: Trajectory | None = None
     interrupted: bool = False
+    __str__ = Diagnosis.__str__
 
     @property
     def exit_code(self) -> int:

@@ -74,9 +74,6 @@ class Answers(Answered):
         """Table of all motions, for a terminal."""
         return table(self.found)
 
-    def __str__(self) -> str:
-        return table(self.found)
-
     def __repr__(self) -> str:
         return f"Answers({self.robot.name!r}, {len(self.found)} motions)"
 

@@ -6,6 +6,7 @@ from typing import Any, get_args, get_type_hints
 
 import pytest
 
+import energy_opt as eo
 from energy_opt.front.verbs import VERBS, function_of
 from energy_opt.results import Found, exit_of
 
@@ -44,8 +45,21 @@ def test_a_result_is_text_files_and_a_view(tmp_path: Path) -> None:
     assert Table().save(str(tmp_path)) == tmp_path
     assert json.loads((tmp_path / "a.json").read_text()) == {"a": 1} and Table().exit_code == 0
     assert Table()._repr_html_() == "<pre>a &lt; b</pre>"
+    assert str(Table()) == "a < b" and str(silent := Found()) == repr(silent)
     assert Table()["a"] == 1 and Said()["b"] == [2.0]
     assert json.loads(Said().to_json()) == {"b": [2.0]} and Said()._repr_html_() == "<pre>two &amp; more</pre>"
+
+
+def test_what_the_command_prints_is_what_python_prints(tmp_path: Path) -> None:
+    """`print(eo.tradeoff(...))` showed one line, that of `repr`."""
+    (tmp_path / "model.toml").write_text("format = 3\n")
+    robots, checked = str(eo.robots("z1")), str(eo.check([tmp_path / "model.toml", tmp_path]))
+    assert robots.startswith("z1  (6 joints") and "joint6" in robots
+    assert "model.toml: format: 3" in checked and f"{tmp_path}: no log.toml" in checked
+    steps = [{"to": [0.3, 1, -1, 0, 0, 0], "mode": "retime"}, {"to": [0, 1, -1, 0, 0, 0], "mode": "retime"}]
+    job = {"format": "energy-opt/job/1", "robot": "z1", "cycle_time": 4.0, "step": steps}
+    cycle = eo.job(job, model="source-method-2", self_collision=False)
+    assert "in a 4 s cycle: this plan" in str(cycle) and repr(cycle).startswith("JobAnswer(")
 
 
 @pytest.mark.parametrize(("interrupted", "good", "code"), [(0, 1, 0), (0, 0, 4), (1, 1, 130), (1, 0, 130)])

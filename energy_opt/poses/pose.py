@@ -109,7 +109,8 @@ class Pose:
 class AnyOf(tuple[object, ...]):
     """Alternative goals: `AnyOf([pose, positions, ...])`; the move goes to the cheapest one.
 
-    Each goal is a `Pose`, a sequence (n,) of joint positions [rad, m], or a mapping from joint names to positions.
+    Each goal is a pose of the tool (see `pose_from`), a sequence (n,) of joint positions [rad, m], or a mapping from
+    joint names to positions.
     """
 
 

@@ -76,7 +76,7 @@ def test_a_motion_that_was_not_proposed_is_not_the_next_step():
 def test_what_goes_with_no_recorded_signal_is_not_looked_for_among_them():
     left = [{"signal": UNRECORDED, "joint": None}]
     said = next_step({"verdict": "unexplained", "usable": False, "remainder": left})
-    assert "power's unit" in said and "goes with" not in said
+    assert "power's unit" in said and "depends on" not in said
 
 
 def test_errors_fall_to_the_noise_on_runs_never_fitted(found):

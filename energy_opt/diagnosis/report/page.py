@@ -71,14 +71,14 @@ def page(result: Result) -> Report:
                 ["fastest timing, slowed evenly", worth["evenly_slowed"]],
             ],
         )
-    report.section("What the residual goes with")
+    report.section("Signals that the residual depends on")
     if d["residual_goes_with"]:
         watts = [r["watts"] for r in d["remainder"]]
         goes = d["residual_goes_with"]
         records = [[r["signal"], r["joint"], r["strength"], w] for r, w in zip(goes, watts, strict=True)]
         report.table(["signal", "joint", "share of what is left [1]", "rms [W]"], records, 3)
     else:
-        report.text("With no signal: the residual is noise.")
+        report.text("None: the residual is noise.")
     report.charts(*_residuals(result, result.samples))
     if any(e.stage == "torque" and e.dissipates for e in result.model.effects):
         report.section("Friction against speed")

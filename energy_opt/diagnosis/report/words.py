@@ -20,7 +20,7 @@ UNKNOWN = 0.4  # posterior over prior standard deviation above which the data ha
 WANDERS = 0.3  # share of the noise by which runs' levels must differ to be mentioned
 SHARE = 0.01  # least explained share that the headline states
 PREFIX = 1000.0  # factor between watts and kilowatts, or milliwatts and watts
-UNRECORDED = "no signal that was recorded"  # what remains goes with it where it goes with none of the log
+UNRECORDED = "no signal that was recorded"  # the rest depends on it where it depends on none of the log
 PLAIN = {
     "coulomb_friction": "dry friction",
     "viscous_friction": "viscous friction",
@@ -74,7 +74,7 @@ def headline(document: dict[str, Any]) -> str:
     if document["remainder"]:
         first = document["remainder"][0]
         where = f" of {first['joint']}" if first["joint"] else ""
-        said += f" What remains ({first['watts']:.1f} W) goes with {first['signal']}{where}."
+        said += f" The rest ({first['watts']:.1f} W) depends on {first['signal']}{where}."
     return said
 
 

@@ -134,7 +134,7 @@ def foreseen(
     square = 2 * float(np.sort(squares)[rank - 1]) + hidden(f) + apart
     size = max(float(np.sqrt(np.mean(difference**2))), 1e-9)
     signals = [g.signal for g in best.free if g.signal not in HARMLESS]
-    reason = f"what goes with {signals[0]} follows no known law" if signals else ""
+    reason = f"a part of the power depends on {signals[0]} by no known law" if signals else ""
     return Foreseen(100 * square**0.5 / size, len(e), reason)
 
 

@@ -175,6 +175,9 @@ def text(found: Mapping[str, Any]) -> str:
         joules = (row["energy_total"], *(row.get(name) for name in PLAIN))
         cells = [f"{'-' if value is None else format(value, '.2f'):>14}" for value in joules]
         lines.append(f"{row['duration']:>10.3f} {' '.join(cells)}  {row['status']}")
+    several = found["request"].get("robust")
+    if several:
+        lines.append(f"under {several['models'][0]['name']}; planned for the {several['kind']} of the models")
     lines.append(f"shortest cycle: {found['fastest']:.4g} s")
     if found["knee"] is not None:
         lines.append(f"knee: {found['knee']['duration']:.4g} s, {found['knee']['energy_total']:.5g} J")

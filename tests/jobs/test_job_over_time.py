@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from energy_opt.cli.main import main
-from energy_opt.jobs.over_time import knee
+from energy_opt.jobs.over_time import knee, text
 from energy_opt.jobs.work import Worker
 
 JOB = """format = "energy-opt/job/1"
@@ -23,6 +23,15 @@ wait = 0.5
 to = "home"
 mode = "retime"
 """
+
+
+def test_the_model_of_a_front_of_several_is_named():
+    """A cycle that takes more than a simple one under the first model looked like a poor plan."""
+    row = {"duration": 5.0, "energy_total": 9.0, "evenly_slowed": 9.2, "fastest_then_wait": 8.9, "status": "solved"}
+    several = {"kind": "mean", "models": [{"name": "first"}, {"name": "second"}]}
+    found = {"points": [row], "fastest": 2.0, "knee": None, "request": {"robust": several}}
+    assert text(found).splitlines()[2] == "under first; planned for the mean of the models"
+    assert "under" not in text({**found, "request": {}})
 
 
 def test_a_straight_line_moves_no_knee():

@@ -2,9 +2,11 @@
 
 from dataclasses import replace
 
+import casadi as ca
 import pytest
 from poses import GOAL, START
 
+import energy_opt as eo
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput, Infeasible
@@ -59,6 +61,26 @@ def test_a_move_that_is_too_fast_is_refused_with_the_first_paths_timing_at_the_d
     with pytest.raises(Infeasible, match=said) as refused:
         planner.solve(replace(MOVE, duration=0.05))
     assert refused.value.shortest_duration is None  # none was confirmed
+
+
+class Aside(eo.conditions.Limit):
+    """The first joint stays away from the middle of its way while the second one is near zero."""
+
+    name = "aside"
+    unit = "rad^2"
+    binds = "arm"
+    bound = 0.5
+
+    def value(self, x: eo.conditions.State) -> ca.SX:
+        """The product of the way made and left, times four, less the square of the second position."""
+        return 4 * x.q[0] * (1 - x.q[0]) - x.q[1] ** 2
+
+
+def test_where_the_deadline_comes_before_any_answer_it_is_named(panda) -> None:
+    """The straight path breaks the limit at any timing. It was said that nothing free of collision was found."""
+    asked = {"start": [0, 0.2, *START[2:]], "goal": [1.0, 0.2, *GOAL[2:]], "conditions": [Aside()]}
+    with pytest.raises(Infeasible, match=r"^no trajectory within limits was found in 0\.001 s; a longer deadline may"):
+        eo.optimize(panda, "source-method-2", **asked, duration=2.5, starts=1, controls=16, deadline=1e-3)
 
 
 def test_several_models_share_one_deadline(panda, planner) -> None:

@@ -85,7 +85,11 @@ def choose(
         first, wanted = work.timing, move.duration or move.max_duration
         if context.stopped() and first is not None and wanted is not None and wanted < first.duration:
             raise too_short(move, first.duration, context.judge.slowed(first, first.duration).within)
-        raise Infeasible(work.asked.message or "no trajectory within limits was found", limit="duration")
+        said = work.asked.message or "no trajectory within limits was found"
+        deadline = context.settings.deadline
+        if context.progress.cut and deadline is not None:
+            said = f"no trajectory within limits was found in {deadline:g} s; a longer --deadline may help"
+        raise Infeasible(said, limit="duration")
     name, best = found
     if abs(best.trajectory.duration - duration) > 1e-9:  # a saving is stated at equal durations
         baselines = baselines_of(context, move, work.timing, best.trajectory.duration)

@@ -41,7 +41,7 @@ HOPES = (1.3, 1.1)  # largest merit relative to the best after the first and sec
 HALF = 0.1  # share of the cost: if the optimum without bodies saves more, a search starts half-way to it
 LITTLE = 0.25  # share of the loss of the first path slowed evenly: if less is saved, another initial path is looked for
 HAIR = 0.0005  # [m] a curve may miss the required clearance by this much and still be searched from as a clear one
-NOTHING = "reshaping found no collision-free motion that is better than the given path"
+NOTHING = "reshaping found no collision-free motion that is better than the first path"
 
 
 def nearly_clear(context: Context, move: Move, curve: Curve) -> bool:

@@ -173,6 +173,7 @@ def _toml(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
         if kind == "energy-opt/job/2":
             return check_workcell(file, robot, cell)
         job = load_job(file, robot, allow_outside=cell.allow_outside, named=poses_of_request(cell))
+        notes += job.remarks
         return [f"{file}: {fault}" for fault in wrong_frames(job, cell)]
     load_suite(file, allow_outside=request.allow_outside, allow_large=request.allow_large)
     return []

@@ -44,6 +44,7 @@ from energy_opt.schema import Name, Number, Table, parse, reads
 OF_POSE = {"pose", "free", "pose_tolerance"}
 MOVING = {"to", "mode", "min_duration", "max_duration", "stop", *OF_POSE}  # keys of steps that do not wait
 FORMATS = tuple(f"energy-opt/{form}" for form in KINDS["job"])
+LISTED = "joint positions are a list of numbers, without quotes"
 Target = Pose | np.ndarray
 
 
@@ -258,8 +259,12 @@ class _Reading:
         try:
             return Given(self.path.parent, self._poses, self.allow_outside).pose(value, where, *freedom)
         except BadInput as error:
-            self.fault(error)
+            self.fault(f"{error}; {LISTED}" if self._like_positions(value) else error)
             return None
+
+    def _like_positions(self, value: Any) -> bool:
+        """True for text with as many numbers as the arm has joints, in no object's frame."""
+        return isinstance(value, str) and ":" not in value and value.count(",") == self.robot.n - 1
 
     def _target(self, value: Any, where: str) -> Target | None:
         """A pose of the tool, or positions within the position limits, by name or by value."""
@@ -272,12 +277,15 @@ class _Reading:
             self.fault(f"{where}: unknown pose {value!r}{suggest(value, self._poses)}; [poses] names them")
             return None
         if isinstance(value, str) or (isinstance(value, Mapping) and "pose" in value):
-            return self._pose(value, where)
+            posed = self._pose(value, where)
+            if posed is not None and self._like_positions(value):
+                self.remarks.append(f"{where}: these {self.robot.n} numbers are read as a pose of the tool; {LISTED}")
+            return posed
         try:
             q = np.array(joint_values(value, self.robot))
         except BadInput as error:
-            posed = np.size(value) in (6, 7) and np.size(value) != self.robot.n
-            hint = "; a pose of the tool is { pose = [...] }" if posed else ""
+            like_pose = np.size(value) in (6, 7) and np.size(value) != self.robot.n
+            hint = "; a pose of the tool is { pose = [...] }" if like_pose else ""
             self.fault(f"{where}: {error}{hint}")
             return None
         low, high = self.robot.limits.lower, self.robot.limits.upper

@@ -20,6 +20,7 @@ from energy_opt.cell.request import CellRequest
 from energy_opt.cli.main import example, main
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.formats import read_trajectory
+from energy_opt.front.check import check
 from energy_opt.jobs.allocate import Front, Solved, allocate
 from energy_opt.jobs.file import load_job
 from energy_opt.jobs.legs import wrong_frames
@@ -353,6 +354,16 @@ def test_a_pose_at_fault_is_named_once(tmp_path: Path) -> None:
         load_job(_written(tmp_path, text), load_robot)
     said = str(caught.value)
     assert "outside its position limits" in said and "unknown pose 'a'" not in said and "unknown pose 'nowhere'" in said
+
+
+def test_positions_in_quotes_are_named(tmp_path: Path) -> None:
+    """As on the command line; of six numbers, a pose of the tool was made without a word."""
+    six = 'format = "energy-opt/job/1"\nrobot = "ur5e"\ncycle_time = 5\n[[step]]\nto = "0.5,-0.4,0.4,-1.5,-1.5,0"\n'
+    (said,) = load_job(_written(tmp_path, six), load_robot).remarks
+    assert "step 1: these 6 numbers are read as a pose of the tool; joint positions are a list of numbers" in said
+    assert check(tmp_path / "job.toml").remarks[str(tmp_path / "job.toml")] == [said]
+    (said,) = faults_of(load_job, _written(tmp_path, six.replace("ur5e", "panda").replace("0.5", "0,0")), load_robot)
+    assert "quaternion" in said and said.endswith("joint positions are a list of numbers, without quotes")
 
 
 def test_degrees_are_named(tmp_path: Path) -> None:

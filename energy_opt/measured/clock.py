@@ -133,6 +133,16 @@ def evidence(motion: Activity, stamps: np.ndarray, window: np.ndarray, power: np
     return -count / 2 * float(np.log(ratio)) - x.shape[1], 1 - ratio
 
 
+def fits_as_well(
+    motion: Activity | None, stamps: np.ndarray, offset: float, window: np.ndarray, power: np.ndarray
+) -> bool:
+    """Whether readings moved by an offset [s] fit the motion (None: there is none) no worse than they do unmoved."""
+    if motion is None:
+        return True
+    moved, given = (evidence(motion, stamps + x, window, power)[0] for x in (offset, 0.0))
+    return bool(moved >= given)
+
+
 def align(
     motion: Activity, stamps: np.ndarray, windows: Sequence[np.ndarray], power: np.ndarray, given: bool, seek: bool
 ) -> tuple[Clock | None, int, np.ndarray]:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.measured.clock import activity, align
+from energy_opt.measured.clock import activity, align, fits_as_well
 from energy_opt.measured.columns import AUTO, LOGGED, PRESETS, Rule, plain_rules
 from energy_opt.measured.joints import FEWEST, Joints, quantity, read_joints, runs_backward
 from energy_opt.measured.log import LogFile, RunEntry
@@ -277,13 +277,13 @@ def _one_clock(
     infer = slow and readings.kind == "power"
     windows = [readings.window, np.full(len(stamps), interval)] if infer else [readings.window]
     overlap = _overlap(stamps, time) if len(stamps) > 1 else 1.0
-    found, which, scores = None, 0, None
+    found, which, scores, motion = None, 0, None, None
     if (seek or infer) and float(np.ptp(joints.signals["position"], axis=0).max()) > MOVES_ENOUGH:
         motion = activity(robot, time, joints.signals["position"])
         found, which, scores = align(motion, stamps, windows, readings.power, overlap >= 0.5, seek)
     out.open, known = seek, out.offset
     out.offset = None if found is None else found.offset
-    if found is None and seek and known is not None:
+    if not found and seek and known and fits_as_well(motion, stamps, known, windows[which], readings.power):
         stamps, status, overlap = stamps + known, "estimated", 1.0
         out.remarks.append(
             f"{entry.power_file}: the meter's clock was moved by {known:.3f} s, as in other runs; this motion does not "

@@ -319,11 +319,15 @@ def test_a_meters_clock_is_found_and_reported(tmp_path):
     assert read_set(folder).runs[0].clock == "shared"  # a tenth of a second is the meter's delay, which the fit finds
 
 
-@pytest.mark.parametrize("apart", [0.0, 1.0])
-def test_runs_that_are_too_short_to_show_the_meters_clock_have_that_of_the_others(tmp_path, apart):
-    """Two long runs show that the meter is 0.8 s ahead (or 0.8 and 1.8 s), a third one of 3 s has too few readings."""
+@pytest.mark.parametrize(
+    ("second", "lasts", "third", "moved"), [(0.8, 3, 0.8, 0.8), (1.8, 3, 0.8, 0.0), (0.8, 20, 0, 0.0)]
+)
+def test_runs_that_are_too_short_to_show_the_meters_clock_have_that_of_the_others(
+    tmp_path, second, lasts, third, moved
+):
+    """Two runs show a meter that is 0.8 s ahead; a third one is too short, or its clocks agree. Or the two differ."""
     rng, rest = np.random.default_rng(3), ""
-    for k, (seconds, ahead) in enumerate([(30.0, 0.8), (30.0, 0.8 + apart), (3.0, 0.8)]):
+    for k, (seconds, ahead) in enumerate([(30, 0.8), (30, second), (lasts, third)]):
         t, q, _, p = arm(Z1, seconds)
         own = np.arange(0.0, seconds, 0.1)
         put(tmp_path / f"{k}.csv", lines("time," + ",".join(f"{j}.position" for j in Z1.joints), [t, q]))
@@ -331,9 +335,9 @@ def test_runs_that_are_too_short_to_show_the_meters_clock_have_that_of_the_other
         put(tmp_path / f"p{k}.csv", lines("time,power", [own + ahead, power]))
         rest += f'[[run]]\nfile = "{k}.csv"\npower_file = "p{k}.csv"\n'
     measured = read_set(log(tmp_path, "z1", rest + "[meter]\nwindow = 0\n"))
-    assert measured.runs[2].clock == ("shared" if apart else "estimated")
-    assert measured.runs[2].power_time[0] == pytest.approx(0.8 if apart else 0.0, abs=0.1)
-    assert any("as in other runs" in x for x in measured.remarks) == (not apart)
+    assert measured.runs[2].clock == ("estimated" if moved else "shared")
+    assert measured.runs[2].power_time[0] == pytest.approx(third - moved, abs=0.1)
+    assert any("as in other runs" in x for x in measured.remarks) == bool(moved)
 
 
 def test_counters_totals_and_no_meter(tmp_path):

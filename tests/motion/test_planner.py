@@ -177,7 +177,7 @@ def test_values_change_without_building_again(monkeypatch):
     empty = planner.solve(Move(START, GOAL, duration=2.0))
     planner = planner.under(model.replaced(Payload(mass=2.5, com=[0, 0, 0.1])))
     loaded = planner.solve(Move(START, GOAL, duration=2.0))
-    assert len(built) == 1
+    assert len(built) <= 1  # none, if an earlier test has built the same
     assert loaded.energy.loss > 1.1 * empty.energy.loss
     planner = planner.under(model)
     assert planner.solve(Move(START, GOAL, duration=2.0)).energy.total == pytest.approx(empty.energy.total, abs=1e-4)

@@ -81,7 +81,7 @@ def _written(
         again = _written(form, parts, cycle, judge, out, None, prefix, stem)
         return replace(again, text=f"{again.text}; {why}")
     carried = _carried(parts)
-    parts = without_jumps(parts, robot.limits, None if form.name == "franka" else rate)
+    parts, width = _spread(parts, robot.limits, None if form.name == "franka" else rate)
     cycle = joined([part.trajectory for part in parts])
     if form.name == "franka":
         got = Sampled(on_steps(cycle, STEPS["franka"], robot.limits), STEPS["franka"])
@@ -94,6 +94,10 @@ def _written(
         got = Sampled(cycle if found is None else _at(parts, found), found, why)
         if found is not None and len(parts) > 1:
             carried = "; each motion is sampled from its own start, a wait by three points" + carried
+        if found is not None and width > 0:
+            # the mean takes `width` of each wait, the longest pays for it once more; rest begins and ends at samples
+            shorter = 2e3 * (width + 1 / found)
+            carried = f"; jumps of the acceleration are spread: waits are up to {shorter:.3g} ms shorter{carried}"
     path = out / file_of(form, got.rate, stem)
     form.write(named(got.trajectory), path)
     row = read_back(path, form, got, judge, prefix, cycle)
@@ -127,12 +131,17 @@ def without_jumps(parts: Sequence[Part], limits: Limits, rate: float | None = No
     The motion is averaged over some milliseconds, at a rate [Hz] over at least two samples. The longest wait is
     shortened by this time; a cycle without a long enough wait runs faster instead.
     """
+    return _spread(parts, limits, rate)[0]
+
+
+def _spread(parts: Sequence[Part], limits: Limits, rate: float | None) -> tuple[Sequence[Part], float]:
+    """The parts of `without_jumps`, and the time [s] over which the motion is averaged; 0 if it is not."""
     ends = [(a.trajectory.acceleration[-1], b.trajectory.acceleration[0]) for a, b in pairwise(parts)]
     jumps = [float((np.abs(b - a) / limits.jerk).max()) for a, b in ends]  # [s] that each one needs
     if not any(jumps):
-        return parts
+        return parts, 0.0
     if max(jumps) <= NANOSECOND:
-        return _met(parts, limits)
+        return _met(parts, limits), 0.0
     # at both ends of the cycle, where the arm rests
     both = parts[0].trajectory.acceleration[0], parts[-1].trajectory.acceleration[-1]
     shortest = max(*jumps, *(float((np.abs(a) / limits.jerk).max()) for a in both))
@@ -144,7 +153,7 @@ def without_jumps(parts: Sequence[Part], limits: Limits, rate: float | None = No
         mean = joined([part.trajectory for part in _shortened(parts, longest, width)]).averaged(width)
         jerk = np.maximum(*(np.abs(x).max(axis=0) for x in (mean.sample_denser(DENSER)[3], mean.jerk_before_samples())))
         if (jerk <= (1 + ALLOWED / 2) * limits.jerk).all() or WIDER * width > moving / 4:
-            return [Part(mean)]
+            return [Part(mean)], width
         width = float(whole(WIDER * width))
 
 

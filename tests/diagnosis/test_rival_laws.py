@@ -9,14 +9,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hidden import COPPER, STANDBY, Hidden
-from logs import log
 from scipy.stats import multivariate_normal
 
 from energy_opt.diagnosis import diagnose
-from energy_opt.diagnosis.data.noise import Noise, meter_noise, weighted
-from energy_opt.diagnosis.data.predict import predict
-from energy_opt.diagnosis.data.recordings import take_samples
+from energy_opt.diagnosis.data.noise import Noise, meter_noise
 from energy_opt.diagnosis.data.samples import Samples
 from energy_opt.diagnosis.data.standing import standing_noise
 from energy_opt.diagnosis.evidence.errors import reading_of
@@ -28,10 +24,9 @@ from energy_opt.diagnosis.verdict.findings import between
 from energy_opt.diagnosis.verdict.inference import left_open
 from energy_opt.diagnosis.verdict.judge import jackknifed
 from energy_opt.diagnosis.verdict.usable import Foreseen, foreseen
-from energy_opt.effects import CopperLoss, Effect, MotionPower, PowerLawFriction, Standby, StandbyDrift, ViscousFriction
+from energy_opt.effects import Effect, PowerLawFriction, Standby, StandbyDrift, ViscousFriction
 from energy_opt.measured import read_set
 from energy_opt.power import PowerModel, load_model
-from energy_opt.tables import write_table
 
 pytest.importorskip("mujoco")
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
@@ -341,17 +336,3 @@ def test_stated_intervals_hold(tmp_path):
     (name, true) = next(iter(truth.values.items()))
     low, high = np.transpose(row.ci95[name])
     assert np.mean((low <= true) & (true <= high)) > 0.8
-
-
-def test_a_step_of_power_lies_anywhere_about_the_start_of_a_motion(tmp_path):
-    """Drives take 12 W more while an arm moves: the bins in which it starts and stops were far above the noise."""
-    panda, rng = Hidden("panda"), np.random.default_rng(4)
-    t, q, v, a = panda.motion(rng, 4, 0.6)
-    torque = panda.torque(q, v, a)
-    power = STANDBY + np.sum(torque * v + COPPER * torque**2, axis=1) + 12 * (v != 0).any(axis=1)
-    header = ["time", *(f"{joint}.position" for joint in panda.joints), "power"]
-    write_table(tmp_path / "a.csv", header, [t, *q.T, power + 0.3 * rng.normal(size=len(t))])
-    samples = take_samples(read_set(log(tmp_path, "panda", '[[run]]\nfile = "a.csv"\n')))
-    model = PowerModel("panda", (Standby(power=STANDBY), CopperLoss(r_over_kt2=COPPER), MotionPower(power=12.0)))
-    now = predict(model, samples)
-    assert np.abs((samples.power - now.power) * weighted(samples, now, [1]).weight).max() < 4 * samples.noise

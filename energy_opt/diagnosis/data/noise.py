@@ -23,9 +23,7 @@ from energy_opt.diagnosis.data.samples import Samples
 
 FLOOR = 0.8  # least noise of a fit, over the noise of single readings
 NORMAL_MEDIAN = 0.6745  # median of |x| of a standard normal x
-# samples around the start and end of a motion, and their weight: a step of power of some watts, as of brakes, may lie
-# anywhere among them
-EDGE, DOUBTED = 2, 0.02
+EDGE, DOUBTED = 2, 0.15  # samples around the start and end of a motion, and their weight
 NEAR, SWITCHED = 8, 3.0  # readings beside the middle of a dwell; step of power there over the noise of single readings
 SLACK = 2e-3  # [s] time uncertainty between motion and meter
 # standard deviation of a model's error that all repeats of a motion share, over the noise of a reading: repeats tell no

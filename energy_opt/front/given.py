@@ -21,7 +21,7 @@ from energy_opt.files import finite_number, words_of
 from energy_opt.measured import read_log
 from energy_opt.measured.sets import robot_of as robot_of_log
 from energy_opt.power import PowerModel
-from energy_opt.power.known import is_named, model_of, named_model
+from energy_opt.power.known import is_named, load_model, named_model
 from energy_opt.power.law import body_of
 from energy_opt.power.model import model_from_document
 from energy_opt.power.variants import of_joints
@@ -78,7 +78,7 @@ def model_from(given: AnyModel | None, robot: Robot) -> PowerModel:
     elif isinstance(given, Mapping):
         model = model_from_document({key: value for key, value in given.items() if key != "name"}, "model")
     else:
-        model = model_of(DEFAULT if given is None else given, robot)
+        model = load_model(DEFAULT if given is None else given, robot)
     try:
         model = of_joints(model, robot)
         model.check(robot.n)

@@ -34,7 +34,7 @@ from energy_opt.effects import (
 )
 from energy_opt.errors import BadInput, suggest
 from energy_opt.files import read_toml
-from energy_opt.power.model import PowerModel, load_model
+from energy_opt.power.model import PowerModel, read_model
 from energy_opt.power.variants import of_some_joints
 from energy_opt.robot import Robot, load_robot
 
@@ -67,7 +67,7 @@ def _file_of(name: str) -> tuple[PowerModel, dict[str, str], tuple[str, ...], np
     file = FILES / f"{name}.toml"
     sources = {row["name"]: str(row.get("source", "")) for row in read_toml(file)["effect"]}
     robot = load_robot(name)
-    return load_model(file), sources, robot.joints, robot.rated.effort
+    return read_model(file), sources, robot.joints, robot.rated.effort
 
 
 def _published(robot: Robot, name: str) -> tuple[list[Known], np.ndarray | None]:
@@ -203,17 +203,27 @@ def named_model(word: str, robot: Robot | str) -> PowerModel:
     return NAMED[word.replace("_", "-")](robot)
 
 
-def model_of(word: str | PathLike[str], robot: Robot | str) -> PowerModel:
-    """The model of a name, for a robot (or the robot of a name), or of a model file.
+def load_model(word: str | PathLike[str], robot: Robot | str | None = None) -> PowerModel:
+    """A model from a file or by a name.
+
+    A file is TOML of the format energy-opt/model/1 (`energy-opt --example model` prints one). Its values are in SI
+    units: W, N m, W/(N m)^2. A list has one value for each joint, in the robot's order.
+
+    Args:
+        word: the file; or "source-method-1", "source-method-2" or "careful".
+        robot: the arm of a named model, or its name in the catalogue; a file needs none.
 
     Raises:
-        BadInput: neither; the message lists the known names.
+        BadInput: neither a file nor a name, a named model without a robot, or a fault in the file: names the effect and
+            the parameter.
     """
     if not isinstance(word, (str, PathLike)):
         raise BadInput(f"--model {word!r:.60}: expected a name, a file, a PowerModel or its document")
     if is_named(str(word)):
+        if robot is None:
+            raise BadInput(f"model {word}: depends on the robot; expected load_model({str(word)!r}, robot)")
         return named_model(str(word), robot)
     if not Path(word).is_file() and not Path(word).suffix:
         hint = suggest(str(word).replace("_", "-"), NAMED)
         raise BadInput(f"--model {word}: neither a model file nor a name ({', '.join(NAMED)}){hint}")
-    return load_model(Path(word))
+    return read_model(Path(word))

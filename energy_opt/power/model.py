@@ -337,11 +337,8 @@ def names_of(model: PowerModel) -> list[str]:
     return [f"{e.name}.{p.name}.{k}" for e in model.effects for p in e.parameters for k in range(e.values[p.name].size)]
 
 
-def load_model(path: str | PathLike[str]) -> PowerModel:
-    """Read a model file (TOML, format energy-opt/model/1; `energy-opt --example model` prints one).
-
-    Its values are in SI units: W, N m, W/(N m)^2. A list has one value for each joint, in the robot's order. Names such
-    as "careful" are no files: they are given to a verb, as in `optimize(..., model="careful")`.
+def read_model(path: str | PathLike[str]) -> PowerModel:
+    """Read a model file; see `known.load_model`.
 
     Raises:
         BadInput: names the file, the effect and the parameter at fault.

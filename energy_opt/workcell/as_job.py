@@ -17,7 +17,7 @@ from energy_opt.jobs.file import job_of as read_job
 from energy_opt.jobs.legs import wrong_frames
 from energy_opt.poses.given import poses_of_request
 from energy_opt.poses.pose import Pose
-from energy_opt.power.known import model_of
+from energy_opt.power.known import load_model
 from energy_opt.robot import Robot
 from energy_opt.robot.tool import tool_of
 from energy_opt.workcell.curves import ring_of
@@ -100,7 +100,7 @@ def check_workcell(path: Path, load: Callable[[str], Robot], around: CellRequest
             job = job_of(cell, explicit, load, path, around.allow_outside, poses_of_request(request))
             tool_of(job.robot.body, table.tool)
             if table.model is not None:
-                model_of(model_named(table.model, path, around.allow_outside), job.robot).check(job.robot.n)
+                load_model(model_named(table.model, path, around.allow_outside), job.robot).check(job.robot.n)
             faults += [f"{path}: robot {table.name}: {fault}" for fault in wrong_frames(job, request)]
         except BadInput as error:
             lines = (line if line.startswith(f"{path}: ") else f"{path}: {line}" for line in str(error).splitlines())

@@ -10,11 +10,12 @@ import pytest
 import energy_opt as eo
 from energy_opt.batches.suite import load_suite
 from energy_opt.cli.main import main
+from energy_opt.errors import BadInput
 from energy_opt.front.bench import overrides_of
 from energy_opt.front.given import model_from
 from energy_opt.front.rivals import rivals_from
 from energy_opt.power import drive_function
-from energy_opt.power.known import careful, model_of, named_model
+from energy_opt.power.known import careful, load_model, named_model
 from energy_opt.requests.verbs import BenchRequest
 from energy_opt.robot import load_robot
 
@@ -41,8 +42,8 @@ def test_careful_is_published_friction_and_no_regeneration():
 
 
 def test_names_are_taken_everywhere(tmp_path, capsys):
-    assert model_of("careful", "ur5") == careful("ur5")
-    assert model_of("source_method_1", "panda") == eo.source_model("panda", 1)
+    assert load_model("careful", "ur5") == careful("ur5")
+    assert load_model("source_method_1", "panda") == eo.source_model("panda", 1)
     (tmp_path / "s.toml").write_text(
         'format = "energy-opt/suite/1"\nname = "s"\nrobots = ["panda", "ur5"]\nrandom = { count = 1 }\n'
         'models = ["careful", "source-method-2"]\n'
@@ -66,10 +67,10 @@ def test_a_move_under_published_friction_is_planned(panda):
 def test_a_model_file_may_say_where_its_values_come_from(tmp_path):
     text = 'format = "energy-opt/model/1"\nrobot = "panda"\n[[effect]]\nname = "standby"\npower = 88.0\nsource = {}\n'
     (tmp_path / "m.toml").write_text(text.format('"the data sheet"'))
-    assert model_of(tmp_path / "m.toml", "panda").get("standby").full(7) == 88.0
+    assert load_model(tmp_path / "m.toml", "panda").get("standby").full(7) == 88.0
     (tmp_path / "m.toml").write_text(text.format("3"))
     with pytest.raises(eo.BadInput, match=r"effect 1 \(standby\): source = 3; expected text"):
-        model_of(tmp_path / "m.toml", "panda")
+        load_model(tmp_path / "m.toml", "panda")
 
 
 @pytest.mark.parametrize(
@@ -78,7 +79,7 @@ def test_a_model_file_may_say_where_its_values_come_from(tmp_path):
 )
 def test_published_values_of_an_arm_are_a_model_file(name, effects):
     file = Path(eo.__file__).parent / "power" / "published" / f"{name}.toml"
-    model = model_of(file, name)
+    model = load_model(file, name)
     model.check(eo.load_robot(name).n)
     assert [e.name for e in model.effects] == effects
 
@@ -100,3 +101,12 @@ def test_a_locked_joint_leaves_the_lists_of_every_model(tmp_path: Path) -> None:
     assert model.get("viscous_friction").values["b"].tolist() == [1, 2, 4, 5, 6, 7]
     assert model.uncertainty.names == ("viscous_friction.b.2",) and model.uncertainty.matrix.tolist() == [[4.0]]
     assert model_from(model, robot) == model  # one entry for each joint that moves is taken as it is
+
+
+def test_a_named_model_as_an_object() -> None:
+    ur5 = load_robot("ur5")
+    assert eo.load_model("careful", ur5) == careful("ur5")
+    with pytest.raises(BadInput, match=r"depends on the robot; expected load_model\('careful', robot\)"):
+        eo.load_model("careful")
+    with pytest.raises(BadInput, match="neither a model file nor a name"):
+        eo.load_model("carefull", ur5)

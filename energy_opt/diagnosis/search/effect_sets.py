@@ -226,11 +226,7 @@ class Search:
 def free_block(
     g: Free, white: np.ndarray, source: Free | int, odds: float = FREE_ODDS, present: np.ndarray | None = None
 ) -> Block:
-    """The block of a free function, whose amounts are 0 before the data.
-
-    Args:
-        white: (M, c) whitened columns. source, odds: as in `Block`. present: (c,) amounts in the fit, if it has it.
-    """
+    """The block of a free function, from its whitened columns (M, c); its amounts (c,) are 0 before the data."""
     none, inf = np.zeros(white.shape[1]), np.full(white.shape[1], np.inf)
     return Block(f"free {g.signal}", white, np.eye(len(none)) / g.size**2, none, -inf, inf, odds, source, present)
 

@@ -86,7 +86,7 @@ def choose(
         if context.stopped() and first is not None and wanted is not None and wanted < first.duration:
             raise too_short(move, first.duration, context.judge.slowed(first, first.duration).within)
         said = work.asked.message or "no trajectory within limits was found"
-        deadline = context.settings.deadline
+        deadline = context.settings.deadline or context.progress.deadline
         if context.progress.cut and deadline is not None:
             said = f"no trajectory within limits was found in {deadline:g} s; a longer --deadline may help"
         raise Infeasible(said, limit="duration")

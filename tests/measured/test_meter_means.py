@@ -47,3 +47,17 @@ def test_a_clock_found_by_correlation_is_known_to_a_tenth_of_the_time_between_re
     measured = read_set(log(tmp_path, "z1", '[[run]]\nfile = "a.csv"\npower_file = "p.csv"\n[meter]\nwindow = 0\n'))
     found = replace(measured, runs=tuple(replace(run, clock="estimated") for run in measured.runs))
     assert take_samples(measured).lag < 0.05 and take_samples(found).lag == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize("lost", ["", "some", "most"])
+def test_a_fast_meter_may_lose_readings(tmp_path, lost):
+    """Bins of 100 readings, of which three were lost, counted as gaps: no reading was left, or a division by zero."""
+    t, q, _, p = arm(Z1, 4.0)
+    own = np.arange(1, 40000) * 1e-4
+    part = {"": own >= 0, "some": np.random.default_rng(0).random(len(own)) > 0.05, "most": own * 10 % 1 < 0.1}[lost]
+    own = own[part & ((own < 1) | (own > 1.5))]  # and a gap
+    put(tmp_path / "a.csv", lines("time," + ",".join(f"{j}.position" for j in Z1.joints), [t, q]))
+    put(tmp_path / "p.csv", lines("time,power", [own, np.interp(own, t, p)]))
+    rest = '[[run]]\nfile = "a.csv"\npower_file = "p.csv"\npower_start = 0.0001\n[meter]\nwindow = 0\n'
+    at = take_samples(read_set(log(tmp_path, "z1", rest))).at
+    assert len(at) > 0.85 * len(own) / 300 and not np.any((at > 1.05) & (at < 1.45))

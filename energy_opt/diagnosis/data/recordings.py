@@ -186,12 +186,16 @@ def _bins(run: Run, smoothing: Smoothing) -> Taken:
 
 
 def binned(run: Run) -> np.ndarray:
-    """Indices (K, count) of the readings in each bin; bins over a gap, where readings were dropped, are left out."""
+    """Indices (K, count) of the readings in each bin.
+
+    Bins over a gap, where readings were dropped, are left out: they last more than twice as long as the usual one.
+    """
     count = per_bin(run)
     index = np.arange(len(run.power) // count * count).reshape(-1, count)
-    lasts = np.ptp(run.power_time[index], axis=1) if len(index) else np.zeros(0)
-    whole = lasts <= (count + 1) * float(np.median(np.diff(run.power_time))) if count > 1 else lasts == 0
-    return index[whole]
+    if not len(index):
+        return index
+    lasts = np.ptp(run.power_time[index], axis=1)
+    return index[lasts <= 2 * np.median(lasts)]
 
 
 def _windows(run: Run, smoothing: Smoothing) -> Taken:

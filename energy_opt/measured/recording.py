@@ -281,13 +281,13 @@ def _one_clock(
     if (seek or infer) and float(np.ptp(joints.signals["position"], axis=0).max()) > MOVES_ENOUGH:
         motion = activity(robot, time, joints.signals["position"])
         found, which, scores = align(motion, stamps, windows, readings.power, overlap >= 0.5, seek)
-    out.open, known = seek, out.offset
-    out.offset = None if found is None else found.offset
-    if not found and seek and known and fits_as_well(motion, stamps, known, windows[which], readings.power):
+    known = 0.0 if found or not seek else out.offset or 0.0  # [s] of other runs
+    out.open, out.offset = seek, None if found is None else found.offset
+    overlaps = known != 0 and _overlap(stamps + known, time) > 0
+    if overlaps and fits_as_well(motion, stamps, known, windows[which], readings.power):
         stamps, status, overlap = stamps + known, "estimated", 1.0
         out.remarks.append(
-            f"{entry.power_file}: the meter's clock was moved by {known:.3f} s, as in other runs; this motion does not "
-            "show it (power_start in log.toml states it otherwise)"
+            f"{entry.power_file}: its clock is moved by {known:.3f} s, as in other runs (power_start overrides this)"
         )
     if found is None and seek and overlap < 0.5:
         out.faults.append(

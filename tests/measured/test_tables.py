@@ -320,12 +320,16 @@ def test_a_meters_clock_is_found_and_reported(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("second", "lasts", "third", "moved"), [(0.8, 3, 0.8, 0.8), (1.8, 3, 0.8, 0.0), (0.8, 20, 0, 0.0)]
+    ("second", "lasts", "third", "moved"),
+    [(0.8, 3, 0.8, 0.8), (1.8, 3, 0.8, 0.0), (0.8, 20, 0, 0.0), (0.8, 3, 200, 0.0)],
 )
 def test_runs_that_are_too_short_to_show_the_meters_clock_have_that_of_the_others(
     tmp_path, second, lasts, third, moved
 ):
-    """Two runs show a meter that is 0.8 s ahead; a third one is too short, or its clocks agree. Or the two differ."""
+    """Two runs show a meter that is 0.8 s ahead; a third one is too short, or its clocks agree. Or the two differ.
+
+    Or the third one's meter did not run during the motion.
+    """
     rng, rest = np.random.default_rng(3), ""
     for k, (seconds, ahead) in enumerate([(30, 0.8), (30, second), (lasts, third)]):
         t, q, _, p = arm(Z1, seconds)
@@ -334,7 +338,12 @@ def test_runs_that_are_too_short_to_show_the_meters_clock_have_that_of_the_other
         power = np.interp(own, t, p) + rng.normal(0, 2, len(own))
         put(tmp_path / f"p{k}.csv", lines("time,power", [own + ahead, power]))
         rest += f'[[run]]\nfile = "{k}.csv"\npower_file = "p{k}.csv"\n'
-    measured = read_set(log(tmp_path, "z1", rest + "[meter]\nwindow = 0\n"))
+    log(tmp_path, "z1", rest + "[meter]\nwindow = 0\n")
+    if third > lasts:  # it was "moved as in other runs", and had no reading left
+        with pytest.raises(BadInput, match="its clock runs from 200 to 202"):
+            read_set(tmp_path)
+        return
+    measured = read_set(tmp_path)
     assert measured.runs[2].clock == ("estimated" if moved else "shared")
     assert measured.runs[2].power_time[0] == pytest.approx(third - moved, abs=0.1)
     assert any("as in other runs" in x for x in measured.remarks) == bool(moved)

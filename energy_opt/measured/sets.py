@@ -19,8 +19,10 @@ from energy_opt.measured.plausible import saturated
 from energy_opt.measured.recording import Recording, read_recording
 from energy_opt.measured.run import MeasuredSet, Run
 from energy_opt.measured.table import Table
+from energy_opt.numerics.signals import standstills
 from energy_opt.robot import PointMass, Robot, load_robot, robot_named
 
+MOSTLY = 0.5  # share of the highest readings that are in motion where the meter's range ends there
 MANY = 3  # if more remarks have the same words, they are written once
 
 LOGGER = logging.getLogger(__name__)
@@ -72,7 +74,9 @@ def _stated_payloads(log: LogFile) -> np.ndarray:
         table.load(names)
         if table.faults:
             return np.zeros((0, 4))
-        stated.append(np.column_stack([table.column(name) for name in names]))
+        rows = np.column_stack([table.column(name) for name in names])
+        rows = rows[np.isfinite(rows).all(axis=1)]
+        stated.append(rows[np.diff(rows, axis=0, prepend=np.nan).any(axis=1)])  # where they change
     return np.unique(np.vstack(stated), axis=0) if stated else np.zeros((0, 4))
 
 
@@ -136,10 +140,20 @@ def collect(log: LogFile, robot: Robot) -> tuple[list[Run], bool, list[str], lis
 
 
 def _range_end(runs: Sequence[Run]) -> float:
-    """The highest power [W] that the set's meter can show, if it often shows that; else 0."""
-    powers = [run.power for run in runs if run.meter == "power"]
-    power = np.concatenate(powers) if powers else np.zeros(0)
-    return float(power.max()) if saturated(power) else 0.0
+    """The highest power [W] that the set's meter can show, if it often shows that in motion; else 0.
+
+    At rest, many readings are the same for another reason: the arm holds a pose.
+    """
+    runs = [run for run in runs if run.meter == "power"]
+    power = np.concatenate([run.power for run in runs]) if runs else np.zeros(0)
+    if not saturated(power):
+        return 0.0
+    moving = []
+    for run in runs:
+        edges = run.time[np.array(standstills(run.time, run.position), dtype=int).ravel()]
+        moving.append(np.searchsorted(edges, run.power_time, side="right") % 2 == 0)
+    highest = float(power.max())
+    return highest if np.concatenate(moving)[power == highest].mean() > MOSTLY else 0.0
 
 
 def _below(run: Run, power: float) -> Run:

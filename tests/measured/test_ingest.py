@@ -278,3 +278,18 @@ def test_a_run_of_standstill_is_static_for_all_its_noise(tmp_path):
     made = import_files([moving, still], tmp_path / "set", Z1)
     assert np.ptp(noise, axis=0).max() > 0.008
     assert {row["file"]: row["kind"] for row in made.log["run"]} == {"moving.csv": "motion", "still.csv": "static"}
+
+
+def test_a_held_pose_is_not_the_end_of_a_meters_range(tmp_path):
+    """Of sixty poses held still, the one of the highest power was left out: many readings of it were the same."""
+    rng = np.random.default_rng(1)
+    held = np.repeat(np.arange(60), rng.integers(40, 60, 60))
+    t, q = 0.02 * np.arange(len(held)), rng.uniform(-0.3, 0.3, (60, 6))[held] + [0, 1, -1, 0, 0, 0]
+    p = np.append(rng.uniform(60, 130, 59), 140.0)[rng.permutation(60)][held]
+    names = ",".join(f"{joint}.position" for joint in Z1.joints)
+    for k in range(0, 60, 10):
+        rows = (held >= k) & (held < k + 10)
+        put(tmp_path / f"{k}.csv", lines(f"time,{names},power", [t[rows] - t[rows][0], q[rows], p[rows]]))
+    log(tmp_path, "z1", "".join(f'[[run]]\nfile = "{k}.csv"\n' for k in range(0, 60, 10)))
+    measured = read_set(tmp_path)
+    assert max(run.power.max() for run in measured.runs) == 140 and not any("range" in x for x in measured.remarks)

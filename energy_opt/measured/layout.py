@@ -21,6 +21,7 @@ from energy_opt.errors import BadInput
 from energy_opt.schema import Table as Stated
 
 NUMBER = r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?"
+_COMMENT = re.compile(rb"(?<![^\r\n])[ \t]*(?:#(?!N/A)|%)[^\r\n]*")  # spreadsheets write #N/A for no value
 _NUMBER = re.compile(rf"\s*{NUMBER}\s*")
 _CLOCK = r"(?P<hour>\d{1,2}):(?P<minute>\d{2}):(?P<second>\d{2}(?:[.,]\d+)?)\s*(?P<half>[AaPp][Mm])?"
 _ZONE = r"\s*(?P<zone>[Zz]|[+-]\d{2}:?\d{2})?"
@@ -50,9 +51,17 @@ def is_number(cell: str) -> bool:
     return _NUMBER.fullmatch(cell) is not None  # decimal commas; numbers too large for a float
 
 
-def is_comment(row: str) -> bool:
+def _is_comment(row: str) -> bool:
     """Whether a row is a remark of the recorder or its user."""
-    return row.lstrip().startswith(("#", "%"))
+    return _COMMENT.match(row.encode(errors="replace")) is not None
+
+
+def _without_comments(content: Any, begin: int) -> tuple[Any, int]:
+    """The bytes of a file with empty lines in place of comments from `begin` on, and how many those are."""
+    if content.find(b"#", begin) < 0 and content.find(b"%", begin) < 0:
+        return content, 0
+    data, count = _COMMENT.subn(b"", bytes(content[begin:]))
+    return (bytes(content[:begin]) + data, count) if count else (content, 0)
 
 
 def date_form(cell: str) -> re.Pattern[str] | None:
@@ -156,7 +165,7 @@ class Layout:
         names: the header's words. units: the words of a row of units below it, empty where there is none.
         first: where data begin in `content`; first_row: the row (from 1) that is there.
         content: the file's bytes in UTF-8 or another code that has ASCII's delimiters.
-        sample: cells of the first data lines.
+        sample: cells of the first data lines. comments: number of lines among the data that were one.
     """
 
     names: tuple[str, ...]
@@ -167,6 +176,7 @@ class Layout:
     first_row: int
     content: Any
     sample: tuple[tuple[str, ...], ...]
+    comments: int
 
 
 def layout_of(path: Path, given: Csv | None = None) -> Layout:
@@ -190,7 +200,7 @@ def layout_of(path: Path, given: Csv | None = None) -> Layout:
     at = _header(path, cells)
     names = tuple(re.sub(r"^[#%]\s*(?=\w)", "", name.strip()) for name in cells[at])
     _no_nul(path, content, delimiter, names)
-    body = [k for k in range(at + 1, len(text_lines)) if text_lines[k].strip() and not is_comment(text_lines[k])]
+    body = [k for k in range(at + 1, len(text_lines)) if text_lines[k].strip() and not _is_comment(text_lines[k])]
     units: tuple[str, ...] = ()
     if body and _is_unit_row(cells[body[0]]):
         units = tuple(cell.strip() for cell in cells[body[0]])
@@ -202,7 +212,8 @@ def layout_of(path: Path, given: Csv | None = None) -> Layout:
     decimal = given.decimal or _decimal([cells[k] for k in body])
     first = body[0] if body else len(text_lines)
     begin = skip + starts[first] if first < len(starts) else len(content)
-    return Layout(names, units, delimiter, decimal, begin, first + 1, content, sample)
+    content, comments = _without_comments(content, begin)
+    return Layout(names, units, delimiter, decimal, begin, first + 1, content, sample, comments)
 
 
 def _content(path: Path) -> tuple[Any, int]:

@@ -78,7 +78,7 @@ def read_meter(table: Table, rules: Mapping[str, Rule], joints: Joints | None, w
     dated = table.is_date(stamps.columns[0])
     if energy:
         return _counter(time, values, dated)
-    remarks = []
+    remarks = list(table.remarks) if own else []
     wild = glitches(values)
     if wild.any():
         first = table.row_number(int(there[np.argmax(wild)]))

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.measured.layout import NUMBER, Csv, Layout, date_form, is_comment, layout_of, seconds, split, text
+from energy_opt.measured.layout import NUMBER, Csv, Layout, date_form, layout_of, seconds, split, text
 
 MAX_FAULTS = 5  # most faults named per column; the rest is counted
 BLOCK = 1 << 24  # [bytes] parsed at a time; a row must be shorter
@@ -30,6 +30,8 @@ class Table:
         self.units = dict(zip(self.header, self.layout.units, strict=False))
         self.faults: list[str] = []
         self.remarks: list[str] = []
+        if self.layout.comments:
+            self.remarks.append(f"{self.layout.comments} row(s) that begin with # or % are taken for comments")
         for name in sorted({name for name in self.header if name and self.header.count(name) > 1}):
             self.faults.append(f"{path}: row 1: column {name!r} is given twice")
         self._columns: dict[str, np.ndarray] = {}
@@ -132,10 +134,10 @@ class Table:
         import pyarrow as pa
         import pyarrow.csv as arrow
 
-        ragged: list[tuple[int, int, str]] = []
+        ragged: list[tuple[int, int]] = []
 
         def note(row: Any) -> str:
-            ragged.append((row.number, row.actual_columns, row.text))
+            ragged.append((row.number, row.actual_columns))
             return "skip"
 
         source = pa.BufferReader(pa.py_buffer(self.layout.content)[self.layout.first :])
@@ -156,25 +158,23 @@ class Table:
             ),
         )
         if self._count is None:
-            self._skipped = [number - 1 for number, _, _ in ragged]
+            self._skipped = [number - 1 for number, _ in ragged]
             self._note_ragged(ragged, len(table) + len(ragged))
             self._lost_lines(len(table) + len(ragged))
         return table
 
-    def _note_ragged(self, ragged: Sequence[tuple[int, int, str]], count: int) -> None:
-        """A remark on comments and on a last row that the recorder did not complete; a fault for each other row of
-        another width, MAX_FAULTS at most.
+    def _note_ragged(self, wrong: list[tuple[int, int]], count: int) -> None:
+        """A remark on a last row that the recorder did not complete; a fault for each other row of another width,
+        MAX_FAULTS at most.
 
         Args:
-            ragged: number (from 1), cells and text of each. count: number of all lines.
+            wrong: number (from 1) and cells of each. count: number of all lines.
         """
-        wrong = [(number, cells) for number, cells, line in ragged if not is_comment(line)]
-        if len(wrong) < len(ragged):
-            self.remarks.append(f"{len(ragged) - len(wrong)} rows that begin with # or % are taken for comments")
-        content = self.layout.content
-        if wrong and wrong[-1][0] == count and content[len(content) - 1 :] not in (b"\n", b"\r"):
+        content, width = self.layout.content, len(self.header)
+        ended = content[len(content) - 1 :] in (b"\n", b"\r")
+        if wrong and wrong[-1][0] == count and wrong[-1][1] < width and not ended:
             self.remarks.append("the last row is incomplete: left out")
-            wrong.pop()
+            wrong = wrong[:-1]
         if not wrong:
             return
         filled = [k + self.layout.first_row for k, row in enumerate(self._lines()) if row]

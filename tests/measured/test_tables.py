@@ -42,6 +42,8 @@ from energy_opt.measured.table import Table
         ("time,p\n0,1.5,\n0.5,2,\n", [0, 0.5], [1.5, 2]),
         ("time,p,,\n0,1.5,,\n0.5,2,,\n", [0, 0.5], [1.5, 2]),
         ("# by X\ntime,p\n# begin\n0,1.5\n# pause\n0.5,2\n# end\n", [0, 0.5], [1.5, 2]),
+        ("time,p\n0,1.5\n# two, words\n0.5,2\n# end, too\n", [0, 0.5], [1.5, 2]),
+        ("time p\n0 1.5\n# paused\n0.5 2\n", [0, 0.5], [1.5, 2]),
         ("time,p\n0,1.5\n0.5,2\n1.0", [0, 0.5], [1.5, 2]),
     ],
 )
@@ -69,6 +71,7 @@ def test_what_a_log_says_of_its_tables_holds(tmp_path):
         (b"time,p\n0,1\n0.1,\x002\n", "row 3, column p: a NUL byte"),
         (b"time,p\n0,1\n0.1," + b"7" * 200_000 + b"\n", "row 3, column p: '7777"),
         (b"time,p\n0,1\n0.1,2,3\n0.2,3\n", "row 3: 3 cells, the header has 2"),
+        (b"time,p\n0,1\n0.1,2,3", "row 3: 3 cells, the header has 2"),
         (b'time,p\n0,1\n0.1,"2\n0.2,3\n', "row 3: a quotation mark that does not close"),
         (b"time,p\n\n0,1\n\n0.1,oops\n" + b"0.2,1\n" * 9, "row 5, column p: 'oops' is not a number"),
         (b"time,p\n0,1\n0.1,nan\n" + b"0.2,1\n" * 9, "row 3, column p: 'nan' is not a number"),
@@ -97,9 +100,17 @@ def test_what_is_left_out_of_a_table_is_said(tmp_path):
     table = Table(put(tmp_path / "a.csv", "time,p\n0,1\n# paused\n1,2\n2,"[:-1]))
     assert len(table) == 2 and table.row_number(1) == 4
     assert table.remarks == [
-        "1 rows that begin with # or % are taken for comments",
+        "1 row(s) that begin with # or % are taken for comments",
         "the last row is incomplete: left out",
     ]
+
+
+def test_what_is_left_out_of_a_meters_file_is_said(tmp_path):
+    t, q, _, p = arm(Z1)
+    put(tmp_path / "a.csv", lines("time," + ",".join(f"{j}.position" for j in Z1.joints), [t, q]))
+    put(tmp_path / "p.csv", lines("time,power", [t, p]) + "# the end, at last\n")
+    measured = read_set(log(tmp_path, "z1", '[[run]]\nfile = "a.csv"\npower_file = "p.csv"\npower_start = 0\n'))
+    assert measured.remarks == ("p.csv: 1 row(s) that begin with # or % are taken for comments",)
 
 
 # -- rows --------------------------------------------------------------------------------------------------------------

@@ -74,9 +74,9 @@ def _stated_payloads(log: LogFile) -> np.ndarray:
         table.load(names)
         if table.faults:
             return np.zeros((0, 4))
-        rows = np.column_stack([table.column(name) for name in names])
-        rows = rows[np.isfinite(rows).all(axis=1)]
-        stated.append(rows[np.diff(rows, axis=0, prepend=np.nan).any(axis=1)])  # where they change
+        values = np.column_stack([table.column(name) for name in names])
+        values = values[np.isfinite(values).all(axis=1)]
+        stated.append(values[np.diff(values, axis=0, prepend=np.nan).any(axis=1)])  # where they change
     return np.unique(np.vstack(stated), axis=0) if stated else np.zeros((0, 4))
 
 

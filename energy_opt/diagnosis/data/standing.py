@@ -99,6 +99,8 @@ def _standing_alone(samples: Samples) -> list[Stretch]:
     out = []
     for part, (time, power) in zip(samples.parts, samples.single, strict=True):
         at, moving = samples.at[part], samples.moving[part]
+        if not len(at):  # fewer readings than a mean has
+            continue
         near = np.searchsorted(at, time)
         still = ~(moving[np.clip(near, 0, len(at) - 1)] | moving[np.clip(near - 1, 0, len(at) - 1)])
         jumps = np.abs(np.diff(power, prepend=power[0])) > JUMP * 2**0.5 * samples.floor

@@ -101,7 +101,7 @@ def answers_of(
     """
     if desk.out is None:
         if request.resume:
-            raise BadInput("--resume needs the folder of the earlier run: `energy-opt job JOB.toml --resume --out DIR`")
+            raise BadInput("--resume needs the folder of the earlier run: --out DIR")
         return None
     about = [*(rival.model.to_document() for rival in rivals), job.robot.name, vars(job.robot.limits), vars(settings)]
     return Answers(desk.out, job.robot.joints, [*about, cell_of(request).document()], request.resume)

@@ -112,7 +112,7 @@ def headline(document: Mapping[str, Any]) -> str:
 
 def less(energy: float, other: float) -> str:
     """How much less, or more, than another energy [J] one is."""
-    percent = 100 * (1 - energy / other)
+    percent = round(100 * (1 - energy / other), 3)  # both may be the same plan, but for rounding
     return f"{abs(percent):.3g} % {'more' if percent < 0 else 'less'}"
 
 

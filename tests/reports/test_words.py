@@ -162,3 +162,5 @@ def test_a_job_that_costs_more_under_its_first_model_says_so_in_words():
         "  under second: 210.000 J, 2 % less than b",
     ]
     assert headline_of_job(found) == "201 J a cycle, 0.5 % more than fastest then wait, 1.47 % less than b."
+    found["baselines"] = [{"name": "b", "energy_total": 201.0 * (1 - 1e-13)}]  # it was "1.02e-11 % more"
+    assert headline_of_job(found) == "201 J a cycle, 0 % less than b."

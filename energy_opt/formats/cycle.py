@@ -80,7 +80,7 @@ def _written(
         why = broken(judge.of_parts(_each_at(parts, rate)), rate)
         again = _written(form, parts, cycle, judge, out, None, prefix, stem)
         return replace(again, text=f"{again.text}; {why}")
-    carried = _carried(parts)
+    carried, rests = _carried(parts), any(part.waits for part in parts)
     parts, width = _spread(parts, robot.limits, None if form.name == "franka" else rate)
     cycle = joined([part.trajectory for part in parts])
     if form.name == "franka":
@@ -94,7 +94,7 @@ def _written(
         got = Sampled(cycle if found is None else _at(parts, found), found, why)
         if found is not None and len(parts) > 1:
             carried = "; each motion is sampled from its own start, a wait by three points" + carried
-        if found is not None and width > 0:
+        if found is not None and width > 0 and rests:
             # the mean takes `width` of each wait, the longest pays for it once more; rest begins and ends at samples
             shorter = 2e3 * (width + 1 / found)
             carried = f"; jumps of the acceleration are spread: waits are up to {shorter:.3g} ms shorter{carried}"

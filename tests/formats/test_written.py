@@ -174,6 +174,9 @@ def test_a_file_says_by_how_much_its_waits_are_shorter(panda: Robot, model: Powe
     still = again.time[np.abs(again.position - (START + way)).max(axis=1) < 1e-9]
     stated = re.search(r"waits are up to ([0-9.]+) ms shorter", row.text)
     assert stated and 0.4 - float(stated[1]) / 1e3 <= still[-1] - still[0] + 1e-6 < 0.39
+    on = replace(there, position=there.position + way)
+    (row,) = write_cycle([Part(there), Part(on)], judge, wanted(["csv"]), tmp_path, 25.0)  # no wait, no word about it
+    assert row.rate is not None and "shorter" not in row.text
 
 
 def test_a_jump_beside_an_acceleration_that_changes_keeps_the_jerk_limit(panda: Robot, model: PowerModel) -> None:

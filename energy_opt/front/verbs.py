@@ -86,12 +86,14 @@ def _found(
 
     def one(value: Any, named: bool) -> Any:
         """A file's new name; `named`: the value is no other word than that of a file or folder."""
-        found = os.path.exists if named else os.path.isfile
         if not isinstance(value, str) or not value or os.path.exists(value):
             return value
+        if not named and not Path(value).suffix:  # a model or a pose by its name
+            return value
+        found = os.path.exists if named else os.path.isfile
         path = next((path for path in (str(folder / value) for folder in folders) if found(path)), value)
         if path != value:
-            say(f"{value} is not in the current folder; it is {path}")
+            say(f"{value} is not in the current folder; {path} is read")
         return path
 
     kinds = {name: spelled.kind for name, (_, spelled) in options_of(request).items() if name != "out"}

@@ -237,7 +237,7 @@ def test_files_of_a_request_are_found_from_any_folder(tmp_path: Path, monkeypatc
     for folder in ("project/out", "elsewhere"):
         (tmp_path / folder).mkdir(parents=True)
     project = tmp_path / "project"
-    for name in ("limits.yaml", "model.toml"):
+    for name in ("limits.yaml", "model.toml", "careful"):
         (project / name).write_text("")
     asked = {"verb": "tradeoff", "limits": "limits.yaml", "model": ["model.toml", "careful"], "scene": "gone.yaml"}
     (project / "out/tradeoff.json").write_text(json.dumps({"request": {**asked, **MOVE}}))

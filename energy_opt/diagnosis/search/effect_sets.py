@@ -94,7 +94,7 @@ class Search:
         cuts = np.cumsum([g.columns.shape[1] for g in f.free])[:-1]
         whites = np.split(jacobian[:, f.count : f.count + len(f.weights)], cuts, axis=1)
         for k, (g, white, own) in enumerate(zip(f.free, whites, np.split(f.weights, cuts), strict=False)):
-            blocks.append(free_block(g, white, len(f.charts) + k, present=own))
+            blocks.append(replace(free_block(g, white, len(f.charts) + k), present=own))
         return blocks
 
     def _bank(self, f: Fit) -> Bank:
@@ -223,12 +223,10 @@ class Search:
         return here
 
 
-def free_block(
-    g: Free, white: np.ndarray, source: Free | int, odds: float = FREE_ODDS, present: np.ndarray | None = None
-) -> Block:
-    """The block of a free function, from its whitened columns (M, c); its amounts (c,) are 0 before the data."""
+def free_block(g: Free, white: np.ndarray, source: Free | int, odds: float = FREE_ODDS) -> Block:
+    """The block of a free function with columns `white` (M, c), whose amounts are 0 before the data."""
     none, inf = np.zeros(white.shape[1]), np.full(white.shape[1], np.inf)
-    return Block(f"free {g.signal}", white, np.eye(len(none)) / g.size**2, none, -inf, inf, odds, source, present)
+    return Block(f"free {g.signal}", white, np.eye(len(none)) / g.size**2, none, -inf, inf, odds, source)
 
 
 def _label(bank: Bank, k: int) -> str:

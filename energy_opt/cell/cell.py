@@ -138,7 +138,11 @@ class Cell:
         whole = scene or Scene(source="--floor")
         if request.floor is not None:
             whole = replace(whole, floor=request.floor)
-        reach = max(0.1, sum(float(np.linalg.norm(link.placement[:3, 3])) for link in robot.body.tree()))
+        travel = np.abs([robot.limits.lower, robot.limits.upper]).max(axis=0)[
+            list(robot.slides)
+        ]  # of rails and gantries
+        arms = sum(float(np.linalg.norm(link.placement[:3, 3])) for link in robot.body.tree())
+        reach = max(0.1, arms + float(travel[np.isfinite(travel)].sum()))
         self._of_scene = [*whole.warnings, *out_of_scale(whole, request.base_pose, reach)]
         tool = tool_of(robot.body, request.tool)
         frames = {**robot.body.link_frames(), TOOL: (tool.joint, np.array(tool.pose))}

@@ -44,6 +44,19 @@ def test_a_floor_in_millimetres_causes_a_warning(panda: Robot, floor: float, sai
     assert any("floor is 50 m from the base; 0.05 m if in millimetres" in line for line in cell.warnings) == said
 
 
+def test_a_rail_reaches_as_far_as_it_slides(tmp_path: Path) -> None:
+    """A floor 3.5 m below a rail of 8 m was too far away for an arm that "reaches 0.1 m"."""
+    rail = tmp_path / "rail.urdf"
+    rail.write_text(
+        """<robot name="rail"><link name="base"/><link name="car"><inertial><mass value="5"/>
+        <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+        <joint name="x" type="prismatic"><parent link="base"/><child link="car"/><axis xyz="1 0 0"/>
+        <limit lower="0" upper="8" velocity="2" effort="200"/></joint></robot>""",
+    )
+    cell = Cell(load_robot(rail), CellRequest(floor=-3.5))
+    assert not any("millimetres" in line for line in cell.warnings)
+
+
 @pytest.mark.parametrize(("setting", "value"), [("tool_speed", 250.0), ("tool_acceleration", 2500.0)])
 def test_bounds_of_the_tool_in_millimetres_are_refused(panda: Robot, setting: str, value: float) -> None:
     with pytest.raises(BadInput, match=f"millimetres\\? {value / 1000:g} m/s"):

@@ -12,6 +12,7 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.measured.columns import named_unit
+from energy_opt.measured.joints import FEWEST
 from energy_opt.measured.names import BY_SIGNAL, UNITS, cut, known_unit
 from energy_opt.measured.plausible import are_degrees, degrees_fault, leaps, spikes
 from energy_opt.measured.run import Run
@@ -147,8 +148,11 @@ def _angle_unit(values: np.ndarray, time: np.ndarray, robot: Robot, named: str |
     """Unit of the angles: degrees if they, or speeds between samples, are far outside the limits as radians."""
     good = np.isfinite(values).all(axis=1) & np.isfinite(time[: len(values)])
     values, time = values[good], time[: len(values)][good]
-    if len(time) > 2:  # a single damaged row says nothing about the unit of all
+    if len(time) > 2:  # a few damaged samples say nothing about the unit of all
         real = ~spikes(time, values, robot)
+        values, time = values[real], time[real]
+        piece = np.searchsorted(leaps(time, values, robot), np.arange(len(time)))
+        real = np.bincount(piece)[piece] >= min(FEWEST, len(time))
         values, time = values[real], time[real]
     far = are_degrees(values, robot) if named is None else degrees_fault(values, robot) is not None
     if named in (None, "rad") and far:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from logs import PANDA, SEVEN, SIX, Z1, arm, lines, put
 
+from energy_opt.errors import BadInput
 from energy_opt.measured import inspect_set, read_set
 from energy_opt.measured.importing import import_files
 
@@ -25,14 +26,23 @@ def test_rows_whose_positions_jump(tmp_path, stays):
         assert speed.max() < 1.5 * (np.abs(np.diff(clean, axis=0)) / np.diff(t)[:, None]).max()
 
 
-def test_a_damaged_row_does_not_make_radians_degrees(tmp_path):
-    """One reading outside of the limits: all others were taken for degrees, 57 times too small."""
+@pytest.mark.parametrize("rows", [[300], [0], [-1], [300, 301]])
+def test_damaged_rows_do_not_make_radians_degrees(tmp_path, rows):
+    """A reading outside of the limits: all others were taken for degrees, 57 times too small.
+
+    A row between good ones is left out; others are named.
+    """
     t, q, _, p = arm(PANDA)
-    q[300, 3] = 6.2
+    good = q.copy()
+    q[rows, 3] = 6.2
     path = put(tmp_path / "a.csv", lines("t," + ",".join(f"q{j}" for j in SEVEN) + ",power", [t, q, p]))
+    if rows != [300]:
+        with pytest.raises(BadInput, match=f"row {rows[0] % len(t) + 2}, column q3: 6.2 rad is far outside"):
+            import_files([path], tmp_path / "set", PANDA)
+        return
     import_files([path], tmp_path / "set", PANDA)
     np.testing.assert_allclose(
-        np.vstack([run.position for run in read_set(tmp_path / "set").runs])[:100], q[:100], atol=0.01
+        np.vstack([run.position for run in read_set(tmp_path / "set").runs])[:100], good[:100], atol=0.01
     )
 
 

@@ -27,6 +27,7 @@ from energy_opt.motion.trajectory import Trajectory
 
 OPTIMA = 3  # most optima found without bodies to start from
 WORTH = 1.25  # an optimum of a larger cost relative to the least is not mixed with the first path
+NEARLY = 0.0015  # [m] an optimum whose clearance is short by less is continued first
 DEEP = 0.1  # [m] a start is at most this deep in a body
 TOWARDS = (0.9, 0.75, 0.6, 0.45, 0.3)  # shares of the way from the first path to an optimum: mixtures to try
 CLOSE = 0.6  # a search from a mixture with the best optimum, of at least this share of it, ends most others
@@ -40,7 +41,7 @@ FINISHED = 2  # most trials to continue
 HOPES = (1.3, 1.1)  # largest merit relative to the best after the first and second trial, to be continued
 HALF = 0.1  # share of the cost: if the optimum without bodies saves more, a search starts half-way to it
 LITTLE = 0.25  # share of the loss of the first path slowed evenly: if less is saved, another initial path is looked for
-HAIR = 0.0005  # [m] a curve may miss the required clearance by this much and still be searched from as a clear one
+HAIR = 0.0005  # [m] a mixture of two curves may miss the required clearance by this much
 NOTHING = "reshaping found no collision-free motion that is better than the first path"
 
 
@@ -52,8 +53,8 @@ def nearly_clear(context: Context, move: Move, curve: Curve) -> bool:
     ends = np.stack([move.start, move.goal])
     wanted = context.cell.wanted(ends)
     near = Near(context.cell.bodies, ends, wanted)
-    _, number, distance, _, _ = near.measured(u, curve.position(u), context.cell.asked + HAIR)
-    return bool((distance > wanted[near.pair[number]] - HAIR).all())
+    _, number, distance, _, _ = near.measured(u, curve.position(u), context.cell.asked + NEARLY)
+    return bool((distance > wanted[near.pair[number]] - NEARLY).all())
 
 
 def kept_clear(
@@ -151,7 +152,7 @@ class Clearing:
             if self.best is not None and least > self._scaled(self.best):
                 continue
             gap = search.gap(optimum)
-            if gap > -HAIR and self.finish(optimum, TRUST):
+            if gap > -NEARLY and self.finish(optimum, TRUST):
                 if number == 0:
                     return
                 continue

@@ -27,7 +27,6 @@ from energy_opt.motion.plan.candidates import (
     task_of,
 )
 from energy_opt.motion.plan.clear import Clearing, repaired_clear
-from energy_opt.motion.plan.further import alike
 from energy_opt.motion.plan.single import Single
 from energy_opt.motion.plan.standing import at_rest
 from energy_opt.motion.reshape.clear import TRUST
@@ -42,6 +41,7 @@ ONLY_ONE = 1e-6  # relative: so close to the minimum time, only that timing is u
 PROMISING = 0.01  # share of the cost: a trial that costs more than the known optimum by this share is given up
 SAME = 1e-9  # relative difference of durations that count as equal
 ALONE = 1.3  # ratio of durations beyond which a duration is solved as a single move
+APART = 0.3  # [rad, m] curves whose control points differ by less lead to the same optimum
 LOWER = 5e-5  # share of the cost: a curve counts as better only if it saves more
 # share of the cost: a point this little above the line between its neighbours is not searched again in its valley
 BUMP = 0.001
@@ -147,7 +147,7 @@ class Neighbours:
         search, stopped = self._reshaper.optima, self._context.stopped
         best = search(task, lines, settings.starts, settings.seed, stopped, self._single.kept)[0][0].curve
         known = here.outcome.curve
-        found = known.shape is best.shape and alike(known, best)
+        found = known.shape is best.shape and bool(np.abs(known.points - best.points).max() < APART)
         if found:
             self._alone_at.append(task.durations[0])
         return found

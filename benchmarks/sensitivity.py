@@ -33,6 +33,7 @@ from stages import moves
 
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
+from energy_opt.files import write_json
 from energy_opt.motion import Move, Planner
 from energy_opt.robot import load_robot
 
@@ -141,7 +142,7 @@ def main(words: Sequence[str] | None = None) -> int:
                         turns.append(against(solved(work), whole))
                 known[key] = turns
                 if args.out:
-                    args.out.write_text(json.dumps(known, indent=1))
+                    write_json(args.out, known)
             low, high = known[key]
             idle = all(abs(worst) < 100 * SAME and abs(slower) < SLOWER_BY for _, worst, slower in (low, high))
             rows.append((key, value, *low, *high, "*" if idle else ""))

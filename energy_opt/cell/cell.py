@@ -138,12 +138,7 @@ class Cell:
         whole = scene or Scene(source="--floor")
         if request.floor is not None:
             whole = replace(whole, floor=request.floor)
-        travel = np.abs([robot.limits.lower, robot.limits.upper]).max(axis=0)[
-            list(robot.slides)
-        ]  # of rails and gantries
-        arms = sum(float(np.linalg.norm(link.placement[:3, 3])) for link in robot.body.tree())
-        reach = max(0.1, arms + float(travel[np.isfinite(travel)].sum()))
-        self._of_scene = [*whole.warnings, *out_of_scale(whole, request.base_pose, reach)]
+        self._whole = whole
         tool = tool_of(robot.body, request.tool)
         frames = {**robot.body.link_frames(), TOOL: (tool.joint, np.array(tool.pose))}
         known: dict[int, Solid] = {}
@@ -171,7 +166,11 @@ class Cell:
     @property
     def warnings(self) -> list[str]:
         """Warnings about the checks."""
-        out = list(self._of_scene)
+        lengths = [np.linalg.norm(link.placement[:3, 3]) for link in self.robot.body.tree()]
+        limits, rails = self.robot.limits, list(self.robot.slides)
+        travel = np.maximum(np.abs(limits.lower), np.abs(limits.upper))[rails]
+        reach = max(0.1, float(sum(lengths) + travel[np.isfinite(travel)].sum()))
+        out = [*self._whole.warnings, *out_of_scale(self._whole, self.request.base_pose, reach)]
         if not self.has_body:
             out.append(f"{self.robot.name}: its URDF has no collision geometry; its body is not checked")
         elif self.own is not None and not self.own_checks:

@@ -185,7 +185,7 @@ def read_recording(log: LogFile, entry: RunEntry, robot: Robot, clock: float, of
     Args:
         clock: the set time [s] of its time 0 if the log states none. offset: [s] of the meter's clock in other runs.
     """
-    out = Recording(offset=offset)
+    out = Recording()
     table = Table(log.file(entry.file), log.csv)
     rules = PRESETS[log.preset](robot.joints, table) if log.preset else plain_rules(robot.joints)
     rules = {**rules, **log.rules}
@@ -200,7 +200,7 @@ def read_recording(log: LogFile, entry: RunEntry, robot: Robot, clock: float, of
     out.remarks += [f"{entry.power_file or entry.file}: {word}" for word in readings.remarks]
     zero = float(joints.time[0]) if joints.dated or abs(joints.time[0]) >= UPTIME else 0.0
     time = joints.time - zero
-    moved, status = _one_clock(log, entry, robot, joints, readings, zero, out)
+    moved, status = _one_clock(log, entry, robot, joints, readings, zero, out, offset)
     if moved is None:
         return out
     start = clock if entry.start is None else entry.start
@@ -257,12 +257,14 @@ def rules_of_meter(table: Table) -> dict[str, Rule]:
 
 
 def _one_clock(
-    log: LogFile, entry: RunEntry, robot: Robot, joints: Joints, readings: Readings, zero: float, out: Recording
-) -> tuple[Readings | None, str]:
-    """The readings on the run's clock, and the origin of that clock: "shared", "stated" or "estimated"."""
-    time = joints.time - zero
-    status = "shared"
-    stamps = readings.time - zero
+    log: LogFile, entry: RunEntry, robot: Robot, joints: Joints, readings: Readings, zero: float, out: Recording,
+    offset: float | None,
+) -> tuple[Readings | None, str]:  # fmt: skip
+    """The readings on the run's clock, and the origin of that clock: "shared", "stated" or "estimated".
+
+    `zero` [s]: stamp of the joints' file at the run's time 0; `offset` [s]: of the meter's clock in other runs.
+    """
+    time, stamps, status = joints.time - zero, readings.time - zero, "shared"
     first = 0.0  # stamp of the meter's file that counts as its time 0
     if entry.power_file is not None and len(stamps):
         same = abs(readings.time[0]) > EPOCH and abs(joints.time[0]) > EPOCH
@@ -281,7 +283,7 @@ def _one_clock(
     if (seek or infer) and float(np.ptp(joints.signals["position"], axis=0).max()) > MOVES_ENOUGH:
         motion = activity(robot, time, joints.signals["position"])
         found, which, scores = align(motion, stamps, windows, readings.power, overlap >= 0.5, seek)
-    known = 0.0 if found or not seek else out.offset or 0.0  # [s] of other runs
+    known = 0.0 if found or not seek else offset or 0.0
     out.open, out.offset = seek, None if found is None else found.offset
     overlaps = known != 0 and _overlap(stamps + known, time) > 0
     if overlaps and fits_as_well(motion, stamps, known, windows[which], readings.power):
@@ -328,12 +330,7 @@ def _overlap(stamps: np.ndarray, time: np.ndarray) -> float:
 
 
 def _cut(log: LogFile, run: Run, gaps: tuple[int, ...], out: Recording) -> None:
-    """Cut a run at gaps and, if the log says so, at standstill; the parts go to `out`.
-
-    Args:
-        log: what to cut. run: the whole. gaps: indices of the samples that a gap follows.
-        out: receives runs and remarks.
-    """
+    """Cut a run after the samples `gaps` and, if the log says so, at standstill; runs and remarks go to `out`."""
     parts = [run]
     if gaps and run.meter != "total":
         edges = [-1, *gaps, len(run.time) - 1]

@@ -159,9 +159,7 @@ def _range_end(runs: Sequence[Run]) -> float:
 def _below(run: Run, power: float) -> Run:
     """A run with those of its readings that are below a power [W]."""
     keep = (run.power < power) | (run.meter != "power")
-    return dataclasses.replace(
-        run, power_time=run.power_time[keep], power=run.power[keep], window=run.window[keep]
-    )  # fmt: skip
+    return dataclasses.replace(run, power_time=run.power_time[keep], power=run.power[keep], window=run.window[keep])
 
 
 CLOSE = 1.0  # [s] by which runs may overlap, as starts are rounded

@@ -18,65 +18,102 @@ typedef struct { /* where bounds are: of N + k unknowns, of constraints with a f
     const I *low, *high;
 } Bounds;
 
-/* A factor keeps its columns `stride` apart, so that loops may run in whole blocks of eight into zeros behind each; the
-   last of these is the inverse of the diagonal. Four columns of zeros and `solve`'s vector come behind it. */
-static I stride_of(I width) { return (width + 19) / 8 * 8; }
-static I factor_size(I size, I width) { return (size + 4) * stride_of(width) + size + width + 16; }
+/* A factor keeps its columns `stride` apart. Column c begins at row c / 8 * 8, so that the same rows of neighbouring
+   columns are at multiples of eight doubles, and loops run in whole blocks of eight; zeros are above the diagonal and
+   behind the band. Columns of zeros, the inverse of the diagonal and `solve`'s vector come behind the columns. */
+static I stride_of(I width) { return (width + 14) / 8 * 8; }
+static I padded(I size) { return (size + 7) / 8 * 8; }
+static I factor_size(I size, I width) { return padded(size) * (stride_of(width) + 2) + width + 24; }
+static double *aligned(double *x) { return (double *)(((uintptr_t)x + 63) / 64 * 64); }
 
-/* to -= x * from, `count` entries and up to seven behind them. */
-static void subtract(double *restrict to, double x, const double *restrict from, I count) {
-    for (I k = 0; k < count; k += 8)
-        for (I l = k; l < k + 8; l++) to[l] -= x * from[l];
-}
+typedef double V __attribute__((vector_size(64), may_alias)); /* eight rows */
 
-/* The Cholesky factor of a band into `f`; false where it is not positive definite. Four columns at a time act on those
-   behind them, so that their entries are loaded and stored once for four products. */
+/* The Cholesky factor of a band into `f`; false where it is not positive definite. Four columns at a time act on four of
+   those behind them, so that entries are loaded and stored once for four products. */
 static bool factorise(const double *ab, I size, I width, double *f) {
-    I stride = stride_of(width);
+    I stride = stride_of(width), length = stride / 8;
     memset(f, 0, factor_size(size, width) * sizeof(double));
+    f = aligned(f);
+    double *inverse = f + padded(size) * stride;
     for (I j = 0; j < size; j++)
-        memcpy(f + j * stride, ab + j * width, (width < size - j ? width : size - j) * sizeof(double));
+        memcpy(f + j * stride + j % 8, ab + j * width, (width < size - j ? width : size - j) * sizeof(double));
     for (I j = 0; j < size; j += 4) {
+        I block = 4 < size - j ? 4 : size - j, last = j + width + 3 < size ? j + width + 3 : size, row = j % 8;
         double *p = f + j * stride;
-        I block = 4 < size - j ? 4 : size - j, last = j + width + 3 < size ? j + width + 3 : size;
         for (I q = 0; q < block; q++) {
-            double *own = p + q * stride;
-            if (!(own[0] > 0 && own[0] < 1e300)) return false;
-            double inverse = 1 / sqrt(own[0]);
-            for (I k = 0; k < width; k++) own[k] *= inverse;
-            own[stride - 1] = inverse;
-            for (I i = 1; i < block - q && i < width; i++) subtract(own + i * stride, own[i], own + i, width - i);
+            double *own = p + q * stride, x = own[row + q];
+            V *of = (V *)own;
+            if (!(x > 0 && x < 1e300)) return false;
+            x = inverse[j + q] = 1 / sqrt(x);
+            for (I k = 0; k < row + q; k++) own[k] = 0;
+            for (I k = 0; k < length; k++) of[k] *= x;
+            for (I i = q + 1; i < block; i++) {
+                V *to = of + (i - q) * length;
+                double y = own[row + i];
+                for (I k = 0; k < length; k++) to[k] -= y * of[k];
+            }
         }
-        for (I c = j + 4; c < last; c++) {
-            I i = c - j, count = width + 3 - i;
-            double *restrict to = f + c * stride;
-            const double *restrict a = p + i, *restrict b = a + stride - 1, *restrict d = b + stride - 1,
-                         *restrict e = d + stride - 1;
-            double x = a[0], y = b[0], z = d[0], w = e[0];
-            for (I k = 0; k < count; k += 8)
-                for (I l = k; l < k + 8; l++) to[l] -= x * a[l] + y * b[l] + z * d[l] + w * e[l];
+        for (I c = j + 4; c < last; c += 4) {
+            I skipped = c / 8 * 8 - j / 8 * 8;
+            const double *x = p + skipped + c % 8, *y = x + stride, *z = y + stride, *w = z + stride;
+            const V *a = (const V *)(p + skipped), *b = a + length, *d = b + length, *e = d + length;
+            V *to = (V *)(f + c * stride), *to_1 = to + length, *to_2 = to_1 + length, *to_3 = to_2 + length;
+            for (I k = 0; k < (last - c / 8 * 8 + 7) / 8; k++) {
+                V va = a[k], vb = b[k], vd = d[k], ve = e[k];
+                to[k] -= x[0] * va + y[0] * vb + z[0] * vd + w[0] * ve;
+                to_1[k] -= x[1] * va + y[1] * vb + z[1] * vd + w[1] * ve;
+                to_2[k] -= x[2] * va + y[2] * vb + z[2] * vd + w[2] * ve;
+                to_3[k] -= x[3] * va + y[3] * vb + z[3] * vd + w[3] * ve;
+            }
         }
     }
     return true;
 }
 
-/* Solve with a factor, in place, x (N,). */
+/* Solve with a factor, in place, x (N,), four rows at a time. */
 static void solve(double *f, I size, I width, double *x) {
-    I stride = stride_of(width);
-    double *restrict at = f + (size + 4) * stride;
+    I stride = stride_of(width), length = stride / 8, count = padded(size);
+    f = aligned(f);
+    const double *inverse = f + count * stride;
+    double *at = f + count * (stride + 1);
     memcpy(at, x, size * sizeof(double));
-    for (I j = 0; j < size; j++) {
-        const double *p = f + j * stride;
-        at[j] *= p[stride - 1];
-        subtract(at + j + 1, at[j], p + 1, width - 1);
+    for (I j = 0; j < size; j += 4) {
+        I row = j % 8;
+        const double *p = f + j * stride, *q = p + stride, *r = q + stride, *by = inverse + j;
+        const V *a = (const V *)p, *b = a + length, *c = b + length, *d = c + length;
+        double *of = at + j, y = of[0] * by[0], z = (of[1] - p[row + 1] * y) * by[1];
+        double w = (of[2] - p[row + 2] * y - q[row + 2] * z) * by[2];
+        double v = (of[3] - p[row + 3] * y - q[row + 3] * z - r[row + 3] * w) * by[3];
+        V *to = (V *)(of - row);
+        for (I k = 0; k < length; k++) to[k] -= y * a[k] + z * b[k] + w * c[k] + v * d[k];
+        of[0] = y;
+        of[1] = z;
+        of[2] = w;
+        of[3] = v;
     }
-    for (I j = size - 1; j >= 0; j--) {
-        const double *p = f + j * stride;
-        double s[8] = {0};
-        for (I k = 1; k < width; k += 8)
-            for (I l = 0; l < 8; l++) s[l] += p[k + l] * at[j + k + l];
-        at[j] -= (s[0] + s[1] + s[2] + s[3]) + (s[4] + s[5] + s[6] + s[7]);
-        at[j] *= p[stride - 1];
+    for (I j = (size - 1) / 4 * 4; j >= 0; j -= 4) {
+        I row = j % 8;
+        const double *p = f + j * stride, *q = p + stride, *r = q + stride, *by = inverse + j;
+        const V *a = (const V *)p, *b = a + length, *c = b + length, *d = c + length;
+        double *of = at + j, y = of[0], z = of[1], w = of[2], v = of[3];
+        V *to = (V *)(of - row), sa = {0}, sb = {0}, sc = {0}, sd = {0};
+        of[0] = of[1] = of[2] = of[3] = 0;
+        for (I k = 0; k < length; k++) {
+            sa += a[k] * to[k];
+            sb += b[k] * to[k];
+            sc += c[k] * to[k];
+            sd += d[k] * to[k];
+        }
+        for (I l = 0; l < 8; l++) {
+            y -= sa[l];
+            z -= sb[l];
+            w -= sc[l];
+            v -= sd[l];
+        }
+        of[3] = v *= by[3];
+        of[2] = w = (w - r[row + 3] * v) * by[2];
+        of[1] = z = (z - q[row + 2] * w - q[row + 3] * v) * by[1];
+        of[0] = (y - p[row + 1] * z - p[row + 2] * w - p[row + 3] * v) * by[0];
     }
     memcpy(x, at, size * sizeof(double));
 }
@@ -537,15 +574,11 @@ int banded_interior(double *band, double *edge, double *corner, const double *ma
             residual[i] *= 1 - way;
             d[i] += way * change[i];
         }
-        for (I i = 0; i < total; i++) {
-            v[i] += way * slope[i];
-            t[i] += way * dt[i];
-            lam[i] += way * dl[i];
-            if (i >= begin) {
-                e[i] += way * de[i];
-                room[i] = price - lam[i];
-            }
-        }
+        for (I i = 0; i < total; i++) v[i] += way * slope[i];
+        for (I i = 0; i < total; i++) t[i] += way * dt[i];
+        for (I i = 0; i < total; i++) lam[i] += way * dl[i];
+        for (I i = begin; i < total; i++) e[i] += way * de[i];
+        for (I i = begin; i < total; i++) room[i] = price - lam[i];
         if (way < STUCK && primal > PRIMAL) { /* the excesses take over what is missing */
             primal = 0;
             for (I i = 0; i < total; i++) {

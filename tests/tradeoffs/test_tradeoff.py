@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from poses import MIDDLE
 
+from energy_opt import tradeoff
 from energy_opt.cell.load import load_cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.cli.main import main
@@ -357,3 +358,9 @@ def test_far_durations_have_optima_of_their_own():
     alone = Planner(robot, model, Settings()).solve(Move(start, goal, duration=durations[-1])).energy.loss
     (point,) = (p for p in front.points if p.duration == durations[-1])
     assert point.energy.loss < 1.001 * alone
+
+
+def test_a_job_in_place_of_a_robot_names_its_argument() -> None:
+    """It was "not XML that can be read"."""
+    with pytest.raises(BadInput, match=r"job.toml: a job is not a robot; in Python: job='job.toml'"):
+        tradeoff("job.toml")

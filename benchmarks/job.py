@@ -36,7 +36,7 @@ from energy_opt.jobs import reshare
 from energy_opt.jobs.file import job_of as job_from
 from energy_opt.jobs.file import load_job
 from energy_opt.jobs.legs import Job
-from energy_opt.jobs.run import JobResult, run_job
+from energy_opt.jobs.solve_job import JobResult, run_job
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.retime.solve import retime
 from energy_opt.power import source_method_2

@@ -194,9 +194,9 @@ def settled(name: str, robot: str, seed: int, motions: int = 1) -> str:
     """What a short session on an arm with links off its URDF leaves open, and what the proposed motion makes of it."""
     from misfit_urdf import with_urdf, write_changed
 
+    from energy_opt.next_motion.motion_search import propose
     from energy_opt.next_motion.recordings import recordings
-    from energy_opt.next_motion.rivals import rivals_of
-    from energy_opt.next_motion.search import propose
+    from energy_opt.next_motion.rival_models import rivals_of
 
     body, declared = arm(robot), base_model(robot)
     plant = Plant(declared.replaced(draw_effect(BY_NAME[name], robot, np.random.default_rng([seed, *name.encode()]))))

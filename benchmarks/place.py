@@ -26,11 +26,11 @@ from common import Kept, finish, table
 from poses import placed
 
 from energy_opt.cell.request import CellRequest
-from energy_opt.front.rivals import rivals_from
+from energy_opt.front.models import rivals_from
 from energy_opt.jobs.file import load_job
 from energy_opt.motion import Settings
 from energy_opt.placement import PlaceRequest, place
-from energy_opt.placement.search import Search
+from energy_opt.placement.base_search import Search
 from energy_opt.robot import load_robot
 
 CONFIRMED = 3  # placements of the grid that are solved in full

@@ -32,12 +32,12 @@ import energy_opt as eo
 from energy_opt.cell.load import load_cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import EnergyOptError, Infeasible
-from energy_opt.front.rivals import rivals_from
+from energy_opt.front.models import rivals_from
+from energy_opt.poses.cheapest_move import nearest_move
 from energy_opt.poses.given import Ends
 from energy_opt.poses.inverse import ToolKinematics, reach
 from energy_opt.poses.pose import Freedom, Pose
 from energy_opt.poses.sets import free_of
-from energy_opt.poses.solve import nearest_move
 from energy_opt.robot import load_robot
 
 ARMS = ("panda", "ur5e", "ur10e", "xarm7", "z1", "iiwa")

@@ -23,9 +23,9 @@ from cell_checker import faults_of_schedule
 
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
+from energy_opt.workcell.cell_files import document
 from energy_opt.workcell.file import load_workcell
-from energy_opt.workcell.output import document
-from energy_opt.workcell.run import run_workcell
+from energy_opt.workcell.solve_cell import run_workcell
 
 
 def cell(rng: np.random.Generator, robots: int) -> dict:

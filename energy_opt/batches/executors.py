@@ -30,10 +30,10 @@ from energy_opt.errors import BadInput, EnergyOptError, Infeasible
 from energy_opt.formats import read_path
 from energy_opt.motion import Move, Planner, Result, Settings
 from energy_opt.motion.path import JointPath, through
-from energy_opt.motion.plan.rivals import Rival
 from energy_opt.motion.plan.robust import RobustPlanner
+from energy_opt.motion.plan.robust_models import Rival
+from energy_opt.poses.cheapest_move import nearest_move, solve_to
 from energy_opt.poses.given import ends_from_text
-from energy_opt.poses.solve import nearest_move, solve_to
 from energy_opt.robot import Robot
 
 KEPT = 4  # most built problems that a worker keeps; enough, because tasks are grouped by problem

@@ -18,7 +18,7 @@ from energy_opt.diagnosis.hypothesis.links import USUAL_SPREAD, deviations_of
 from energy_opt.diagnosis.hypothesis.terms import ROTOR
 from energy_opt.measured import MeasuredSet, Run, choose_smoothing, coarse, kinematics
 from energy_opt.power import PowerModel
-from energy_opt.power.law import body_of, rigid_torque
+from energy_opt.power.drive_law import body_of, rigid_torque
 from energy_opt.robot import Robot
 
 STEP = 0.03  # [s] between samples; the readings in between are averaged

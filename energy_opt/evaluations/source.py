@@ -14,7 +14,7 @@ from energy_opt import formats
 from energy_opt.errors import BadInput
 from energy_opt.files import read_json
 from energy_opt.folders import wrote
-from energy_opt.formats.program import Load
+from energy_opt.formats.controller_program import Load
 from energy_opt.formats.recording import motion_of
 from energy_opt.formats.waypoints import Samples
 from energy_opt.measured.log import NAME as LOG

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from energy_opt.cell.cell import Cell
-from energy_opt.formats.program import Part
+from energy_opt.formats.controller_program import Part
 from energy_opt.formats.resample import KINDS, worst_step
 from energy_opt.motion.judge.certificate import Certificate, certify
 from energy_opt.motion.judge.clearance import clearance_of

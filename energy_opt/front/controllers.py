@@ -12,8 +12,8 @@ from energy_opt.requests.moves import OptimizeRequest
 
 if TYPE_CHECKING:
     from energy_opt.formats import Format
+    from energy_opt.formats.controller_files import Written
     from energy_opt.formats.judging import Judging
-    from energy_opt.formats.output import Written
     from energy_opt.motion import Move, Planner, Result
     from energy_opt.motion.plan.robust import RobustPlanner
     from energy_opt.profiles import StandardMoves
@@ -24,7 +24,7 @@ ROOM = 1.001  # factor on the shortest duration of standard moves, which leaves 
 
 def check_written(request: WriteGroup, robot: Robot) -> list[Format]:
     """The formats of --write for an arm; impossible requests are refused before any work."""
-    from energy_opt.formats.output import wanted
+    from energy_opt.formats.controller_files import wanted
 
     check_rate_of(request)
     sliding = [joint for joint, slides in zip(robot.joints, robot.slides, strict=True) if slides]
@@ -112,7 +112,7 @@ class Controllers:
         Args:
             move: as solved. result: the plan. moves: standard moves that replace it, if any.
         """
-        from energy_opt.formats.output import Shares, certificates, said, wanted, with_room
+        from energy_opt.formats.controller_files import Shares, certificates, said, wanted, with_room
 
         if result.interrupted or result.status != "solved":
             return result, moves
@@ -151,18 +151,18 @@ class Controllers:
         Args:
             move: as solved. result: the plan. moves: its standard moves, if any. out: a folder.
         """
-        from energy_opt.formats import FORMATS, output
-        from energy_opt.formats.program import load_of
+        from energy_opt.formats import FORMATS, controller_files
+        from energy_opt.formats.controller_program import load_of
         from energy_opt.profiles import movej
 
         judge, robot, request = self.judge(move), self.planner.robot, self.request
-        formats, records = output.wanted(request.write), []
+        formats, records = controller_files.wanted(request.write), []
         if moves is not None:
             scripts = FORMATS["urscript"] in formats
             records += movej.write(moves, robot, judge, out, ["moves.yaml", *(["trajectory.script"] * scripts)])
             formats = [form for form in formats if form.name != "urscript"]
         payload = load_of(robot, self.planner.model)
-        return records + output.write(
+        return records + controller_files.write(
             result.trajectory, judge, formats, out, request.rate, request.joint_prefix, payload
         )
 

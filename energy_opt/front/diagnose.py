@@ -21,11 +21,11 @@ from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import carried, cell_of, model_from, request_of_set, robot_of, robot_of_set
 from energy_opt.front.moves import documents
 from energy_opt.measured import MeasuredSet, read_set
-from energy_opt.motion.plan.rivals import Rival
+from energy_opt.motion.plan.robust_models import Rival
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.next_motion.motion_search import propose
 from energy_opt.next_motion.recordings import MOST, recordings
-from energy_opt.next_motion.rivals import rivals_of
-from energy_opt.next_motion.search import propose
+from energy_opt.next_motion.rival_models import rivals_of
 from energy_opt.next_motion.worth import add_worth, worth_words
 from energy_opt.passports.changes import changes_since
 from energy_opt.power import PowerModel, load_model, source_method_2

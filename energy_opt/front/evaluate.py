@@ -12,19 +12,19 @@ import numpy as np
 
 from energy_opt.cell.load import load_cell
 from energy_opt.errors import BadInput
-from energy_opt.evaluations.run import Evaluation
-from energy_opt.evaluations.run import evaluate as evaluated
+from energy_opt.evaluations.evaluated import Evaluation
+from energy_opt.evaluations.evaluated import evaluate as evaluated
 from energy_opt.evaluations.source import Recorded, Stretch, is_set, joints_in, load, load_set, robot_named
 from energy_opt.files import plain, write_json
 from energy_opt.folders import written_whole
-from energy_opt.formats.cycle import write_cycle
-from energy_opt.formats.output import Written
+from energy_opt.formats.controller_files import Written
+from energy_opt.formats.cycle_file import write_cycle
 from energy_opt.formats.waypoints import Samples
 from energy_opt.front.controllers import check_written
 from energy_opt.front.desk import Answered, Desk, verb
 from energy_opt.front.given import cell_of, named_robot, payload_document, robot_of
+from energy_opt.front.models import rivals_of
 from energy_opt.front.moves import documents
-from energy_opt.front.rivals import rivals_of
 from energy_opt.measured.log import read_log
 from energy_opt.measured.sets import robot_of as robot_of_log
 from energy_opt.motion.standstills import standstills

@@ -21,8 +21,8 @@ from energy_opt.files import finite_number, words_of
 from energy_opt.measured import read_log
 from energy_opt.measured.sets import robot_of as robot_of_log
 from energy_opt.power import PowerModel
+from energy_opt.power.drive_law import body_of
 from energy_opt.power.known import is_named, load_model, named_model
-from energy_opt.power.law import body_of
 from energy_opt.power.model import model_from_document
 from energy_opt.power.variants import of_joints
 from energy_opt.requests.groups import CellGroup, RobotGroup

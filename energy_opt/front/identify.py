@@ -15,7 +15,7 @@ from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import carried, cell_of, request_of_set, robot_of, robot_of_set
 from energy_opt.measured import read_set
 from energy_opt.power import PowerModel
-from energy_opt.power.law import rigid_inputs
+from energy_opt.power.drive_law import rigid_inputs
 from energy_opt.requests.verbs import IdentifyRequest
 from energy_opt.results import Found
 from energy_opt.robot import PointMass, Robot

@@ -12,12 +12,12 @@ from energy_opt.front.controllers import check_rate_of, check_written
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, robot_of, several
 from energy_opt.front.jobs import JOB, JobAnswer, answers_of, content_of, job_from, loaded, resolved_job
+from energy_opt.front.models import rivals_from, rivals_of, said, with_careful
 from energy_opt.front.moves import settings_of
-from energy_opt.front.rivals import rivals_from, rivals_of, said, with_careful
-from energy_opt.jobs import output
+from energy_opt.jobs import job_files
 from energy_opt.jobs.models import compared, efforts_held, grounded, held, mean_of, stated, warned
 from energy_opt.jobs.posed import run_posed
-from energy_opt.jobs.run import JobResult, run_job
+from energy_opt.jobs.solve_job import JobResult, run_job
 from energy_opt.motion.plan.planner import Shares
 from energy_opt.power import PowerModel
 from energy_opt.power.assumptions import assumptions_line as assumed
@@ -60,7 +60,7 @@ def run(request: JobRequest, desk: Desk) -> JobAnswer:
                     both = {name: shares.get(name, 1.0) * held.get(name, 1.0) for name in {*shares, *held}}
                     return planned(model, both)
 
-                return output.with_room(result, formats, request.rate, again)
+                return job_files.with_room(result, formats, request.rate, again)
 
             def under(model: PowerModel, shares: Shares = MappingProxyType({})) -> JobResult:
                 return roomy(planned(model, shares), model, shares)
@@ -75,7 +75,7 @@ def run(request: JobRequest, desk: Desk) -> JobAnswer:
         else:
             result = warned(stated(result, rivals), rivals)
         result = grounded(result, rivals)
-        answer = desk.keep(JobAnswer(result=result, request=asked, stamp=desk.stamp, output=output, formats=formats))
+        answer = desk.keep(JobAnswer(result=result, request=asked, stamp=desk.stamp, output=job_files, formats=formats))
     if result.solved and answers is not None:
         answers.forget()
     desk.report(answer.files, assumed(result.assumptions), answer.document()["warnings"])
@@ -89,10 +89,10 @@ def run_workcell_job(request: JobRequest, desk: Desk) -> JobAnswer:
         BadInput: an option of one robot, or a fault of the file.
         Infeasible: no schedule keeps cycle time, lags, zones, limits of the supply, and arms apart.
     """
-    from energy_opt.workcell import output
+    from energy_opt.workcell import cell_files
     from energy_opt.workcell.as_job import model_named
     from energy_opt.workcell.file import workcell_of
-    from energy_opt.workcell.run import run_workcell
+    from energy_opt.workcell.solve_cell import run_workcell
 
     content, path = content_of(request)
     given = next((name for name in OF_ONE_ROBOT if getattr(request, name) is not None), None)
@@ -108,7 +108,7 @@ def run_workcell_job(request: JobRequest, desk: Desk) -> JobAnswer:
     cell = workcell_of(content if request.jitter is None else {**content, "jitter": request.jitter}, path)
     check_rate_of(request)
     load = partial(robot_of, request)
-    formats = output.formats_of(cell, list(request.write), path, load, request.allow_outside)
+    formats = cell_files.formats_of(cell, list(request.write), path, load, request.allow_outside)
 
     def model_of(name: str | None, robot: Robot) -> PowerModel:
         own = [] if name is None else [model_named(name, path, request.allow_outside)]
@@ -124,7 +124,9 @@ def run_workcell_job(request: JobRequest, desk: Desk) -> JobAnswer:
                 cell, path, load=load, model_of=model_of, settings=settings, request=cell_of(request),
                 stopped=stopped, progress=show,
             )  # fmt: skip
-        answer = desk.keep(JobAnswer(result=result, request=asked, stamp=desk.stamp, output=output, formats=formats))
+        answer = desk.keep(
+            JobAnswer(result=result, request=asked, stamp=desk.stamp, output=cell_files, formats=formats)
+        )
     for row in answer.files:
         if row.format != "csv" or row.rate is not None or not row.valid:
             file = row.file if desk.out is None else desk.out / row.file

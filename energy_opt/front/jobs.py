@@ -11,27 +11,27 @@ from typing import Any, TypeVar
 from energy_opt.errors import BadInput, at_least
 from energy_opt.files import plain, read_toml
 from energy_opt.folders import written_whole
-from energy_opt.formats.output import Written
+from energy_opt.formats.controller_files import Written
 from energy_opt.front.desk import Answered, Desk
 from energy_opt.front.given import cell_of, named_robot, payload_document, robot_of
+from energy_opt.front.models import members, rivals_of
 from energy_opt.front.moves import documents, settings_of
-from energy_opt.front.rivals import members, rivals_of
 from energy_opt.jobs.file import job_of
 from energy_opt.jobs.legs import Job, Load
 from energy_opt.jobs.models import efforts_held, mean_of, stated, warned
 from energy_opt.jobs.over_time import document, over_time, page, text
-from energy_opt.jobs.run import JobResult
+from energy_opt.jobs.solve_job import JobResult
 from energy_opt.jobs.work import Answers
 from energy_opt.motion import Settings
 from energy_opt.motion.plan.planner import Shares
-from energy_opt.motion.plan.rivals import Rival
 from energy_opt.motion.plan.robust import Kind
+from energy_opt.motion.plan.robust_models import Rival
 from energy_opt.poses.given import poses_of_request
 from energy_opt.power.assumptions import assumptions, assumptions_line
 from energy_opt.requests.moves import JobRequest, PlaceRequest, TradeoffRequest
 from energy_opt.results import exit_of
 from energy_opt.robot import Robot
-from energy_opt.tradeoffs.output import ANSWER, Tradeoff
+from energy_opt.tradeoffs.front_files import ANSWER, Tradeoff
 
 Asked = TypeVar("Asked", JobRequest, TradeoffRequest, PlaceRequest)
 
@@ -115,8 +115,8 @@ class JobAnswer(Answered):
     """A solved cycle of one robot or of several, with its request.
 
     Attributes:
-        result: `jobs.run.JobResult` of one robot, `workcell.run.CellResult` of several.
-        output: the module that writes it: `jobs.output` or `workcell.output`.
+        result: `solve_job.JobResult` of one robot, `solve_cell.CellResult` of several.
+        output: the module that writes it: `job_files` or `cell_files`.
         formats: of the programs that are written beside it.
         files: the programs that were written, read back and judged. saved: job.json as it was written.
     """

@@ -17,8 +17,8 @@ from energy_opt.errors import BadInput
 from energy_opt.front.given import named_robot, payload_document, positions
 from energy_opt.motion import Move, Settings, Trajectory
 from energy_opt.motion.path import JointPath, of_trajectory
-from energy_opt.motion.plan.rivals import Rival
 from energy_opt.motion.plan.robust import Kind
+from energy_opt.motion.plan.robust_models import Rival
 from energy_opt.motion.standstills import check_moves_on
 from energy_opt.poses.given import Ends, Given, poses_of_request
 from energy_opt.poses.pose import EXACT, AnyOf, Freedom, Pose

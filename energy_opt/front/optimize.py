@@ -15,21 +15,21 @@ from energy_opt.cell.load import load_cell, own_body
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.files import write_json
 from energy_opt.folders import written_whole
-from energy_opt.formats.output import Written, unchanged
+from energy_opt.formats.controller_files import Written, unchanged
 from energy_opt.front.controllers import Controllers, check_written, kept_words
 from energy_opt.front.desk import Answered, Desk, verb
 from energy_opt.front.given import cell_of, robot_of
+from energy_opt.front.models import compared, members, rivals_of
 from energy_opt.front.moves import ends_of, move_of, resolved, settings_of
-from energy_opt.front.rivals import compared, members, rivals_of
 from energy_opt.motion import Move, Planner, Result, Settings, Trajectory
 from energy_opt.motion.judge.energy import Scorer, loss_by_joint
 from energy_opt.motion.move import LONGEST, SHORTEST
 from energy_opt.motion.plan.robust import RobustPlanner
 from energy_opt.motion.timing.toppra import INTERVALS
+from energy_opt.poses.cheapest_move import solve_to
 from energy_opt.poses.chosen import Chosen
 from energy_opt.poses.given import Ends, pose_document
 from energy_opt.poses.pose import Pose
-from energy_opt.poses.solve import solve_to
 from energy_opt.power.assumptions import assumptions_line, until
 from energy_opt.power.model import model_from_document
 from energy_opt.power.per_year import per_year_words

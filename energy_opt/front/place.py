@@ -11,14 +11,14 @@ from energy_opt.folders import written_whole
 from energy_opt.front.desk import Answered, Desk, verb
 from energy_opt.front.given import cell_of
 from energy_opt.front.jobs import job_from, loaded, resolved_job
+from energy_opt.front.models import rivals_of
 from energy_opt.front.moves import settings_of
-from energy_opt.front.rivals import rivals_of
 from energy_opt.jobs.models import efforts_held, mean_of, warned
-from energy_opt.jobs.run import JobResult, run_job
+from energy_opt.jobs.solve_job import JobResult, run_job
 from energy_opt.jobs.work import Worker
 from energy_opt.motion import Settings
 from energy_opt.motion.plan.planner import Shares
-from energy_opt.motion.plan.rivals import Rival
+from energy_opt.motion.plan.robust_models import Rival
 from energy_opt.placement import Placement
 from energy_opt.placement import PlaceRequest as Box
 from energy_opt.placement import place as placed

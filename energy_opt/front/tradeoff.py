@@ -14,13 +14,13 @@ from energy_opt.errors import BadInput
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, robot_of
 from energy_opt.front.jobs import run_job
+from energy_opt.front.models import break_even_friction, members, records_under, rivals_of, said, with_careful
 from energy_opt.front.moves import ends_of, move_of, resolved, settings_of
-from energy_opt.front.rivals import break_even_friction, members, records_under, rivals_of, said, with_careful
 from energy_opt.motion import Move, Planner
-from energy_opt.motion.plan.rivals import Rival
 from energy_opt.motion.plan.robust import RobustPlanner
+from energy_opt.motion.plan.robust_models import Rival
 from energy_opt.motion.travel import detours
-from energy_opt.poses.solve import solve_to
+from energy_opt.poses.cheapest_move import solve_to
 from energy_opt.power import PowerModel
 from energy_opt.power.assumptions import Assumption, assumptions
 from energy_opt.power.assumptions import assumptions_line as assumed
@@ -29,9 +29,9 @@ from energy_opt.reports.motion import drawn
 from energy_opt.reports.tradeoff import page
 from energy_opt.requests.moves import TradeoffRequest
 from energy_opt.robot import Robot
-from energy_opt.tradeoffs.cycle import Cycle
+from energy_opt.tradeoffs.fixed_cycle import Cycle
 from energy_opt.tradeoffs.front import Front, trace
-from energy_opt.tradeoffs.output import ANSWER, Tradeoff, document, motions_of, stated, text
+from energy_opt.tradeoffs.front_files import ANSWER, Tradeoff, document, motions_of, stated, text
 
 MOST = 1000  # most durations of a front; each needs a solve or more: some minutes
 DURATIONS = "expected FIRST:LAST:COUNT, two durations above 0 s, the smaller first, and a count"

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from energy_opt.effects import Payload
-from energy_opt.formats.program import Part, standing
+from energy_opt.formats.controller_program import Part, standing
 from energy_opt.jobs.legs import Job, Leg, Step
 from energy_opt.motion.judge.energy import DENSER, NONE, Energy, Past, Scorer
 from energy_opt.motion.plan.efforts import used

@@ -19,7 +19,7 @@ from energy_opt.motion.move import Move
 from energy_opt.motion.path import JointPath, straight, through
 from energy_opt.motion.retime.program import Retiming
 from energy_opt.motion.retime.solve import FLOOR
-from energy_opt.motion.timing.law import Timing
+from energy_opt.motion.timing.spline_timing import Timing
 from energy_opt.poses.estimate import holding
 from energy_opt.poses.given import in_base
 from energy_opt.poses.pose import Pose

@@ -10,13 +10,13 @@ import numpy as np
 
 from energy_opt.errors import Infeasible
 from energy_opt.jobs.cycle import Scorers, efforts, energy_of
-from energy_opt.jobs.run import JobResult
+from energy_opt.jobs.solve_job import JobResult
 from energy_opt.motion.judge.certificate import ALLOWED
 from energy_opt.motion.judge.energy import COARSER
 from energy_opt.motion.limits.joint import Effort
 from energy_opt.motion.plan.efforts import HELD, ROUNDS, smaller
 from energy_opt.motion.plan.planner import Shares
-from energy_opt.motion.plan.rivals import SAME, Rival, exceeds, judges_of
+from energy_opt.motion.plan.robust_models import SAME, Rival, exceeds, judges_of
 from energy_opt.motion.travel import detours
 from energy_opt.power import Mixture, PowerModel
 from energy_opt.power.assumptions import assumptions, break_even

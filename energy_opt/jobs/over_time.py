@@ -12,7 +12,7 @@ from energy_opt.cell.request import CellRequest
 from energy_opt.errors import Infeasible
 from energy_opt.jobs.legs import Job
 from energy_opt.jobs.posed import Posed
-from energy_opt.jobs.run import JobResult, run_job
+from energy_opt.jobs.solve_job import JobResult, run_job
 from energy_opt.jobs.work import Answers, Cells, Worker
 from energy_opt.motion.move import Settings
 from energy_opt.motion.plan.planner import Shares
@@ -22,7 +22,7 @@ from energy_opt.reports.charts import Chart, Line
 from energy_opt.reports.optimize import assumed
 from energy_opt.reports.page import Report
 from energy_opt.reports.words import yearly
-from energy_opt.tradeoffs.output import COLUMNS
+from energy_opt.tradeoffs.front_files import COLUMNS
 
 COUNT = 10  # default number of cycle times
 ROOM = 1.0005  # times the shortest cycle: the shortest itself leaves nothing to share

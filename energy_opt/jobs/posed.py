@@ -22,7 +22,7 @@ from energy_opt.errors import Infeasible
 from energy_opt.jobs.cycle import Choice, Plan, Scorers
 from energy_opt.jobs.file import Job
 from energy_opt.jobs.legs import pose_in_base
-from energy_opt.jobs.run import JobResult, RoughCycles, run_job
+from energy_opt.jobs.solve_job import JobResult, RoughCycles, run_job
 from energy_opt.jobs.work import Cells
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.move import Settings

@@ -20,7 +20,7 @@ from energy_opt.jobs.allocate import Front, Shares, modelled
 from energy_opt.jobs.cycle import Plan, energy_of
 from energy_opt.jobs.work import Worker
 from energy_opt.motion.plan.candidates import NEAR_FASTEST
-from energy_opt.motion.timing.law import Timing
+from energy_opt.motion.timing.spline_timing import Timing
 
 BEFORE = 0.5  # approximate share of a job's work before this
 PROBE = 1.08  # factor of the durations at which each leg is solved a second time

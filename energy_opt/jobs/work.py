@@ -25,7 +25,7 @@ from energy_opt.motion.path import JointPath, of_trajectory
 from energy_opt.motion.plan.first_path import check_free
 from energy_opt.motion.plan.neighbour import Neighbours
 from energy_opt.motion.plan.planner import Planner, Shares
-from energy_opt.motion.timing.law import Timing
+from energy_opt.motion.timing.spline_timing import Timing
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.poses.freedom import is_free
 from energy_opt.power import PowerModel

@@ -15,7 +15,7 @@ import numpy as np
 from energy_opt.effects import Effect
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
-from energy_opt.power.law import rigid_torque
+from energy_opt.power.drive_law import rigid_torque
 from energy_opt.robot import RigidBody, Tool
 
 LONG = 50_000  # largest grid [places] that is kept: 20 MB for seven joints

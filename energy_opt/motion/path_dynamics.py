@@ -22,7 +22,7 @@ from energy_opt.effects import EXACT, Signals
 from energy_opt.motion.path import JointPath
 from energy_opt.numerics.batch import Batch
 from energy_opt.power import PowerModel, drive_terms
-from energy_opt.power.law import rigid_torque
+from energy_opt.power.drive_law import rigid_torque
 from energy_opt.robot import Robot, Tool
 
 AFFINE = 1e-9  # relative: torque that deviates less from its tangent counts as affine

@@ -15,8 +15,8 @@ from energy_opt.diagnosis.search.effect_sets import Search
 from energy_opt.diagnosis.verdict.claims import RIVAL, RIVAL_DETAIL
 from energy_opt.diagnosis.verdict.inference import Inference
 from energy_opt.motion.trajectory import Trajectory
-from energy_opt.next_motion.rivals import Rival, expected_readings, samples_of, slack_under
-from energy_opt.next_motion.search import SAME
+from energy_opt.next_motion.motion_search import SAME
+from energy_opt.next_motion.rival_models import Rival, expected_readings, samples_of, slack_under
 
 # most recordings that are asked for: repeats share errors of the model, so that more hardly tell more
 MOST = 5

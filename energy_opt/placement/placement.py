@@ -17,9 +17,9 @@ from energy_opt.files import plain, write_json
 from energy_opt.folders import written_whole
 from energy_opt.jobs.cycle import Plan
 from energy_opt.jobs.file import Job
-from energy_opt.jobs.output import write as write_job
+from energy_opt.jobs.job_files import write as write_job
 from energy_opt.jobs.posed import Ends
-from energy_opt.jobs.run import JobResult
+from energy_opt.jobs.solve_job import JobResult
 from energy_opt.poses.given import WORLD
 from energy_opt.reports.page import Report
 

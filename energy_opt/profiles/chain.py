@@ -49,7 +49,7 @@ class Chain:
 
     @classmethod
     def of(cls, x: ca.SX, ends: tuple[np.ndarray, np.ndarray], vias: int) -> Chain:
-        """Expressions of the unknowns x (see `program`), between ends (n,), with `vias` free corners."""
+        """Expressions of the unknowns x (see `profile_program`), between ends (n,), with `vias` free corners."""
         n, k = len(ends[0]), vias
         corners = [ca.DM(ends[0]), *(x[i * n : (i + 1) * n] for i in range(k)), ca.DM(ends[1])]
         at = n * k

@@ -20,8 +20,8 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.files import read_text, read_yaml, write_text
+from energy_opt.formats.controller_files import Written, worst_of
 from energy_opt.formats.judging import Judging
-from energy_opt.formats.output import Written, worst_of
 from energy_opt.formats.urscript import JOINTS, check_start, vector
 from energy_opt.motion.limits.base import Violation
 from energy_opt.names import commented

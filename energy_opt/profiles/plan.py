@@ -26,7 +26,7 @@ from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics import ipopt
 from energy_opt.numerics.compile import compiled
 from energy_opt.profiles.chain import Chain
-from energy_opt.profiles.program import SHARP, Program
+from energy_opt.profiles.profile_program import SHARP, Program
 
 MOST_VIAS = 5
 MORE = 2  # further via points to try if moves cost more than the evenly slowed move

@@ -87,7 +87,7 @@ class Identification(Found):
 
     def kept(self, out: Path) -> Identification:
         """Write identify.json, the models of both methods, plot.png and report.html into the folder `out`."""
-        from energy_opt.static_poses.output import write  # plots are slow to import
+        from energy_opt.static_poses.identification_files import write  # plots are slow to import
 
         write(out, self.document(), {"model_method1": self.model_1(), "model_method2": self.model_2()})
         return self

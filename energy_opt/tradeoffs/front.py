@@ -17,7 +17,7 @@ from energy_opt.errors import Infeasible, at_least
 from energy_opt.motion.judge.energy import Energy
 from energy_opt.motion.plan.neighbour import Neighbours, Optimum
 from energy_opt.motion.trajectory import Trajectory
-from energy_opt.tradeoffs.cycle import Cycle, Waiting
+from energy_opt.tradeoffs.fixed_cycle import Cycle, Waiting
 
 if TYPE_CHECKING:
     from energy_opt.motion import Move, Planner

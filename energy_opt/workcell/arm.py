@@ -14,7 +14,7 @@ from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.effects import Payload
 from energy_opt.errors import BadInput, Infeasible, at_least
-from energy_opt.formats.program import standing
+from energy_opt.formats.controller_program import standing
 from energy_opt.jobs.cycle import Answer, standing_power
 from energy_opt.jobs.file import Job, Step
 from energy_opt.jobs.legs import Leg, legs_of

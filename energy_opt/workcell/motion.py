@@ -15,7 +15,7 @@ from energy_opt.cell.curve import MotionCurve
 from energy_opt.effects import Regeneration
 from energy_opt.jobs.cycle import Answer, Scorers, efforts
 from energy_opt.jobs.legs import Leg, Step
-from energy_opt.motion.timing.law import Timing
+from energy_opt.motion.timing.spline_timing import Timing
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot

@@ -15,8 +15,8 @@ from energy_opt.cli.main import main
 from energy_opt.effects import CoulombFriction, ViscousFriction
 from energy_opt.formats import write
 from energy_opt.motion.trajectory import Trajectory
-from energy_opt.next_motion.rivals import Rival
-from energy_opt.next_motion.search import propose
+from energy_opt.next_motion.motion_search import propose
+from energy_opt.next_motion.rival_models import Rival
 from energy_opt.power import source_method_2
 from energy_opt.robot import Robot, load_robot
 from energy_opt.tables import read_table

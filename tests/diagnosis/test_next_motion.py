@@ -33,9 +33,9 @@ from energy_opt.formats import read_trajectory, table
 from energy_opt.measured import read_set
 from energy_opt.motion.limits.base import values_of
 from energy_opt.next_motion.legs import PAUSE, contrast_functions, contrast_parameters
+from energy_opt.next_motion.motion_search import propose
 from energy_opt.next_motion.recordings import Prospect, recordings
-from energy_opt.next_motion.rivals import Rival, Slack, nearest, rivals_of, separations
-from energy_opt.next_motion.search import propose
+from energy_opt.next_motion.rival_models import Rival, Slack, nearest, rivals_of, separations
 from energy_opt.power import PowerModel
 from energy_opt.robot import load_robot
 

@@ -31,7 +31,7 @@ from energy_opt.errors import BadInput
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel, load_model
-from energy_opt.power.law import rigid_torque
+from energy_opt.power.drive_law import rigid_torque
 from energy_opt.robot import load_robot
 
 SPEED, TORQUE = [0.0, 0.1, 0.5, 1.5], [0.8, 0.4, 0.6, 1.4]

@@ -17,7 +17,7 @@ from energy_opt.effects import IdleHold, MotionPower
 from energy_opt.errors import BadInput
 from energy_opt.evaluations.source import load
 from energy_opt.files import write_json
-from energy_opt.formats.program import joined
+from energy_opt.formats.controller_program import joined
 from energy_opt.formats.waypoints import Samples
 from energy_opt.front.evaluate import evaluate
 from energy_opt.motion.path import straight, through

@@ -20,7 +20,7 @@ from urscript_arm import Controller
 
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
-from energy_opt.formats import output, read_trajectory, urscript, write
+from energy_opt.formats import controller_files, read_trajectory, urscript, write
 from energy_opt.formats.judging import Judging
 from energy_opt.formats.resample import RATES, fitted, on_steps, resampled, worst_step
 from energy_opt.motion.judge.certificate import certify
@@ -97,7 +97,7 @@ def test_all_formats_at_a_rate(tmp_path: Path, bend: tuple[Trajectory, Scorer], 
 
     judge = Judging(scorer, joint_limits(panda.limits))
     names = ["csv", "yaml", "json", "mcap", "follow-joint-trajectory", "csv"]
-    rows = output.write(curve, judge, output.wanted(names), tmp_path, 200.0, "left_")
+    rows = controller_files.write(curve, judge, controller_files.wanted(names), tmp_path, 200.0, "left_")
     assert len(rows) == 5 and all("200 Hz, quintic between points" in str(row) for row in rows)
     assert all(row.valid and row.rate == 200 and row.worst["joint"] in panda.joints for row in rows)
     expected = resampled(curve, 200.0)
@@ -110,7 +110,7 @@ def test_all_formats_at_a_rate(tmp_path: Path, bend: tuple[Trajectory, Scorer], 
         np.testing.assert_array_equal(again.effort, torque)
         np.testing.assert_allclose(again.time, expected.time, rtol=0, atol=0 if "csv" in name else 0.51e-9)
     with pytest.raises(BadInput, match=r"'jsn'; known are csv, yaml, .*did you mean 'json'"):
-        output.wanted(["jsn"])
+        controller_files.wanted(["jsn"])
     write(expected, tmp_path / "x.goal.yaml")
     assert "goal_time_tolerance" in (tmp_path / "x.goal.yaml").read_text()
     with pytest.raises(BadInput, match="no format has this ending"):
@@ -168,7 +168,7 @@ def test_positions_for_libfranka_hold_its_checks(tmp_path: Path, panda: Robot, m
                        d * 6 * (1 - 2 * x) / T**2)  # fmt: skip
     assert worst_step(on_steps(cubic, 1000), 1000, panda.limits).limit == "jerk"
     for k, motion in enumerate((curve, fast, cubic)):
-        (row,) = output.write(motion, judge, output.wanted(["franka"]), tmp_path)
+        (row,) = controller_files.write(motion, judge, controller_files.wanted(["franka"]), tmp_path)
         assert row.valid and row.file == "trajectory.franka.csv" and row.rate == 1000
         differences_hold(tmp_path / row.file, panda.limits)
         rows = np.loadtxt(tmp_path / row.file, delimiter=",", skiprows=1)
@@ -182,12 +182,12 @@ def test_a_file_that_does_not_hold_says_so(tmp_path: Path, panda: Robot, model: 
     judge = Judging(Scorer(panda, model), joint_limits(panda.limits))
     curve = swing(panda.joints, START, GOAL, 0.5)
     for name in ("franka", "yaml"):
-        (row,) = output.write(curve, judge, output.wanted([name]), tmp_path)
+        (row,) = controller_files.write(curve, judge, controller_files.wanted([name]), tmp_path)
         assert not row.valid and "THIS FILE BREAKS A LIMIT: " in str(row) and row.worst["joint"] in panda.joints
     with pytest.raises(BadInput, match="write franka: for arms of seven joints; this one has 6"):
-        output.wanted(["franka"], 6)
+        controller_files.wanted(["franka"], 6)
     with pytest.raises(BadInput, match="write urscript: for arms of six joints; this one has 7"):
-        output.wanted(["urscript"], 7)
+        controller_files.wanted(["urscript"], 7)
 
 
 def test_moves_as_ur_takes_them(ur5: Robot) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 from swings import UR_GOAL, UR_START, swing
 
-from energy_opt.formats import output
+from energy_opt.formats import controller_files
 from energy_opt.formats.judging import Judging
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.limits.registry import joint_limits
@@ -33,18 +33,18 @@ def test_a_program_at_the_controllers_own_rate_is_judged_as_positions(ur5: Robot
             held = trajectory.duration > 1.01 * curve.duration
             return SimpleNamespace(valid=held, within_limits=held, violation=0.01)
 
-    (form,) = output.wanted(["urscript"])
-    got = output.sampled(curve, Judge(), form, None)  # type: ignore[arg-type]
+    (form,) = controller_files.wanted(["urscript"])
+    got = controller_files.sampled(curve, Judge(), form, None)  # type: ignore[arg-type]
     assert got.rate == 500 and 1.01 < got.trajectory.duration / curve.duration < 1.03
 
 
 def test_a_program_for_an_arm_that_may_be_no_ur_says_so(tmp_path: Path, ur5: Robot, model: PowerModel) -> None:
-    curve, (form,) = swing(ur5.joints, UR_START, UR_GOAL, 2.0), output.wanted(["urscript"])
+    curve, (form,) = swing(ur5.joints, UR_START, UR_GOAL, 2.0), controller_files.wanted(["urscript"])
     judge = Judging(Scorer(ur5, model), joint_limits(ur5.limits))
-    (row,) = output.write(curve, judge, [form], tmp_path)
+    (row,) = controller_files.write(curve, judge, [form], tmp_path)
     assert "UR's" not in str(row)
-    row = output.read_back(
-        tmp_path / "trajectory.script", form, output.Sampled(curve, row.rate), judge, "",
+    row = controller_files.read_back(
+        tmp_path / "trajectory.script", form, controller_files.Sampled(curve, row.rate), judge, "",
         replace(curve, joints=tuple(f"joint{k}" for k in range(6))),
     )  # fmt: skip
     assert "the joints are not named as a UR's" in str(row)

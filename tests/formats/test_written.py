@@ -16,16 +16,16 @@ import energy_opt as eo
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
 from energy_opt.formats import read_trajectory, write
-from energy_opt.formats.cycle import certificates, without_jumps, write_cycle
+from energy_opt.formats.controller_files import wanted
+from energy_opt.formats.controller_program import Part, standing
+from energy_opt.formats.controller_program import joined as joined_parts
+from energy_opt.formats.cycle_file import certificates, without_jumps, write_cycle
 from energy_opt.formats.judging import CycleJudging
-from energy_opt.formats.output import wanted
-from energy_opt.formats.program import Part, standing
-from energy_opt.formats.program import joined as joined_parts
 from energy_opt.front.evaluate import table
-from energy_opt.jobs import output as job_output
+from energy_opt.jobs import job_files
 from energy_opt.jobs.file import load_job
-from energy_opt.jobs.output import write_programs
-from energy_opt.jobs.run import run_job
+from energy_opt.jobs.job_files import write_programs
+from energy_opt.jobs.solve_job import run_job
 from energy_opt.motion import Settings
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.trajectory import Trajectory, whole
@@ -227,7 +227,7 @@ def test_evaluate_gives_a_jobs_energy_and_writes_it_with_its_waits(
     cycle, ur5: Robot, model: PowerModel, tmp_path: Path
 ) -> None:
     """Payloads and brakes come from job.json; baselines keep the waits."""
-    job_output.write(cycle, {"robot": "ur5"}, tmp_path / "job")
+    job_files.write(cycle, {"robot": "ur5"}, tmp_path / "job")
     eo.evaluate(tmp_path / "job", None, model).save(tmp_path / "out", ["urscript", "yaml"])
     found = json.loads((tmp_path / "out" / "evaluate.json").read_text())
     (motion,) = found["motions"]

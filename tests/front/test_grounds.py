@@ -10,10 +10,10 @@ import pytest
 
 import energy_opt as eo
 from energy_opt.cli.main import main
+from energy_opt.front.models import grounded
 from energy_opt.front.optimize import Answer
-from energy_opt.front.rivals import grounded
 from energy_opt.motion.judge.energy import Scorer
-from energy_opt.motion.plan.rivals import Rival
+from energy_opt.motion.plan.robust_models import Rival
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.motion.travel import detours
 from energy_opt.power.known import careful, source_method_2

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from energy_opt.front.rivals import said
+from energy_opt.front.models import said
 
 
 @pytest.mark.parametrize(

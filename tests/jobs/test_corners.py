@@ -3,7 +3,7 @@
 import pytest
 
 from energy_opt import job
-from energy_opt.jobs.run import run_job
+from energy_opt.jobs.solve_job import run_job
 
 CYCLE = """
 format = "energy-opt/job/1"

@@ -24,7 +24,7 @@ from energy_opt.front.check import check
 from energy_opt.jobs.allocate import Front, Solved, allocate
 from energy_opt.jobs.file import load_job
 from energy_opt.jobs.legs import wrong_frames
-from energy_opt.jobs.run import run_job
+from energy_opt.jobs.solve_job import run_job
 from energy_opt.jobs.work import Answers
 from energy_opt.motion import Settings
 from energy_opt.motion.judge.clearance import clearance_of

@@ -8,7 +8,7 @@ import pytest
 
 from energy_opt.cli.main import example
 from energy_opt.jobs.file import load_job
-from energy_opt.jobs.run import run_job
+from energy_opt.jobs.solve_job import run_job
 from energy_opt.power import source_method_2
 from energy_opt.robot import Robot
 

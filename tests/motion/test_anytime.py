@@ -12,8 +12,8 @@ from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.plan.anytime import Progress
-from energy_opt.motion.plan.rivals import Rival
 from energy_opt.motion.plan.robust import RobustPlanner
+from energy_opt.motion.plan.robust_models import Rival
 
 MOVE = Move(START, GOAL, duration=2.0)
 

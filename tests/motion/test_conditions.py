@@ -17,8 +17,8 @@ from energy_opt.motion.limits.registry import limits_of
 from energy_opt.motion.limits.tool import ToolSpeed
 from energy_opt.motion.path import straight
 from energy_opt.motion.path_dynamics import PathDynamics
-from energy_opt.motion.plan.rivals import Rival
 from energy_opt.motion.plan.robust import RobustPlanner
+from energy_opt.motion.plan.robust_models import Rival
 from energy_opt.motion.timing.toppra import fastest
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel, source_method_2

@@ -8,7 +8,7 @@ from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.path import JointPath, of_trajectory, straight, through
 from energy_opt.motion.retime.fastest import minimum_time
-from energy_opt.motion.timing.law import Timing
+from energy_opt.motion.timing.spline_timing import Timing
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics.bspline import greville
 from energy_opt.power import source_method_2

@@ -28,14 +28,14 @@ from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.path import JointPath, straight, through
 from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure
 from energy_opt.motion.retime.fastest import minimum_time
-from energy_opt.motion.retime.law import compressed, law_function, point_numbers
 from energy_opt.motion.retime.nlp import CurvedConstraints, LinearConstraints, PathConstraints, RetimeProgram
 from energy_opt.motion.retime.points import PathLaw, Symbolic
 from energy_opt.motion.retime.program import Retiming, largest_price
 from energy_opt.motion.retime.quadrature import lift, quadrature
 from energy_opt.motion.retime.solve import retime
+from energy_opt.motion.retime.sums import compressed, law_function, point_numbers
 from energy_opt.motion.timing import toppra
-from energy_opt.motion.timing.law import Timing
+from energy_opt.motion.timing.spline_timing import Timing
 from energy_opt.motion.timing.toppra import fastest
 from energy_opt.numerics.bspline import greville
 from energy_opt.power import Mixture, PowerModel, drive_function

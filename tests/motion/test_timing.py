@@ -13,7 +13,7 @@ from energy_opt.motion import Move, Planner
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.path import JointPath, straight, through
 from energy_opt.motion.path_dynamics import PathDynamics
-from energy_opt.motion.timing.law import Timing
+from energy_opt.motion.timing.spline_timing import Timing
 from energy_opt.motion.timing.toppra import fastest
 from energy_opt.numerics.bspline import greville
 from energy_opt.power import PowerModel

@@ -58,7 +58,7 @@ def parts_imported(module: Path) -> set[str]:
         ("pinocchio", "robot/rigid_body.py"),
         ("coal", "cell/solids.py"),
         ("toppra", "motion/timing/toppra.py"),
-        ("highspy", "schedule/program.py"),
+        ("highspy", "schedule/milp.py"),
         ("matplotlib", "reports/plots.py"),
         ("mujoco", "virtual_arm/mujoco_arm.py"),
         ("rosbags", "formats/bags.py"),

@@ -20,7 +20,7 @@ from energy_opt.jobs.file import load_job
 from energy_opt.jobs.posed import Posed
 from energy_opt.motion import Settings
 from energy_opt.placement import PlaceRequest, place
-from energy_opt.placement.search import Rough, Search
+from energy_opt.placement.base_search import Rough, Search
 from energy_opt.poses.inverse import ToolKinematics
 from energy_opt.requests import moves
 from energy_opt.robot import load_robot
@@ -234,7 +234,7 @@ def test_a_placement_at_which_the_likely_positions_fail_is_solved_with_the_neare
             raise Infeasible("too short")
         return SimpleNamespace(solved=True, energy=3.0)
 
-    monkeypatch.setattr("energy_opt.placement.search.run_posed", run)
+    monkeypatch.setattr("energy_opt.placement.base_search.run_posed", run)
     box = PlaceRequest((0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     job, model = load_job(path, lambda name: ur.robot), source_model(ur.robot)
     search = Search(job, model, box, Settings(), CellRequest(), stopped=lambda: False, progress=lambda t, s: None)
@@ -242,7 +242,7 @@ def test_a_placement_at_which_the_likely_positions_fail_is_solved_with_the_neare
     assert found is not None and found.energy == 3.0
     energies = iter([5.0, 4.0])
     both = lambda *given, **more: SimpleNamespace(solved=True, energy=next(energies))  # noqa: E731
-    monkeypatch.setattr("energy_opt.placement.search.run_posed", both)
+    monkeypatch.setattr("energy_opt.placement.base_search.run_posed", both)
     cheaper = search.solve(np.zeros(4), "given")
     assert cheaper is not None and cheaper.energy == 4.0  # a job takes the better of both, too
     nearest = search.posed(np.zeros(4)).greedy()

@@ -21,7 +21,7 @@ import energy_opt as eo
 from energy_opt.cli.main import main
 from energy_opt.errors import Infeasible
 from energy_opt.front.given import source_model
-from energy_opt.front.rivals import rivals_from
+from energy_opt.front.models import rivals_from
 from energy_opt.motion import Move, Planner, Settings, Trajectory
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.result import Result

@@ -10,7 +10,7 @@ import pytest
 from tool_poses import by_pinocchio, pose_at
 
 from energy_opt.front.given import source_model
-from energy_opt.front.rivals import rivals_from
+from energy_opt.front.models import rivals_from
 from energy_opt.motion import Move, Planner, Settings, Trajectory
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.plan.candidates import task_of

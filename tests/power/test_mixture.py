@@ -11,24 +11,24 @@ import pytest
 
 from energy_opt.effects import CopperLoss, CoulombFriction, FrictionCurve, Payload, Regeneration, Standby
 from energy_opt.errors import BadInput
-from energy_opt.front.rivals import compared, rivals_from
+from energy_opt.front.models import compared, rivals_from
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.path import straight
-from energy_opt.motion.plan.rivals import Rival
 from energy_opt.motion.plan.robust import RobustPlanner
+from energy_opt.motion.plan.robust_models import Rival
 from energy_opt.motion.reshape.nodes import node_functions, symbolic_torque
 from energy_opt.motion.retime.solve import retime
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import Mixture, PowerModel, drive_function, source_method_2
+from energy_opt.power.drive_law import rigid_torque
 from energy_opt.power.known import named_model
-from energy_opt.power.law import rigid_torque
 from energy_opt.power.model import Uncertainty
 from energy_opt.power.variants import draws_of
 from energy_opt.robot import Robot
 from energy_opt.robot.catalog import CATALOG, urdf_of
 from energy_opt.tradeoffs.front import Point, trace
-from energy_opt.tradeoffs.output import stated
+from energy_opt.tradeoffs.front_files import stated
 
 START = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785])
 GOAL = np.array([0.8, 0.2, 0.3, -1.4, -0.4, 2.0, 0.0])

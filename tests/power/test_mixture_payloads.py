@@ -10,8 +10,8 @@ from energy_opt.motion import Move, Settings
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.path import straight
 from energy_opt.motion.path_dynamics import PathDynamics
-from energy_opt.motion.plan.rivals import Rival
 from energy_opt.motion.plan.robust import RobustPlanner
+from energy_opt.motion.plan.robust_models import Rival
 from energy_opt.motion.reshape.nodes import node_functions
 from energy_opt.motion.result import Result
 from energy_opt.motion.retime.solve import retime

@@ -13,7 +13,7 @@ from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
 from energy_opt.front.bench import overrides_of
 from energy_opt.front.given import model_from
-from energy_opt.front.rivals import rivals_from
+from energy_opt.front.models import rivals_from
 from energy_opt.power import drive_function
 from energy_opt.power.known import careful, load_model, named_model
 from energy_opt.requests.verbs import BenchRequest

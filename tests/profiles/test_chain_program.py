@@ -20,7 +20,7 @@ from energy_opt.power import PowerModel
 from energy_opt.profiles import (
     Chain,
 )
-from energy_opt.profiles.program import SHARP, Program, lobatto
+from energy_opt.profiles.profile_program import SHARP, Program, lobatto
 from energy_opt.robot import Robot
 
 

@@ -16,8 +16,8 @@ from energy_opt.formats.judging import Judging
 from energy_opt.motion import Move, Planner, Result, Settings
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.limits.registry import joint_limits
-from energy_opt.motion.plan.rivals import Rival
 from energy_opt.motion.plan.robust import RobustPlanner
+from energy_opt.motion.plan.robust_models import Rival
 from energy_opt.power import PowerModel
 from energy_opt.power.known import named_model
 from energy_opt.profiles import (

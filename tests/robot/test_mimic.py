@@ -33,7 +33,7 @@ from energy_opt.motion.limits.tube import Tube
 from energy_opt.motion.path import through
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
-from energy_opt.power.law import rigid_torque
+from energy_opt.power.drive_law import rigid_torque
 from energy_opt.reports.motion import Played, drawn, player
 from energy_opt.robot import PointMass, Robot, tool_of
 

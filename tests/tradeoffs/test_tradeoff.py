@@ -28,9 +28,9 @@ from energy_opt.power import PowerModel, source_method_2
 from energy_opt.reports.tradeoff import page
 from energy_opt.requests.moves import TradeoffRequest
 from energy_opt.robot import load_robot
-from energy_opt.tradeoffs.cycle import Cycle
+from energy_opt.tradeoffs.fixed_cycle import Cycle
 from energy_opt.tradeoffs.front import trace
-from energy_opt.tradeoffs.output import Tradeoff, document, motions_of, table, text
+from energy_opt.tradeoffs.front_files import Tradeoff, document, motions_of, table, text
 
 FASTEST = 1.0
 

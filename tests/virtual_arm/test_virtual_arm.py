@@ -26,7 +26,7 @@ from energy_opt.effects import (
 )
 from energy_opt.errors import BadInput
 from energy_opt.power import PowerModel, drive_function
-from energy_opt.power.law import rigid_inputs, rigid_torque
+from energy_opt.power.drive_law import rigid_inputs, rigid_torque
 from energy_opt.robot import load_robot
 from energy_opt.virtual_arm.drives import electrical_power, reading
 from energy_opt.virtual_arm.plant import Cogging, Fan, Plant, StandbyStep, load_plant

@@ -13,7 +13,7 @@ import tomli_w
 from energy_opt.cli.main import main
 from energy_opt.schedule import Hull, Lag, Mode, Move, Problem, Ring, Wait, solve
 from energy_opt.workcell.file import workcell_of
-from energy_opt.workcell.run import from_zero
+from energy_opt.workcell.solve_cell import from_zero
 from energy_opt.workcell.supply import Supply
 
 

@@ -27,7 +27,7 @@ from energy_opt.effects import (
 )
 from energy_opt.numerics.batch import Batch
 from energy_opt.power import PowerModel, drive_terms
-from energy_opt.power.law import heated, returned_power, store_of
+from energy_opt.power.drive_law import heated, returned_power, store_of
 
 MOST_RIGID = 6  # rigid-body torques kept in the cache
 STORE_STEP = 1e-3  # step of finite differences, over a store's capacity or a time constant

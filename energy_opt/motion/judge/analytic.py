@@ -21,7 +21,7 @@ from math import factorial
 import numpy as np
 
 from energy_opt.power import PowerModel
-from energy_opt.power.law import body_of, rigid_inputs
+from energy_opt.power.drive_law import body_of, rigid_inputs
 from energy_opt.robot import RigidBody
 
 RADII = (1.5, 3.0, 6.0, 12.0)  # radii r of the neighbourhood, in pieces' lengths

@@ -22,7 +22,7 @@ from energy_opt.motion.reshape.layout import Ends
 from energy_opt.motion.reshape.search import Kept, Reshaper, trajectory_of
 from energy_opt.motion.reshape.task import FEASIBLE, Line, Task
 from energy_opt.motion.retime.solve import RetimeSolution, retime
-from energy_opt.motion.timing.law import Timing
+from energy_opt.motion.timing.spline_timing import Timing
 from energy_opt.motion.trajectory import Trajectory
 
 REPAIRS = 10  # most times that limits are tightened after the judge finds a violation; each time removes 3/4 of a peak

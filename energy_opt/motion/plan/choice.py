@@ -16,7 +16,7 @@ from energy_opt.motion.plan.refusals import too_short
 from energy_opt.motion.plan.standing import at_rest
 from energy_opt.motion.result import Baseline, Optimality, Result, SolverReport
 from energy_opt.motion.retime.solve import GLOBAL_GAP, RetimeSolution
-from energy_opt.motion.timing.law import Timing
+from energy_opt.motion.timing.spline_timing import Timing
 from energy_opt.motion.trajectory import Trajectory
 
 SLOW = 200.0  # a duration of more times the shortest gives a warning about its unit

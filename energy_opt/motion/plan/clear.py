@@ -22,7 +22,7 @@ from energy_opt.motion.reshape.search import trajectory_of
 from energy_opt.motion.reshape.sqp import Descent
 from energy_opt.motion.reshape.task import Line, Task
 from energy_opt.motion.retime.solve import RetimeSolution
-from energy_opt.motion.timing.law import Timing
+from energy_opt.motion.timing.spline_timing import Timing
 from energy_opt.motion.trajectory import Trajectory
 
 OPTIMA = 3  # most optima found without bodies to start from

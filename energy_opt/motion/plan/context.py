@@ -27,8 +27,8 @@ from energy_opt.motion.reshape.curve import Curve
 from energy_opt.motion.reshape.nodes import NodeFunctions, node_functions
 from energy_opt.motion.reshape.search import Reshaper, trajectory_of
 from energy_opt.motion.retime.fastest import minimum_time
-from energy_opt.motion.retime.law import LimitByStructure
-from energy_opt.motion.timing.law import Timing
+from energy_opt.motion.retime.sums import LimitByStructure
+from energy_opt.motion.timing.spline_timing import Timing
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics.compile import compiled
 from energy_opt.power import PowerModel

@@ -19,7 +19,7 @@ from energy_opt.motion.plan.first_path import room_between
 from energy_opt.motion.reshape.curve import Curve, Outcome
 from energy_opt.motion.reshape.task import Level, Line, Task
 from energy_opt.motion.retime.solve import RetimeSolution
-from energy_opt.motion.timing.law import Timing
+from energy_opt.motion.timing.spline_timing import Timing
 
 SAME, LOOKED = 0.15, 40  # [rad] curves that differ by less at all of 40 points count as the same
 WIDER = 3  # most further seeds to look for optima without bodies, if initial paths are asked for

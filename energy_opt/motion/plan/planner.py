@@ -20,7 +20,7 @@ from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.judge.clearance import cell_beside
 from energy_opt.motion.judge.energy import Energy, Scorer
 from energy_opt.motion.limits.base import Limit
-from energy_opt.motion.limits.check import check_pose, least_duration
+from energy_opt.motion.limits.early_check import check_pose, least_duration
 from energy_opt.motion.limits.registry import limits_of
 from energy_opt.motion.move import LONGEST, Move, Settings, long_turns
 from energy_opt.motion.path import JointPath
@@ -33,11 +33,11 @@ from energy_opt.motion.plan.sketch import Settled, settled, sketched
 from energy_opt.motion.plan.unsearched import below_resolution
 from energy_opt.motion.reshape.open import FIXED, Open
 from energy_opt.motion.result import FirstPath, Result
-from energy_opt.motion.timing.law import Timing
+from energy_opt.motion.timing.spline_timing import Timing
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics.threads import one_thread
 from energy_opt.power import PowerModel
-from energy_opt.power.law import rigid_inputs
+from energy_opt.power.drive_law import rigid_inputs
 from energy_opt.robot import Robot
 
 log = logging.getLogger(__name__)

@@ -34,7 +34,7 @@ from energy_opt.motion.plan.efforts import HELD, smaller, used
 from energy_opt.motion.plan.efforts import ROUNDS as EFFORT_ROUNDS
 from energy_opt.motion.plan.planner import Planner, Shares
 from energy_opt.motion.plan.retimed import retimed
-from energy_opt.motion.plan.rivals import SAME, Rival, UnderJudges, exceeds, judges_of, record_of
+from energy_opt.motion.plan.robust_models import SAME, Rival, UnderJudges, exceeds, judges_of, record_of
 from energy_opt.motion.plan.robust_warnings import effort_warnings, power_warnings
 from energy_opt.motion.plan.sketch import Settled
 from energy_opt.motion.reshape.open import FIXED, Open

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 
 from energy_opt.errors import Infeasible
-from energy_opt.motion.limits.check import least_duration
+from energy_opt.motion.limits.early_check import least_duration
 from energy_opt.motion.limits.registry import without_conditions
 from energy_opt.motion.move import Move
 from energy_opt.motion.plan.anytime import Progress
@@ -31,7 +31,7 @@ from energy_opt.motion.reshape.curve import Outcome
 from energy_opt.motion.reshape.search import Kept
 from energy_opt.motion.result import FirstPath, Result
 from energy_opt.motion.retime.solve import RetimeSolution
-from energy_opt.motion.timing.law import Timing
+from energy_opt.motion.timing.spline_timing import Timing
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics.threads import one_thread
 

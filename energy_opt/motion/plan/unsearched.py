@@ -8,7 +8,7 @@ from energy_opt.errors import Infeasible, at_least
 from energy_opt.motion.move import Move
 from energy_opt.motion.plan.candidates import SAMPLES, Candidate
 from energy_opt.motion.plan.context import Context
-from energy_opt.motion.timing.law import Timing
+from energy_opt.motion.timing.spline_timing import Timing
 from energy_opt.motion.trajectory import Trajectory
 
 RESOLUTION = 2e-5  # [rad, m] resolution of an 18-bit encoder: smaller moves are not searched

@@ -18,7 +18,7 @@ from energy_opt.errors import BadInput
 from energy_opt.motion.limits.base import Limit, State
 from energy_opt.motion.move import OBJECTIVES
 from energy_opt.power import PowerModel, drive_terms
-from energy_opt.power.law import body_of
+from energy_opt.power.drive_law import body_of
 from energy_opt.robot import RigidBody
 
 

@@ -9,7 +9,7 @@ from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.path_dynamics import PathDynamics, points_of
 from energy_opt.motion.retime.program import Retiming
-from energy_opt.motion.timing.law import Timing
+from energy_opt.motion.timing.spline_timing import Timing
 from energy_opt.motion.timing.toppra import fastest
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot

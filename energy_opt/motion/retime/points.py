@@ -15,7 +15,7 @@ import numpy as np
 
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure
-from energy_opt.motion.retime.law import (
+from energy_opt.motion.retime.sums import (
     DEGREES,
     WIDTHS,
     AlongPath,

@@ -2,7 +2,7 @@
 
 The proof that a retiming is optimal: convexity follows from the law's coefficients, a lower bound from weak duality.
 
-With the power in its nine monomials (`law`), a point's share of the energy is, up to terms linear in (a, b),
+With the power in its nine monomials (`drive_law`), a point's share of the energy is, up to terms linear in (a, b),
 
     [k3 a^2 + k4 a b + k5 b^2 + k1 a + k2 b + k0 - price] / sqrt(b)
 
@@ -25,12 +25,12 @@ import numpy as np
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.path_dynamics import PathDynamics
-from energy_opt.motion.retime.law import WIDTHS
 from energy_opt.motion.retime.limits import MARGIN, PathLimits
 from energy_opt.motion.retime.nlp import PathConstraints, RetimeProgram
 from energy_opt.motion.retime.points import PathLaw
 from energy_opt.motion.retime.quadrature import GAUSS, quadrature
-from energy_opt.motion.timing.law import Timing
+from energy_opt.motion.retime.sums import WIDTHS
+from energy_opt.motion.timing.spline_timing import Timing
 from energy_opt.numerics.bspline import greville
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot

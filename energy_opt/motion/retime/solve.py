@@ -1,7 +1,7 @@
 """Minimum energy over the timing of a fixed path.
 
-The squared path speed b(s) is a quadratic B-spline (`timing.law`); the program is convex if the model allows it, and is
-solved by IPOPT from TOPP-RA's timing (`retime.program`). This module decides what to solve for a given duration.
+The squared path speed b(s) is a quadratic B-spline (`spline_timing`); the program is convex if the model allows it, and
+is solved by IPOPT from TOPP-RA's timing (`retime.program`). This module decides what to solve for a given duration.
 
 "At most T" is convex. "Exactly T" is not, since T(b) is convex. It is solved as an equality, with
 
@@ -28,7 +28,7 @@ from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.retime.fastest import FLOOR, quickest
 from energy_opt.motion.retime.program import Retiming, Solved, standing_power
-from energy_opt.motion.timing.law import Timing
+from energy_opt.motion.timing.spline_timing import Timing
 from energy_opt.motion.timing.toppra import fastest
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel

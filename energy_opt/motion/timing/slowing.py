@@ -12,7 +12,7 @@ from energy_opt.errors import Infeasible
 from energy_opt.motion.limits.along import Use, used
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.path_dynamics import PathDynamics
-from energy_opt.motion.timing.law import Timing
+from energy_opt.motion.timing.spline_timing import Timing
 
 TOLERANCE = 1e-7  # share of a bound: a smaller excess is no violation
 SLOWEST = 50.0  # largest factor of the duration: slowing further repairs nothing

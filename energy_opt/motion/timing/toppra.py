@@ -20,12 +20,12 @@ import numpy as np
 from energy_opt.errors import Infeasible
 from energy_opt.motion.limits.along import Tightening
 from energy_opt.motion.limits.base import Limit, Linear
-from energy_opt.motion.limits.check import check_path
+from energy_opt.motion.limits.early_check import check_path
 from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.path_dynamics import CRAWL, PathDynamics, has_torque_effects, points_of
-from energy_opt.motion.timing.law import Timing
 from energy_opt.motion.timing.slowing import SLOWEST, TOLERANCE, broken, not_held, slowing, uses
+from energy_opt.motion.timing.spline_timing import Timing
 from energy_opt.numerics.bspline import greville
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot

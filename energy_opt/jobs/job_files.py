@@ -12,14 +12,14 @@ import numpy as np
 from energy_opt import formats
 from energy_opt.cell.load import own_body
 from energy_opt.files import plain, write_json
-from energy_opt.formats import Format, output
-from energy_opt.formats.cycle import certificates, without_jumps, write_cycle
+from energy_opt.formats import Format, controller_files
+from energy_opt.formats.controller_files import Shares, Written, unchanged
+from energy_opt.formats.controller_program import joined
+from energy_opt.formats.cycle_file import certificates, without_jumps, write_cycle
 from energy_opt.formats.judging import CycleJudging
-from energy_opt.formats.output import Shares, Written, unchanged
-from energy_opt.formats.program import joined
 from energy_opt.jobs.cycle import Piece
 from energy_opt.jobs.legs import Step
-from energy_opt.jobs.run import JobResult
+from energy_opt.jobs.solve_job import JobResult
 from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.trajectory import Trajectory
@@ -55,10 +55,10 @@ def with_room(
         judge = judging_of(found)
         return [judge(whole_cycle(found)), *certificates(found.pieces, judge, formats, rate)]
 
-    found, shares = output.with_room(result, certificates_of, again)
+    found, shares = controller_files.with_room(result, certificates_of, again)
     if not shares or not found.solved:
         return result
-    said = output.said(shares, found.energy - result.energy)
+    said = controller_files.said(shares, found.energy - result.energy)
     return replace(found, baselines=result.baselines, bound=result.bound, warnings=(*result.warnings, said))
 
 

@@ -26,7 +26,7 @@ from energy_opt.reports.page import Report
 from energy_opt.requests.moves import TradeoffRequest
 from energy_opt.results import Found
 from energy_opt.robot import Robot
-from energy_opt.tradeoffs.cycle import Cycle
+from energy_opt.tradeoffs.fixed_cycle import Cycle
 from energy_opt.tradeoffs.front import Front, Point
 
 ANSWER = "tradeoff.json"

@@ -13,7 +13,7 @@ import numpy as np
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput, Infeasible, at_least
-from energy_opt.formats.program import standing
+from energy_opt.formats.controller_program import standing
 from energy_opt.jobs.allocate import Front, Shares, allocate
 from energy_opt.jobs.cycle import (
     Choice,
@@ -33,7 +33,7 @@ from energy_opt.jobs.work import Answers, Cells, Worker
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.move import Settings
 from energy_opt.motion.plan.planner import Planner
-from energy_opt.motion.timing.law import Timing
+from energy_opt.motion.timing.spline_timing import Timing
 from energy_opt.power import PowerModel
 from energy_opt.power.assumptions import Assumption
 

@@ -22,7 +22,7 @@ from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.jobs.file import Job
 from energy_opt.jobs.posed import Ends, Posed, run_posed
-from energy_opt.jobs.run import JobResult, RoughCycles
+from energy_opt.jobs.solve_job import JobResult, RoughCycles
 from energy_opt.motion.move import Settings
 from energy_opt.placement.placement import Looked, Placement, PlaceRequest, Rough, fixture_pose, in_scene
 from energy_opt.poses.sets import DETOUR

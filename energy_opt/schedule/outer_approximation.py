@@ -13,8 +13,8 @@ from time import monotonic
 import numpy as np
 
 from energy_opt.errors import Infeasible, at_least
+from energy_opt.schedule.milp import Program
 from energy_opt.schedule.problem import Exclusion, Lag, Move, Problem, Ring, Wait, in_blocks, possible
-from energy_opt.schedule.program import Program
 
 SMALL = 1e-9  # relative: a tangent nearer to the curve than this is not added
 EARLIEST = 5.0  # [s] time limit for moving starts forward, which changes no energy

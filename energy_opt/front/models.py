@@ -13,8 +13,8 @@ from energy_opt.front.desk import Desk
 from energy_opt.front.given import DEFAULT, carried, model_from, of_another_robot, several
 from energy_opt.motion import Result
 from energy_opt.motion.judge.energy import COARSER, Scorer
-from energy_opt.motion.plan.rivals import SAME, Rival, record_of
 from energy_opt.motion.plan.robust import Kind
+from energy_opt.motion.plan.robust_models import SAME, Rival, record_of
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.motion.travel import detours
 from energy_opt.power import PowerModel

@@ -26,7 +26,7 @@ from energy_opt.motion.reshape.layout import Shape
 from energy_opt.motion.reshape.task import Level
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.next_motion.legs import Way, contrast_functions, contrast_parameters, joined, reshaped, shortest
-from energy_opt.next_motion.rivals import Rival, nearest, separations
+from energy_opt.next_motion.rival_models import Rival, nearest, separations
 from energy_opt.numerics.bspline import Basis
 from energy_opt.power import PowerModel
 from energy_opt.robot import Limits, Robot

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from energy_opt.formats import Format, urscript
+from energy_opt.formats.controller_files import STEPS, Written, file_of, read_back
+from energy_opt.formats.controller_program import NANOSECOND, Part, in_tool, joined
 from energy_opt.formats.judging import CycleJudging
-from energy_opt.formats.output import STEPS, Written, file_of, read_back
-from energy_opt.formats.program import NANOSECOND, Part, in_tool, joined
 from energy_opt.formats.resample import RATES, Sampled, broken, on_steps, resampled
 from energy_opt.motion.judge.certificate import ALLOWED, Certificate
 from energy_opt.motion.trajectory import Trajectory, whole

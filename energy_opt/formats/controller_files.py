@@ -14,8 +14,8 @@ import numpy as np
 
 from energy_opt.errors import BadInput, Infeasible, suggest
 from energy_opt.formats import FORMATS, Format, franka, urscript
+from energy_opt.formats.controller_program import Load, Part
 from energy_opt.formats.judging import CycleJudging, Judging
-from energy_opt.formats.program import Load, Part
 from energy_opt.formats.resample import Sampled, fitted, lowest, on_steps, resampled, slowed_until
 from energy_opt.formats.urscript import read_program
 from energy_opt.motion.judge.certificate import ALLOWED, Certificate

@@ -14,11 +14,11 @@ from energy_opt import formats
 from energy_opt.errors import BadInput
 from energy_opt.files import plain, write_json
 from energy_opt.formats import FORMATS, Format
-from energy_opt.formats.cycle import write_cycle
+from energy_opt.formats.controller_files import Written, unchanged, wanted
+from energy_opt.formats.controller_program import Part, joined
+from energy_opt.formats.cycle_file import write_cycle
 from energy_opt.formats.judging import CycleJudging
-from energy_opt.formats.output import Written, unchanged, wanted
-from energy_opt.formats.program import Part, joined
-from energy_opt.jobs.output import divided
+from energy_opt.jobs.job_files import divided
 from energy_opt.power.per_year import PerYear
 from energy_opt.reports.motion import Solid, cell_player, drawn
 from energy_opt.reports.workcell import page
@@ -29,7 +29,7 @@ from energy_opt.workcell.between import placed_links
 from energy_opt.workcell.curves import zones_of
 from energy_opt.workcell.file import MOTORS, WorkCell
 from energy_opt.workcell.motion import PeriodicMotion
-from energy_opt.workcell.run import CellResult
+from energy_opt.workcell.solve_cell import CellResult
 from energy_opt.workcell.supply import Supply
 
 BRIEF = 1e-7  # [s] shorter waits are rounding errors
@@ -72,7 +72,7 @@ def write_programs(
 
     Args:
         forms: by the robot's name.
-        rate, prefix: as in `formats.cycle.write_cycle`.
+        rate, prefix: as in `cycle_file.write_cycle`.
 
     Returns:
         The files; the record of each has its robot, and `starts_at`: the begin of the robot's cycle [s] after that of

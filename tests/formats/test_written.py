@@ -14,14 +14,12 @@ from urscript_arm import Controller
 
 import energy_opt as eo
 from energy_opt.cli.main import main
-from energy_opt.errors import BadInput
 from energy_opt.formats import read_trajectory, write
 from energy_opt.formats.controller_files import wanted
 from energy_opt.formats.controller_program import Part, standing
 from energy_opt.formats.controller_program import joined as joined_parts
 from energy_opt.formats.cycle_file import certificates, without_jumps, write_cycle
 from energy_opt.formats.judging import CycleJudging
-from energy_opt.front.evaluate import table
 from energy_opt.jobs import job_files
 from energy_opt.jobs.file import load_job
 from energy_opt.jobs.job_files import write_programs
@@ -243,113 +241,3 @@ def test_evaluate_gives_a_jobs_energy_and_writes_it_with_its_waits(
     arm.run((tmp_path / "out" / "trajectory.script").read_text())
     assert arm.time == pytest.approx(5.0, abs=1e-3) and len(arm.payloads) == 2
     assert read_trajectory(tmp_path / "out" / "trajectory.yaml", ur5.joints).duration == pytest.approx(5.0, abs=1e-8)
-
-
-def test_evaluate_on_the_command_line(panda: Robot, tmp_path: Path, capsys) -> None:
-    time = np.linspace(0, 2, 201)
-    x = (time / 2)[:, None]
-    rows = (START + (GOAL - START) * x**3 * (10 - 15 * x + 6 * x**2), (GOAL - START) * 15 * x**2 * (1 - x) ** 2,
-            (GOAL - START) * 15 * x * (1 - x) * (1 - 2 * x))  # fmt: skip
-    write(Trajectory(panda.joints, time, *rows), tmp_path / "a.csv")
-    words = ["evaluate", str(tmp_path / "a.csv"), "--out", str(tmp_path / "out"), "--payload", "1", "--quiet", "--json"]
-    assert main([*words, "--write", "franka"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["robot"] == "panda" and len(found["motions"][0]["models"]) == 2 and found["motions"][0]["valid"]
-    assert found["written"][0]["file"] == "trajectory.franka.csv" and found["written"][0]["valid"]
-    assert main(["evaluate", str(tmp_path / "b.csv"), "--out", str(tmp_path / "out"), "--quiet"]) == 2
-
-
-def test_a_motion_that_comes_to_rest_on_a_position_limit_has_baselines(panda: Robot) -> None:
-    """The spline through its positions passes the limit by 3e-8 rad where joint 6 stops while joint 1 goes on."""
-    time = np.linspace(0, 4, 401)
-    q, v, a = np.tile(START, (401, 1)), np.zeros((401, 7)), np.zeros((401, 7))
-    for joint, first, length, end, by in ((5, 0.0, 2.0, panda.limits.upper[5], 0.4), (0, 0.0, 4.0, 1.0, 1.0)):
-        x = np.clip((time - first) / length, 0, 1)
-        q[:, joint] = end - by * (1 - x**3 * (10 - 15 * x + 6 * x**2))
-        v[:, joint] = by * 30 * x**2 * (1 - x) ** 2 / length
-        a[:, joint] = by * 60 * x * (1 - 3 * x + 2 * x**2) / length**2
-    found = eo.evaluate(Trajectory(panda.joints, time, q, v, a), "panda", "source-method-2", self_collision=False)
-    (motion,) = found.document()["motions"]
-    assert motion["certificate"]["max_violation"]["position"] <= 0
-    assert [row["name"] for row in motion["baselines"]] == ["toppra", "scaled"]
-    assert all(row["valid"] for row in motion["baselines"])
-
-
-def test_evaluate_from_python_under_several_models_side_by_side(panda: Robot) -> None:
-    """Energies by hand: Pinocchio's torque and the model's law on a fine grid; a recording with noise is smoothed."""
-    import pinocchio as pin
-
-    time = np.linspace(0, 2, 401)
-    x = (time / 2)[:, None]
-    q = START + (GOAL - START) * x**3 * (10 - 15 * x + 6 * x**2)
-    v = (GOAL - START) * 30 * x**2 * (1 - x) ** 2 / 2
-    a = (GOAL - START) * 60 * x * (1 - x) * (1 - 2 * x) / 4
-    t = Trajectory(panda.joints, time, q, v, a)
-    found = eo.evaluate([t, t.slowed(4.0)], "panda", ["source-method-2", "careful"])
-    text = str(found)
-    assert "under source-method-2" in text and "under careful" in text and text.count("all limits kept") == 2
-    lines = [line.split() for line in text.splitlines()]
-    begin = lines.index(["the", "total", "by", "effect"])
-    parts = [float(line[1]) for line in lines[begin + 1 : [line[0] for line in lines].index("toppra")]]
-    assert len(parts) >= 3 and abs(sum(parts) - float(lines[begin - 4][1])) < 1e-3 * (len(parts) + 1)
-    model = pin.buildModelFromUrdf(str(panda.urdf))
-    names = list(model.names)[1:]
-    lock = [model.getJointId(n) for n in names if n not in panda.joints]
-    q0 = pin.neutral(model)
-    for n, value in panda.locked.items():
-        q0[model.joints[model.getJointId(n)].idx_q] = value
-    arm = pin.buildReducedModel(model, lock, q0)
-    data = arm.createData()
-    loss = [0.0036 * np.sum(pin.rnea(arm, data, *row) ** 2) for row in zip(q, v, a, strict=True)]
-    energy = found.found[0].energies["source-method-2"]
-    assert energy.by_effect["copper_loss"] == pytest.approx(np.trapezoid(loss, time), rel=1e-4)
-    assert energy.standby == pytest.approx(2 * 88.04)
-    assert found.found[1].energies["source-method-2"].standby == pytest.approx(4 * 88.04)
-    two = [
-        replace(e, motion=replace(e.motion, name=f"{folder}/trajectory.csv"))
-        for folder, e in zip(("declared", "diagnosed"), found.found, strict=True)
-    ]
-    assert table(two).splitlines()[0].split() == ["declared/trajectory.csv", "diagnosed/trajectory.csv"]
-
-
-def test_standard_moves_have_their_motion_in_a_file_beside_them(tmp_path: Path) -> None:
-    """Their timing is the controller's own."""
-    joints = ", ".join(f"j{k}" for k in range(6))
-    (tmp_path / "moves.script").write_text(f"# {joints}\n  local start = [0,0,0,0,0,0]\n  movej([1,0,0,0,0,0])\n")
-    (tmp_path / "moves.yaml").write_text("format: energy-opt/moves/1\nmoves:\n- to: [1.0]\n")
-    for name in ("moves.script", "moves.yaml"):
-        with pytest.raises(BadInput, match=r"standard moves.*trajectory\.csv beside"):
-            eo.evaluate(tmp_path / name, "ur5e")
-
-
-def test_a_recording_with_noise_is_smoothed(panda: Robot, tmp_path: Path) -> None:
-    time = np.linspace(0, 3, 301)
-    q = START + (GOAL - START) * (0.5 - 0.5 * np.cos(np.pi * time / 3))[:, None]
-    noisy = q + np.random.default_rng(0).normal(0, 2e-4, q.shape)
-    header = ",".join(["time", *(f"{joint}.position" for joint in panda.joints)])
-    np.savetxt(tmp_path / "run.csv", np.column_stack([time, noisy]), delimiter=",", header=header, comments="")
-    found = eo.evaluate(tmp_path / "run.csv", panda, "source-method-2").found[0]
-    exact = Trajectory(
-        panda.joints, time, q, *(np.gradient(x, time, axis=0) for x in (q, np.gradient(q, time, axis=0)))
-    )
-    clean = eo.evaluate(exact, panda, "source-method-2").found[0].energies["source-method-2"]
-    assert "noisy recording" in found.motion.notes[0]
-    assert found.energies["source-method-2"].loss == pytest.approx(clean.loss, rel=0.02)
-
-
-def test_the_message_of_write_is_the_one_in_the_folder(panda: Robot, tmp_path: Path) -> None:
-    """`--write yaml --rate 50` was replaced by the judged samples, with joint names without the prefix."""
-    start, goal = (",".join(map(str, q)) for q in (START, START + 0.2))
-    words = ["optimize", "--robot", "panda", f"--start={start}", f"--goal={goal}", "--mode", "retime", "--quiet"]
-    words += ["--model", "source-method-2", "--compile", "never", "--out", str(tmp_path / "out")]
-    assert main([*words, "--write", "yaml", "--rate", "50", "--joint-prefix", "left_"]) == 0
-    found = json.loads((tmp_path / "out" / "result.json").read_text())
-    assert [(row["file"], row["rate"]) for row in found["written"]] == [
-        ("trajectory.csv", None),
-        ("trajectory.yaml", 50),
-    ]
-    again = read_trajectory(tmp_path / "out" / "trajectory.yaml", panda.joints, "left_")
-    np.testing.assert_allclose(np.diff(again.time)[:-1], 0.02, rtol=1e-6)
-    assert main([*words, "--write", "csv", "--joint-prefix", "left_", "--force"]) == 0
-    for file, prefix in (("trajectory.csv", ""), ("trajectory_prefixed.csv", "left_")):
-        assert len(read_trajectory(tmp_path / "out" / file, panda.joints, prefix).time) > 100

@@ -57,7 +57,8 @@ class Position(Limit):
 
         def text(k: int, j: int) -> str:
             unit = d.robot.units[j]
-            return f"position {d.q[k, j]:.6g} {unit} is outside [{self.lower[j]:.6g}, {self.upper[j]:.6g}] {unit}"
+            q, low, high = d.q[k, j], self.lower[j], self.upper[j]
+            return f"position {q:.6g} {unit} is outside [{low:.6g}, {high:.6g}] {unit} by {max(q - high, low - q):.2g}"
 
         return Fixed(self._excess(d.q), text)
 

@@ -11,8 +11,10 @@ import pytest
 
 import energy_opt
 from energy_opt.numerics import native
+from energy_opt.numerics.library import compiler
 from energy_opt.numerics.quadratic import Banded, Constraints, add_nodes, add_places, minimise
 
+COMPILED = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 PRICE = 20.0
 JOINTS, POINTS, WINDOW = 2, 15, 6
 SIZE, WIDTH = JOINTS * POINTS, JOINTS * WINDOW
@@ -149,6 +151,7 @@ def test_joined_and_moved_constraints_are_the_same_matrix(tmp_path) -> None:
     assert len(named) == 25 and both.moved(d).floor == pytest.approx(both.floor + both.times(d))
 
 
+@COMPILED
 @pytest.mark.parametrize(("seed", "border", "convex"), [(0, 0, True), (3, 3, True), (4, 2, False)])
 def test_c_and_numpy_find_the_same(seed: int, border: int, convex: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     full, g, held, _ = problem(seed, border, convex)
@@ -171,6 +174,7 @@ def test_c_and_numpy_find_the_same(seed: int, border: int, convex: bool, monkeyp
         assert one == pytest.approx(two, rel=1e-6, abs=1e-7)
 
 
+@COMPILED
 @pytest.mark.parametrize("joints", [6, 7, 8])
 def test_rows_at_places_are_the_same_in_c_and_numpy_for_usual_arms(
     joints: int, monkeypatch: pytest.MonkeyPatch
@@ -196,7 +200,7 @@ def test_rows_at_places_are_the_same_in_c_and_numpy_for_usual_arms(
     assert np.abs(both[0][1]).max() > 0.1
 
 
-@pytest.mark.parametrize("cc", ["", "false"])
+@pytest.mark.parametrize("cc", [pytest.param("", marks=COMPILED), "false"])
 def test_machine_code_is_kept_in_the_cache_folder_and_nowhere_else(cc: str, tmp_path: Path) -> None:
     """Nothing is written beside the installed files, and a compiler that fails is done without."""
     code = "from energy_opt.numerics import native; native.begin()\n"

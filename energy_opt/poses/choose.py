@@ -3,7 +3,7 @@
 reach       every joint goal that the poses and goals allow
 estimate    the energy of the straight move to each goal; goals in contact are left out
 improve     the most promising are moved along their freedom to where the estimate is least
-screen      these are sketched, in order, while the next may be better than the best
+screen      these are sketched, in order, while the next may be better than the best; then with a joint turned further
 settle      of each sketch, curve and goal are optimized together, within what the pose leaves free
 solve       the best in full, settled once more; and the goal nearest to the start at that duration: that is the saving
             (settled too where it costs less than the best)
@@ -26,19 +26,18 @@ from energy_opt.motion.trajectory import Trajectory
 from energy_opt.poses.chosen import Candidate, Chosen, Settle, Settling
 from energy_opt.poses.estimate import curves, fastest
 from energy_opt.poses.freedom import directions, has_freedom, improved
-from energy_opt.poses.inverse import ToolKinematics
+from energy_opt.poses.inverse import ToolKinematics, other_turns
 from energy_opt.poses.pose import Pose
 from energy_opt.poses.sets import Target, positions_of
 
 IMPROVED = 5  # goals that the estimate moves along their freedom, each to another place
 TRIED = 7  # most goals that it moves, those that end at the place of another one included
-SCREENED = 3  # most goals that are sketched
+SCREENED, TURNED = 3, 2  # most goals that are sketched, and most of these with one joint turned to the other side
 HOPE = 1.5  # a goal is sketched if its estimate, less so many times the largest gain so far, is below the best energy
 EQUAL = 1e-5  # relative: goals whose estimates differ by less differ only in joints that cost nothing
 WORTH = 1e-3  # share of the loss that another goal must promise to save, to be solved in full
 APART = 0.35  # [rad, m] least distance of goals that are both sketched
-LISTED = 40  # most goals that an answer lists
-FREE = 60  # most goals without contact among which to choose
+LISTED, FREE = 40, 60  # most goals that an answer lists, and most without contact among which to choose
 
 Sketch = Callable[[Move], Trajectory]
 
@@ -205,13 +204,31 @@ class Chooser:
         if len(goals) == 1 and (goals[0].pose is None or not has_freedom(self.tool, goals[0].pose)):
             return out
         for goal in goals:
-            gain = max((c.estimate - (c.energy or np.inf) for c, _ in out), default=np.inf)
-            least = min((c.energy or np.inf for c, _ in out), default=np.inf)
-            if len(out) == SCREENED or goal.estimate - HOPE * max(gain, 0.0) > least:
+            if len(out) == SCREENED or not self._may_be_better(goal, out):
                 break
             if not any(self._is_equivalent(goal, other) for other, _ in out):
                 out += self._sketched(move, goal)
+        for goal in self._turned(move, [goal for goal, _ in out])[:TURNED]:
+            if self._may_be_better(goal, out):
+                out += self._sketched(move, goal)
         return out
+
+    @staticmethod
+    def _may_be_better(goal: Candidate, sketched: Sequence[Sketched]) -> bool:
+        """True if the sketch of a goal may take less energy than the best sketch so far."""
+        gain = max((c.estimate - (c.energy or np.inf) for c, _ in sketched), default=np.inf)
+        return goal.estimate - HOPE * max(gain, 0.0) <= min((_cost(each) for each in sketched), default=np.inf)
+
+    def _turned(self, move: Move, goals: Sequence[Candidate]) -> list[Candidate]:
+        """The goals with one joint turned to the other side of the start, in order of their estimates."""
+        out: list[Candidate] = []
+        for goal in goals:
+            if goal.pose is not None:
+                q = other_turns(goal.goal, _last_leg(move), self.tool.robot)
+                possible, energy = self._estimates(move, q)
+                cost = zip(q[possible], energy[possible].tolist(), strict=True)
+                out += [replace(goal, goal=at, estimate=each, energy=None) for at, each in cost]
+        return sorted(out, key=lambda c: c.estimate)
 
     def _sketched(self, move: Move, goal: Candidate) -> list[Sketched]:
         """The sketch of a goal; empty if it is not possible."""

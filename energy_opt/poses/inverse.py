@@ -255,6 +255,17 @@ def turned_near(q: np.ndarray, near: np.ndarray | None, robot: Robot) -> np.ndar
     return out
 
 
+def other_turns(q: np.ndarray, near: np.ndarray, robot: Robot) -> np.ndarray:
+    """Positions (K, n) that differ from q (n,) by a whole turn of one revolute joint, to the other side of `near` (n,).
+
+    Args:
+        robot: for its limits, which they keep.
+    """
+    out = q + np.diag(np.where(robot.slides, 0.0, TURN * np.where(q > near, -1, 1)))
+    inside = ((out >= robot.limits.lower) & (out <= robot.limits.upper)).all(axis=1) & (out != q).any(axis=1)
+    return np.asarray(out[inside])
+
+
 def distinct(q: np.ndarray) -> np.ndarray:
     """Positions (K, n), no two of which are nearer than `SAME`."""
     kept: list[np.ndarray] = []

@@ -341,3 +341,12 @@ def test_of_several_poses_the_cheapest_is_taken(tmp_path: Path) -> None:
     assert found["energy"]["total"] == pytest.approx(energies[0]) and len(found["request"]["goals"]) == 2
     # the pose that was reached was neither checked nor stated
     assert found["poses"]["goal"]["valid"] and found["poses"]["goal"]["distance"] < 1e-6
+
+
+def test_a_joint_may_turn_the_longer_way() -> None:
+    """The goal was always the turn nearest to the start: 3.2 J of loss."""
+    start, pose = [2.481, -1.284, -1.216, -2.134, -1.211, 1.316], [-0.457, -0.63, 0.636, -1.848, -0.42, 2.271]
+    found = eo.optimize(
+        "ur5e", start=start, goal_pose=pose, duration=3.0, model="source-method-2", self_collision=False
+    )
+    assert found.energy.loss < 1.6 and abs(found.trajectory.position[-1, 1] - start[1]) > np.pi

@@ -78,7 +78,7 @@ _EARLIER = {
     "PerYear": "energy_opt.power.per_year",
     "Pose": "energy_opt.poses",
     "Tradeoff": "energy_opt.front.tradeoff",
-    "check_effect": "energy_opt.effects.effect_check",
+    "check_effect": "energy_opt.effects.check",
     "known_robots": "energy_opt.robot",
 }
 

@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 
 from energy_opt.effects import electrics, friction, mechanics, meter, recorded, stages
 from energy_opt.effects.base import Effect, described
-from energy_opt.effects.effect_check import refuse_unusable
+from energy_opt.effects.check import refuse_unusable
 from energy_opt.effects.parameter import Parameter
 from energy_opt.errors import BadInput, one_line_of, suggest
 from energy_opt.files import read_text

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from energy_opt.effects import ALL_EFFECTS, CoulombFriction, MeterDelay, Parameter, ViscousFriction
-from energy_opt.effects.effect_check import check_effect
+from energy_opt.effects.check import check_effect
 
 
 @pytest.mark.parametrize("kind", ALL_EFFECTS, ids=lambda kind: kind.name)

@@ -24,7 +24,7 @@ from energy_opt.effects import (
     registry,
     unregister,
 )
-from energy_opt.effects.effect_check import check_effect
+from energy_opt.effects.check import check_effect
 from energy_opt.errors import BadInput
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.path import straight

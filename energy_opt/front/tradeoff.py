@@ -53,8 +53,6 @@ def run(request: TradeoffRequest, desk: Desk) -> Tradeoff:
         raise BadInput("--resume belongs to a job: tradeoff JOB.toml --resume")
     if request.robot is None:
         raise BadInput("--robot is missing: a name (`energy-opt robots`) or a URDF; or give a JOB.toml")
-    if str(request.robot).endswith(".toml"):
-        raise BadInput(f"--robot {request.robot}: a job is not a robot; in Python: job={str(request.robot)!r}")
     robot = robot_of(request)
     rivals, kind = rivals_of(request, robot, desk)
     around = cell_of(request)

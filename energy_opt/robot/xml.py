@@ -39,7 +39,7 @@ def read_robot_xml(path: Path) -> ElementTree.Element:
     try:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError, RecursionError) as error:
-        raise BadInput(f"{path}: not XML, as a URDF or SRDF is: {error}") from None
+        raise BadInput(f"{path}: not XML; expected a URDF or SRDF: {error}") from None
     if any(map(_of_xacro, root.iter())):
         plain = "robot.srdf" if ".srdf" in path.suffixes else "robot.urdf"
         raise BadInput(f"{path}: a xacro file; run xacro first: xacro {path.name} > {plain}")

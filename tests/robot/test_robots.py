@@ -243,7 +243,7 @@ def test_bad_robots_are_refused(tmp_path: Path) -> None:
         load_robot(two_joints(tmp_path), lock={"first": 0.0, "second": 0.0})
     broken = tmp_path / "broken.urdf"
     broken.write_text("<robot name='x'><link")
-    with pytest.raises(BadInput, match="not XML"):
+    with pytest.raises(BadInput, match="not XML; expected a URDF"):
         load_robot(str(broken))
 
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from poses import GOAL, MIDDLE, START
 
-from energy_opt import tradeoff
 from energy_opt.cell.load import load_cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.cli.main import main
@@ -125,9 +124,3 @@ def test_command_line_refuses(tmp_path, capsys, words, code, named):
     goal = ["--goal", "0.4,-0.5,0.2,-2,0,1.6,0.5", "--out", str(tmp_path)]
     assert main(command("tradeoff", *goal, *words)) == code  # also with --quiet it is said why
     assert named in capsys.readouterr().err
-
-
-def test_a_job_in_place_of_a_robot_names_its_argument() -> None:
-    """It was "not XML that can be read"."""
-    with pytest.raises(BadInput, match=r"job.toml: a job is not a robot; in Python: job='job.toml'"):
-        tradeoff("job.toml")

@@ -58,7 +58,8 @@ class Position(Limit):
         def text(k: int, j: int) -> str:
             unit = d.robot.units[j]
             q, low, high = d.q[k, j], self.lower[j], self.upper[j]
-            return f"position {q:.6g} {unit} is outside [{low:.6g}, {high:.6g}] {unit} by {max(q - high, low - q):.2g}"
+            beyond = f"{max(q - high, low - q):.2g} {unit}"
+            return f"position {q:.6g} {unit} is {beyond} outside [{low:.6g}, {high:.6g}] {unit}"
 
         return Fixed(self._excess(d.q), text)
 

@@ -91,7 +91,7 @@ static void solve(double *f, I size, I width, double *x) {
         of[2] = w;
         of[3] = v;
     }
-    for (I j = (size - 1) / 4 * 4; j >= 0; j -= 4) {
+    for (I j = (size + 3) / 4 * 4 - 4; j >= 0; j -= 4) {
         I row = j % 8;
         const double *p = f + j * stride, *q = p + stride, *r = q + stride, *by = inverse + j;
         const V *a = (const V *)p, *b = a + length, *c = b + length, *d = c + length;

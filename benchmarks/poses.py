@@ -7,8 +7,8 @@ Poses are those of seeded random configurations that touch nothing, so each is r
 about the tool's z free, every third move has boxes around it. Durations are 1.5 times the shortest of the move to the
 nearest goal. Every answer is judged from its written file: the pose by Pinocchio from the URDF, contact between samples
 by the many poses of dense_judge.py (Pinocchio and coal). Enumeration takes every branch at every 15 degrees of the free
-turn and, of arms with seven joints, of their redundancy. Seconds are CPU times. A row that was kept is not computed
-again.
+turn and, of arms with seven joints, of their redundancy; of each goal also those with one joint a whole turn away.
+Seconds are CPU times. A row that was kept is not computed again.
 """
 
 from __future__ import annotations
@@ -162,7 +162,7 @@ def turned(move: dict[str, Any], duration: float, k: int) -> dict[str, Any]:
     begin, at, sketches = time.process_time(), pose.matrix.copy(), []
     at[:3, :3] = at[:3, :3] @ pin.exp3(np.array([0.0, 0.0, k * 2 * np.pi / TURNS]))
     found = reach(ToolKinematics(move["robot"]), Pose(at), near=move["start"]).positions
-    for goal in spread(free_of(found, planner.cell)):
+    for goal in with_whole_turns(move["robot"], spread(free_of(found, planner.cell))):
         asked = eo.Move(move["start"], goal, "reshape", duration)
         try:
             sketches.append([planner.score(planner.sketch(asked)).total, *goal.tolist()])
@@ -195,6 +195,14 @@ def planning(move: dict[str, Any]) -> eo.Planner:
     robot, cell = move["robot"], load_cell(move["robot"], CellRequest(scene=move["scene"]))
     model = rivals_from([MODEL], None, robot, None)[0][0].model
     return eo.Planner(robot, model, eo.Settings(solver="sqp"), cell=cell)
+
+
+def with_whole_turns(robot: Any, q: np.ndarray) -> np.ndarray:
+    """Positions (K, n), and those that differ from one of them by a whole turn of one revolute joint, within limits."""
+    turning = np.flatnonzero(~np.array(robot.slides, dtype=bool))
+    steps = [side * 2 * np.pi * np.eye(q.shape[1])[j] for j in turning for side in (-1, 1)]
+    every = np.concatenate([q, *(q + step for step in steps)])
+    return np.asarray(every[((every >= robot.limits.lower) & (every <= robot.limits.upper)).all(axis=1)])
 
 
 def spread(q: np.ndarray) -> np.ndarray:

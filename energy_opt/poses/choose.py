@@ -32,7 +32,7 @@ from energy_opt.poses.sets import Target, positions_of
 
 IMPROVED = 5  # goals that the estimate moves along their freedom, each to another place
 TRIED = 7  # most goals that it moves, those that end at the place of another one included
-SCREENED, TURNED = 3, 2  # most goals that are sketched, and most of these with one joint turned to the other side
+SCREENED, TURNED = 3, 2  # most goals that are sketched, and most further ones with a joint turned to the other side
 HOPE = 1.5  # a goal is sketched if its estimate, less so many times the largest gain so far, is below the best energy
 EQUAL = 1e-5  # relative: goals whose estimates differ by less differ only in joints that cost nothing
 WORTH = 1e-3  # share of the loss that another goal must promise to save, to be solved in full
@@ -201,7 +201,8 @@ class Chooser:
     def _screened(self, move: Move, goals: Sequence[Candidate]) -> list[Sketched]:
         """Sketches of goals in order, while the next may be better than the best."""
         out: list[Sketched] = []
-        if len(goals) == 1 and (goals[0].pose is None or not has_freedom(self.tool, goals[0].pose)):
+        free = len(goals) > 1 or (goals[0].pose is not None and has_freedom(self.tool, goals[0].pose))
+        if not free and not self._turned(move, goals):
             return out
         for goal in goals:
             if len(out) == SCREENED or not self._may_be_better(goal, out):
@@ -225,9 +226,8 @@ class Chooser:
         for goal in goals:
             if goal.pose is not None:
                 q = other_turns(goal.goal, _last_leg(move), self.tool.robot)
-                possible, energy = self._estimates(move, q)
-                cost = zip(q[possible], energy[possible].tolist(), strict=True)
-                out += [replace(goal, goal=at, estimate=each, energy=None) for at, each in cost]
+                can, energy = self._estimates(move, q)
+                out += [replace(goal, goal=q[k], estimate=float(energy[k]), energy=None) for k in np.flatnonzero(can)]
         return sorted(out, key=lambda c: c.estimate)
 
     def _sketched(self, move: Move, goal: Candidate) -> list[Sketched]:

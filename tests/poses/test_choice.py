@@ -6,7 +6,6 @@ import json
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -21,23 +20,14 @@ import energy_opt as eo
 from energy_opt.cli.main import main
 from energy_opt.errors import Infeasible
 from energy_opt.front.given import source_model
-from energy_opt.front.models import rivals_from
 from energy_opt.motion import Move, Planner, Settings, Trajectory
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.result import Result
 from energy_opt.poses.choose import Chooser
-from energy_opt.poses.estimate import curves
 from energy_opt.poses.inverse import ToolKinematics
 from energy_opt.poses.pose import Pose, pose_from
-from energy_opt.poses.sets import Ring, layer
 from energy_opt.reports.words import goals_words
 from energy_opt.robot import load_robot
-
-
-@pytest.fixture(scope="module")
-def ur() -> ToolKinematics:
-    return ToolKinematics(load_robot("ur5e"))
-
 
 START = ["--robot", "ur5e", "--start", "0,-1.57,1.57,-1.57,-1.57,0", "--model", "source-method-2", "--quiet"]
 
@@ -126,50 +116,6 @@ def test_the_saving_is_quoted_against_the_nearest_goal_at_equal_duration() -> No
     assert goals_words(found) == said
     assert "in 1.7 s" in goals_words({**found, "nearest": {**near, "duration": 1.7}})
     assert goals_words({"energy": {"total": 10.0}}) == ""
-
-
-def test_the_ring_is_the_cheapest_of_all(ur: ToolKinematics) -> None:
-    """Against all combinations, at the price of waiting."""
-    scorer = [Scorer(ur.robot, rivals_from(["source-method-2"], None, ur.robot, None)[0][0].model)]
-    rng = np.random.default_rng(1)
-    sizes = ((3, 0.5), (2, 0.0), (3, 1.0))
-    layers = [replace(layer(scorer, rng.uniform(-1, 1, (count, 6))), wait=wait) for count, wait in sizes]
-    ring = Ring(layers, [scorer] * 3, [(0.0, np.inf)] * 3)
-    chosen, energy = ring.cheapest(1e3, 0.0)
-
-    def cost(picked: tuple[int, ...]) -> float:
-        q = [each.positions[k] for each, k in zip(layers, picked, strict=True)]
-        moves = sum(curves(scorer, q[k][None], q[(k + 1) % 3][None]).cheapest()[0][0] for k in range(3))
-        return moves + sum(each.wait * each.standing[k] for each, k in zip(layers, picked, strict=True))
-
-    costs = {picked: cost(picked) for picked in product(range(3), range(2), range(3))}
-    assert tuple(chosen) == min(costs, key=lambda picked: costs[picked])
-    assert energy == pytest.approx(min(costs.values()))
-
-
-@pytest.mark.parametrize("seconds", [1e3, 0.1])
-def test_a_ring_with_a_move_that_takes_too_long_comes_after_all_others(ur: ToolKinematics, seconds: float) -> None:
-    """In little time its estimate was far below zero, so that `place` began at the placements that are impossible."""
-    scorer = [Scorer(ur.robot, rivals_from(["source-method-2"], None, ur.robot, None)[0][0].model)]
-    near, far, quick = np.zeros((1, 6)), np.full((1, 6), 4.0), np.full((1, 6), 0.3)
-    bounds = [(0.0, 0.5), (0.0, np.inf)]
-
-    def ring(*second: np.ndarray) -> tuple[list[int], float]:
-        return Ring([layer(scorer, near), layer(scorer, np.vstack(second))], [scorer] * 2, bounds).cheapest(
-            seconds, 0.0
-        )
-
-    assert ring(far)[1] > 1e9
-    assert ring(far, quick)[0] == [0, 1] and ring(far, quick)[1] == pytest.approx(ring(quick)[1], abs=0.1)
-
-
-def test_an_estimate_does_not_fall_as_a_free_turn_nears_its_velocity_limit(ur: ToolKinematics) -> None:
-    """Gravity gives energy back here; what it gives back grew with the turn of a joint that carries nothing."""
-    scorer = [Scorer(ur.robot, source_model(ur.robot))]
-    start = np.array([[-0.339, 1.016, -1.881, 2.436, 1.571, 0.0]])
-    goals = np.array([[-0.529, 2.316, 1.926, 0.471, -1.571, turn] for turn in (0.0, 2.4, 3.8, 4.05)])
-    energy = [curves(scorer, start, goal[None]).at(np.array([[1.5]]))[0, 0] for goal in goals]
-    assert np.min(energy[1:]) > energy[0] - 0.01, energy
 
 
 @pytest.mark.slow
@@ -341,6 +287,12 @@ def test_of_several_poses_the_cheapest_is_taken(tmp_path: Path) -> None:
     assert found["energy"]["total"] == pytest.approx(energies[0]) and len(found["request"]["goals"]) == 2
     # the pose that was reached was neither checked nor stated
     assert found["poses"]["goal"]["valid"] and found["poses"]["goal"]["distance"] < 1e-6
+
+
+def test_a_position_outside_by_less_than_six_digits_show_says_by_how_much() -> None:
+    """6.2832 was "6.28319 outside [-6.28319, 6.28319]"."""
+    with pytest.raises(Infeasible, match=r"6\.2832 rad is 1\.5e-05 rad outside \[-6\.28319, 6\.28319\] rad"):
+        eo.optimize("ur5e", start=[6.2832, -1, 1, 0, 0, 0], goal=[4, -1, 1, 0, 0, 0])
 
 
 def test_a_joint_may_turn_the_longer_way() -> None:

@@ -37,11 +37,6 @@ def curvature(h: Banded, d: np.ndarray) -> float:
     return float(out)
 
 
-@pytest.fixture(scope="module")
-def ur() -> ToolKinematics:
-    return ToolKinematics(load_robot("ur5e"))
-
-
 def test_a_tolerance_is_used_up_to_its_bound_and_not_beyond(ur: ToolKinematics) -> None:
     q = np.array([0.4, -1.2, 1.4, -1.1, -1.3, 0.3])
     pose = pose_at(ur, q, tolerance=(5e-3, np.radians(2)))

@@ -21,11 +21,6 @@ from energy_opt.poses.pose import Freedom, pose_from
 from energy_opt.robot import load_robot
 
 
-@pytest.fixture(scope="module")
-def ur() -> ToolKinematics:
-    return ToolKinematics(load_robot("ur5e"))
-
-
 def test_words_of_poses() -> None:
     pose = pose_from("0.1,0.2,0.3,0,0,0.7071068,0.7071068", ["rz:-30:30"], "1mm,2deg")
     assert np.allclose(pose.matrix[:3, :3], [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-6)

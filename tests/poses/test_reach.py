@@ -17,11 +17,6 @@ from energy_opt.poses.sets import unreachable_error
 from energy_opt.robot import load_robot
 
 
-@pytest.fixture(scope="module")
-def ur() -> ToolKinematics:
-    return ToolKinematics(load_robot("ur5e"))
-
-
 def ur_branches(tool: ToolKinematics, pose: Pose) -> int:
     """How many branches there are, by exhaustion: a grid of starts over all joints, each brought to the pose."""
     found: list[np.ndarray] = []

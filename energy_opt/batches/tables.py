@@ -23,7 +23,7 @@ from energy_opt.motion import Settings
 from energy_opt.poses.given import Ends, Given, in_base, poses_of_scene
 from energy_opt.requests.moves import OptimizeRequest
 from energy_opt.robot import Robot
-from energy_opt.robot.degrees import refuse_degrees
+from energy_opt.robot.degrees import onto_limits, refuse_degrees
 from energy_opt.schema import Name, Number, Table, reads
 
 MEAN = "mean"  # the mean of source-method-2 and careful, the default of every verb
@@ -204,8 +204,9 @@ def joint_values(value: Any, robot: Robot) -> tuple[float, ...]:
     for name, item in zip(joints, value, strict=True):
         if not is_number(item):
             raise BadInput(f"{name} = {item!r} is not a finite number")
-    refuse_degrees(robot, np.array(value, dtype=float))
-    return tuple(float(item) for item in value)
+    q = np.array(value, dtype=float)
+    refuse_degrees(robot, q)
+    return tuple(onto_limits(robot, q)[0].tolist())
 
 
 def posed_move(name: str, row: MoveTable, robot: Robot, folder: Path, around: Surroundings) -> NamedMove:

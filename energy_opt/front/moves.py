@@ -24,7 +24,7 @@ from energy_opt.poses.given import Ends, Given, poses_of_request
 from energy_opt.poses.pose import EXACT, AnyOf, Freedom, Pose
 from energy_opt.requests.moves import MoveRequest
 from energy_opt.robot import Robot
-from energy_opt.robot.degrees import refuse_degrees
+from energy_opt.robot.degrees import onto_limits, refuse_degrees
 
 SAMPLED = 401  # points at which a path given as a function is sampled
 DERIVED = ("draw ", "rival ")  # prefixes of models that follow from another one's covariance and rivals
@@ -51,8 +51,9 @@ def path_from(given: Any, robot: Robot, prefix: str = "", say: Say = lambda _: N
         table = read(Path(given))
         notes, table = table.notes, table.of(robot.joints, prefix)
         warnings = refuse_degrees(robot, table.position, table.where)
-        given, more = path_of(table)
-        for note in (*notes, *warnings, *more):
+        inside, moved = onto_limits(robot, table.position, table.where)
+        given, more = path_of(replace(table, position=inside))
+        for note in (*notes, *warnings, *moved, *more):
             say(note)
     if isinstance(given, Mapping):
         try:
@@ -74,8 +75,9 @@ def path_from(given: Any, robot: Robot, prefix: str = "", say: Say = lambda _: N
             ) from None
         if points.ndim != 2 or len(points) < 2 or points.shape[1] != robot.n or not np.isfinite(points).all():
             raise BadInput(f"--path: shape {points.shape}; expected waypoints (K, {robot.n}), K at least 2, all finite")
+        points, moved = onto_limits(robot, points, "--path")
         path, notes = past(points, "--path")
-        for note in notes:
+        for note in (*moved, *notes):
             say(note)
     if path.n != robot.n:
         raise BadInput(f"--path: {path.n} joints; {robot.name} has {robot.n}")
@@ -125,16 +127,17 @@ def move_of(
                 raise BadInput(f"--{option} is missing; give --start and --goal, or --path")
         start, goal = (_end(request, getattr(request, option), robot, option, say) for option in ("start", "goal"))
     points = () if ends is not None and ends.via else request.via
-    via = tuple(positions(point, robot, "via") for point in points)
+    via = tuple(_end(request, point, robot, "via", say) for point in points)
     return Move(start, goal, request.mode, path=path, via=via, input=source, **duration)  # type: ignore[arg-type]
 
 
 def _end(request: MoveRequest, given: Any, robot: Robot, name: str, say: Say = lambda _: None) -> np.ndarray:
-    """One end of a move, (n,) [rad, m]; `name` is that of its option. `say` takes warnings."""
+    """One end of a move or a via point, (n,) [rad, m]; `name` is that of its option. `say` takes warnings."""
     q = positions(given, robot, name, None if request.srdf is None else Path(request.srdf))
-    for warning in refuse_degrees(robot, q, f"--{name}"):
+    inside, moved = onto_limits(robot, q, f"--{name}")
+    for warning in (*refuse_degrees(robot, q, f"--{name}"), *moved):
         say(warning)
-    return q
+    return inside
 
 
 def settings_of(request: Any) -> Settings:

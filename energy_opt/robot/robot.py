@@ -37,7 +37,7 @@ from energy_opt.robot.rigid_body import RigidBody
 
 POSES = 64  # postures for estimating the efforts of an arm without limits
 ROOM = 1.5  # estimated effort over the largest torque to hold and accelerate; strongest joints have 0.9 to 3.3
-ROUNDING = 1e-3  # [rad, m] a locked joint may lie outside its limits by this much: positions are typed by hand
+ROUNDING = 1e-3  # [rad, m] a position may lie outside its limits by this much: it is typed by hand, or rounded
 WEAKEST = 0.1  # least rating of a joint over that of the strongest one; a UR5e's wrist has 0.19, a Panda's 0.14
 
 

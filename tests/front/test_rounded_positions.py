@@ -1,0 +1,40 @@
+"""Positions that are beyond a limit by their rounding."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import energy_opt as eo
+from energy_opt.batches.tables import joint_values
+from energy_opt.errors import Infeasible
+from energy_opt.front.moves import move_of
+from energy_opt.requests.moves import OptimizeRequest
+from energy_opt.robot import load_robot
+
+START, GOAL = [0.0, -1.2, 3.1416, -1.0, 0.5, 0.0], [1.0, -1.0, 1.2, -1.0, 0.5, 6.2832]  # limits: pi and 2 pi
+
+
+def test_rounded_positions_are_moved_onto_the_limit_and_noted(tmp_path):
+    """The elbow of a ur5 turns by pi to either side; a file's and a job's positions are read as typed ones are."""
+    robot, notes = load_robot("ur5"), []
+    move = move_of(OptimizeRequest(robot=robot, start=START, goal=GOAL), robot, say=notes.append)
+    assert (move.start[2], move.goal[5]) == (robot.limits.upper[2], robot.limits.upper[5])
+    assert len(notes) == 2
+    assert "7e-06 rad beyond its position limits" in notes[0]
+    file = tmp_path / "path.csv"
+    lines = (",".join(map(str, q)) for q in (START, GOAL))
+    file.write_text("\n".join([",".join(f"{name}.position" for name in robot.joints), *lines]))
+    for path in (str(file), [START, GOAL]):
+        move = move_of(OptimizeRequest(robot=robot, path=path, mode="retime"), robot, say=notes.append)
+        assert np.allclose(move.start, START, atol=1e-5)
+        assert (move.path(np.linspace(0, 1, 9)) <= robot.limits.upper).all()
+    assert joint_values(START, robot)[2] == robot.limits.upper[2]
+
+
+def test_positions_farther_beyond_a_limit_stay_as_they_are_and_are_infeasible():
+    far, notes = [0.0, -1.2, 3.15, -1.0, 0.5, 0.0], []
+    move = move_of(OptimizeRequest(robot="ur5", start=far, goal=GOAL[:5] + [0.0]), load_robot("ur5"), say=notes.append)
+    assert (move.start[2], notes) == (3.15, [])
+    with pytest.raises(Infeasible, match=r"0\.0084 rad outside"):
+        eo.optimize("ur5", start=far, goal=GOAL[:5] + [0.0])

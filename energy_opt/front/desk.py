@@ -184,7 +184,8 @@ def verb(request: Callable[P, Asked], run: Callable[[Asked, Desk], Given], name:
     def called(*args: P.args, **given: P.kwargs) -> Given:
         for name in given:
             if name not in spelled:
-                raise BadInput(f"no argument {name!r}{suggest(name, spelled)}")
+                hint = "; save(FOLDER) of the result writes files" if name == "out" else suggest(name, spelled)
+                raise BadInput(f"no argument {name!r}{hint}")
         try:
             asked = request(*args, **given)
         except TypeError as fault:

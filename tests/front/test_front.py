@@ -96,6 +96,7 @@ def test_arguments_as_people_have_them(panda):
         ({"start": START, "goal": {"panda_joint1": 0, "panda_jont2": 0}}, "did you mean 'panda_joint2'"),
         ({"start": START, "goal": GOAL, "duration": -1}, "^duration -1: not a duration"),
         ({"start": START, "goal": GOAL, "duratoin": 1}, "no argument 'duratoin'; did you mean"),
+        ({"start": START, "goal": GOAL, "out": "folder"}, r"no argument 'out'; save\(FOLDER\) of the result"),
         ({"start": START, "goal": [np.nan] * 7}, "^goal: expected finite"),
         ({"start": START, "goal": [GOAL, START]}, r"^goal: shape \(2, 7\); .* for several goals give eo.AnyOf"),
         ({"path": lambda s: "north"}, r"^path: expected waypoints \(K, 7\) \[rad\], or a function of s in \[0, 1\]"),

@@ -252,7 +252,8 @@ def reshaped(
     spent += more
     if free_time and move.duration is not None:
         if trajectory.duration > move.duration * (1 + 1e-9):
-            raise too_short(move, *_fastest_of(context, timing, trajectory, certificate))
+            _refuse_too_short(context, move, timing, trajectory, certificate)
+            return Candidate(None, spent, False, NONE, starts)
         trajectory = trajectory_of(replace(best.curve, duration=move.duration), context.robot.joints)
         certificate = context.judge(trajectory).within
     if not certificate.valid:
@@ -285,15 +286,21 @@ def repaired(
     return best, trajectory, certificate, spent
 
 
-def _fastest_of(
-    context: Context, timing: Timing | None, trajectory: Trajectory, certificate: Certificate
-) -> tuple[float, Certificate]:
-    """The shorter duration [s] and its certificate: that of the first path's timing, if valid, or of a trajectory."""
+def _refuse_too_short(
+    context: Context, move: Move, timing: Timing | None, trajectory: Trajectory, certificate: Certificate
+) -> None:
+    """Refuse a duration that neither the first path's timing nor a trajectory, which takes longer, is fast enough for.
+
+    Raises:
+        Infeasible: with the shorter of the two durations.
+    """
     if timing is not None and timing.duration < trajectory.duration:
         first = context.judge(timing.trajectory(context.robot.joints)).certificate
+        if first.valid and timing.duration <= (move.longest or np.inf):
+            return
         if first.valid:
-            return timing.duration, first
-    return trajectory.duration, certificate
+            raise too_short(move, timing.duration, first)
+    raise too_short(move, trajectory.duration, certificate)
 
 
 def _from_the_fastest(
@@ -327,9 +334,9 @@ def _from_the_fastest(
     best, trajectory, certificate, more = repaired(context, fast, best, free)
     spent += more
     if trajectory.duration > task.durations[1] * (1 + 1e-9):
-        if fallback:
-            return None, spent
-        raise too_short(move, *_fastest_of(context, timing, trajectory, certificate))
+        if not fallback:
+            _refuse_too_short(context, move, timing, trajectory, certificate)
+        return None, spent
     duration = float(np.clip(trajectory.duration, *task.durations))
     start = replace(best.curve, duration=duration)
     found = context.reshaper(context.settings.objective).solved(start, task, context.stopped)

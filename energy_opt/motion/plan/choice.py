@@ -82,8 +82,8 @@ def choose(
         candidate.iterations for candidate in (work.reshaped, work.retimed) if candidate is not None
     )
     if found is None:
-        first, wanted = work.timing, move.duration or move.max_duration
-        if context.stopped() and first is not None and wanted is not None and wanted < first.duration:
+        first = work.timing
+        if first is not None and move.longest is not None and move.longest < first.duration:
             raise too_short(move, first.duration, context.judge.slowed(first, first.duration).within)
         said = work.asked.message or "no trajectory within limits was found"
         deadline = context.settings.deadline or context.progress.deadline

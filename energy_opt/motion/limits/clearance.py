@@ -21,7 +21,7 @@ class ClearanceConstraints(Limit):
         near: finds planes.
         u: (K,) places in [0, 1].
         margin: (K, P) distance that each pair keeps at each place [m].
-        reach: pairs nearer than this get a constraint [m].
+        reach: pairs get a constraint that are nearer than this and the largest margin [m].
     """
 
     name = "clearance"
@@ -33,5 +33,6 @@ class ClearanceConstraints(Limit):
 
     def places(self, curve: Callable[[np.ndarray], np.ndarray]) -> PlaneConstraints | None:
         """Constraints over planes between bodies that are near along `curve`."""
-        constraints = self.near.constraints(self.u, curve(self.u), self.margin, self.reach)
+        reach = self.reach + float(self.margin.max(initial=0.0))
+        constraints = self.near.constraints(self.u, curve(self.u), self.margin, reach)
         return constraints if len(constraints.place) else None

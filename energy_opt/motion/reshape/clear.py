@@ -25,9 +25,11 @@ from energy_opt.motion.reshape.task import FEASIBLE, SLACK, Level, Task
 log = logging.getLogger(__name__)
 PLACES, DENSE = 60, 240  # places along a curve, evenly in time, at which pairs are looked at; and before a proof
 CLOSE = 0.05  # share of the places' spacing: least distance between places, for a corner that is passed fast
-REACH = 0.04  # [m] nearer pairs get constraints
+REACH = 0.036  # [m] pairs get constraints that are nearer than this and what they keep
 MARGIN = 0.002  # [m] constraints keep this much more than is to be proven
-BESIDE = 0.005  # [m] pairs farther apart are not measured when a curve's clearance is checked
+BESIDE = (
+    0.001  # [m] pairs are measured that are nearer than this and what they keep, when a curve's clearance is checked
+)
 HAIR = 2e-4  # [m] the dense places keep this much more than is to be proven
 MORE, MOST = 0.0007, 0.003  # [m] added to the margin after a failed proof, and the most in all
 RAMP = 0.15  # share of the move over which the margin grows from a nearer end to the full one
@@ -124,10 +126,10 @@ class ClearSearch:
     def gap(self, curve: Curve) -> float:
         """The least distance beyond the margins at the usual places [m]."""
         places = Places.evenly(len(self.wanted))
-        k, number, distance, _, _ = self.near.measured(places.u, curve.position(places.u), BESIDE)
-        if not len(k):
-            return BESIDE
-        return float((distance - self.margins.at(places)[k, self.near.pair[number]]).min())
+        margin = self.margins.at(places)
+        reach = BESIDE + float(margin.max(initial=0.0))
+        k, number, distance, _, _ = self.near.measured(places.u, curve.position(places.u), reach)
+        return float((distance - margin[k, self.near.pair[number]]).min(initial=BESIDE))
 
     def trial(self, curve: Curve, trust: float) -> Descent:
         """A few iterations from a curve, at the usual places; fewer if bodies do not come apart in the first ones.
@@ -229,5 +231,4 @@ class ClearSearch:
 
     def _with(self, places: Places) -> Model:
         """The model with clearance constraints at these places."""
-        constraints = ClearanceConstraints(self.near, places.u, self.margins.at(places), REACH)
-        return self._model.keeping(constraints)
+        return self._model.keeping(ClearanceConstraints(self.near, places.u, self.margins.at(places), REACH))

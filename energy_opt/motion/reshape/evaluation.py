@@ -21,7 +21,9 @@ from energy_opt.motion.reshape.nodes import NodeFunctions
 from energy_opt.motion.reshape.open import FIXED, Open, Passed, passed
 from energy_opt.numerics.batch import Batch
 
-NEAREST, ARM = 0.01, 0.5  # [m] nearer bodies get constraints, and this much more for each rad that joints may turn
+# [m] bodies get constraints that are nearer than this and what they keep, and this much more for each rad that joints
+# may turn
+NEAREST, ARM = 0.006, 0.5
 DIFFERENCE = 1e-5  # [rad, m] step of the difference quotient of an end's work
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import sys
 import threading
 import time
@@ -17,6 +18,16 @@ PATIENCE = 1.0  # [s] shorter work shows no progress
 TICK = 0.5  # [s] between updates of the progress line
 LEAST_SHARE = 0.03  # least share of the work from which the time left is estimated
 WIDTH = 100  # characters of the progress line
+
+
+def write_message(text: str, stream: TextIO | None = None) -> None:
+    """Write a message on standard error; where nobody takes it any more, the work goes on without messages."""
+    stream = stream or sys.stderr
+    try:
+        stream.write(text)
+        stream.flush()
+    except OSError:  # the terminal was closed, the pipe's reader has ended, or the disk is full
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 class Progress(logging.Handler, Show):
@@ -54,8 +65,7 @@ class Progress(logging.Handler, Show):
             logger.setLevel(self._before)
         with self.lock or threading.RLock():
             if self._written:
-                self._stream.write("\r" + " " * WIDTH + "\r")
-                self._stream.flush()
+                write_message("\r" + " " * WIDTH + "\r", self._stream)
 
     def __call__(self, text: str, share: float | None = None) -> None:
         """Show that the verb starts `text`; `share` of all its work is done."""
@@ -101,8 +111,7 @@ class Progress(logging.Handler, Show):
         if self._lines:
             left = self.left(time.monotonic())
             more = "" if left is None else f", about {left:.0f} s left"
-            self._stream.write(f"[{time.monotonic() - self._begin:6.1f} s{more}] {text}\n")
-            self._stream.flush()
+            write_message(f"[{time.monotonic() - self._begin:6.1f} s{more}] {text}\n", self._stream)
 
     def _tick(self) -> None:
         """Rewrite the line of progress every TICK seconds until the block ends."""
@@ -111,8 +120,7 @@ class Progress(logging.Handler, Show):
                 continue
             with self.lock or threading.RLock():
                 if not self._ended.is_set():
-                    self._stream.write("\r" + self.line().ljust(WIDTH))
-                    self._stream.flush()
+                    write_message("\r" + self.line().ljust(WIDTH), self._stream)
                     self._written = True
 
 
@@ -122,11 +130,11 @@ class Terminal(Desk):
     def say(self, text: str) -> None:
         """A message, unless --quiet."""
         if not self.quiet and text:
-            print(printable(text), file=sys.stderr)
+            write_message(f"{printable(text)}\n")
 
     def complain(self, text: str) -> None:
         """A fault, always."""
-        print(f"energy-opt: {one_line(text)}", file=sys.stderr)
+        write_message(f"energy-opt: {one_line(text)}\n")
 
     @contextmanager
     def showing(self) -> Iterator[Show]:

@@ -201,9 +201,10 @@ def test_suggested_poses_are_not_overwritten_by_others(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "code"),
     [("effects --json >&-", 2), ("effects --json >/dev/full", 2), ("--version >/dev/full", 0),
-     ("optimize --robot none --start 0 --goal 0 --json >/dev/full", 2), ("effects --json >/dev/null 2>&-", 0)],
+     ("optimize --robot none --start 0 --goal 0 --json >/dev/full", 2), ("effects --json >/dev/null 2>&-", 0),
+     ("robots >/dev/null 2>/dev/full", 0)],
 )  # fmt: skip
-def test_a_full_standard_output_gives_one_line(words: str, code: int) -> None:
+def test_a_full_standard_output_gives_one_line_and_a_full_standard_error_none(words: str, code: int) -> None:
     done = subprocess.run(f"exec {sys.executable} -m energy_opt {words}", shell=True, capture_output=True, text=True)
     assert done.returncode == code and len(done.stderr.splitlines()) == (code != 0), done.stderr
     assert "fault of the program" not in done.stderr

@@ -30,9 +30,10 @@ def _source(functions: Sequence[ca.Function]) -> str:
 
 
 def _cached(key: str) -> Path | None:
-    """The library if it is in the cache."""
+    """The library if it is in the cache and can be loaded."""
     try:
-        return library.find(library.folder(), key)
+        found = library.find(library.folder(), key)
+        return None if found is None else library.loaded(found)
     except (library.Unusable, OSError):
         return None
 

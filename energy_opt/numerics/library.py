@@ -8,6 +8,7 @@ folders or files that others own or may write to are not used.
 from __future__ import annotations
 
 import atexit
+import ctypes
 import hashlib
 import logging
 import os
@@ -45,8 +46,11 @@ def compiler() -> str | None:
 
 @lru_cache(maxsize=1)
 def cpu() -> str:
-    """The processor as far as -march=native depends on it: a library for another may contain illegal instructions."""
-    said = [platform.machine(), platform.processor()]
+    """The processor as far as -march=native depends on it: a library for another may contain illegal instructions.
+
+    With it the C library, as one built with a newer one is not loaded.
+    """
+    said = [platform.machine(), platform.processor(), *platform.libc_ver()]
     try:
         first = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").split("\n\n")[0]
     except OSError:
@@ -129,23 +133,38 @@ def find(cache: Path, key: str) -> Path | None:
     return None
 
 
+def loaded(path: Path) -> Path:
+    """The path of a library that this process has loaded.
+
+    Raises:
+        Unusable: it cannot, as on a file system mounted without execution (`noexec`).
+    """
+    try:
+        ctypes.CDLL(str(path))
+    except OSError as error:
+        raise Unusable(f"the node functions cannot be loaded: {error}") from None
+    return path
+
+
 def found_or_built(key: str, source: Callable[[], str], cc: str, flags: tuple[str, ...] = ()) -> Path:
-    """The library of that key, built now if it is not in the cache; for this process alone if there is no cache.
+    """The loaded library of that key, built now if it is not in the cache.
+
+    It is built for this process alone if there is no cache, or if nothing can be loaded from it.
 
     Args:
         source: returns the C source, which is written only for a build. cc, flags: see `build`.
 
     Raises:
-        Unusable: the compiler fails, or nothing can be written anywhere.
+        Unusable: the compiler fails, or nothing can be written to, or loaded from, any folder.
     """
 
     def inside(cache: Path) -> Path:
         found = find(cache, key)
         if found is not None:
-            return found
+            return loaded(found)
         code = source()
         log.info("compiling functions, once and for all later runs", extra={"expected": len(code) / RATE})
-        return build(cache, key, code, cc, flags)
+        return loaded(build(cache, key, code, cc, flags))
 
     with suppress(Unusable):
         return inside(folder())

@@ -1,5 +1,6 @@
 """Compiled node functions: right numbers, a cache that is private and verified, and children that run no local code."""
 
+import ctypes
 import os
 import subprocess
 import sys
@@ -9,8 +10,9 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from energy_opt.errors import BadInput
 from energy_opt.motion import Move, Planner, Settings
-from energy_opt.numerics import library
+from energy_opt.numerics import lanes, library
 from energy_opt.numerics.batch import Batch
 from energy_opt.numerics.compile import compiled
 from energy_opt.numerics.library import compiler
@@ -71,7 +73,9 @@ def test_another_processor_finds_nothing(cache, functions, monkeypatch):
 def test_a_bad_library_is_built_again(cache, functions):
     compiled(functions, "always")
     (first,) = libraries(cache)
-    first.write_bytes(first.read_bytes()[:1000])
+    cut = first.read_bytes()[:1000]
+    first.unlink()  # this process has loaded it
+    first.write_bytes(cut)
     assert works(compiled(functions, "always")[0])
     (second,) = libraries(cache)
     elsewhere = cache.parent / "elsewhere.so"
@@ -114,6 +118,28 @@ def test_a_cache_that_is_not_private_or_not_there(cache, functions, monkeypatch,
         built, done = compiled(functions, "always")  # for this process alone
         assert done and works(built)
     assert not libraries(cache)
+
+
+def test_a_cache_from_which_nothing_can_be_loaded(cache, functions, monkeypatch):
+    """As on a file system without execution: it was called a fault of the program."""
+    loading = ctypes.CDLL
+
+    def refusing(path, *words, **more):
+        if str(path).startswith(str(cache)):
+            raise OSError("failed to map segment from shared object")
+        return loading(path, *words, **more)
+
+    compiled(functions, "always")
+    monkeypatch.setattr(ctypes, "CDLL", refusing)
+    lanes._library.cache_clear()
+    library._own_folder.cache_clear()
+    built, done = compiled(functions, "auto")
+    assert not done and works(built)
+    built, done = compiled(functions, "always")  # for this process alone
+    assert done and works(built) and built[0].path.parent != cache / library.OWN
+    monkeypatch.setattr(library, "_own_folder", lambda: cache)
+    with pytest.raises(BadInput, match="compile always: the node functions cannot be loaded: failed to map"):
+        compiled(functions, "always")
 
 
 def test_auto_uses_what_is_in_the_cache_and_never_builds(cache, functions, monkeypatch):

@@ -139,7 +139,10 @@ def run_batch(
             "command": request.get("command"),
         }
         log.info("writing results.parquet, report.html and summary.json")
-        summary = {**summarize(found, len(wanted), run, worth), **({"request": plain(request)} if request else {})}
+        summary = {
+            **summarize(suite.name, found, len(wanted), run, worth),
+            **({"request": plain(request)} if request else {}),
+        }
         write_parquet(Path(out) / "results.parquet", found)
         write_report(Path(out) / "report.html", found, summary)
         write_json(Path(out) / "summary.json", summary)

@@ -44,12 +44,12 @@ def grouped(records: Iterable[Row], names: Sequence[str]) -> dict[tuple[Any, ...
 
 
 def summarize(
-    records: Sequence[Row], expected: int, run: dict[str, Any], worth: PerYear | None = None
+    suite: str, records: Sequence[Row], expected: int, run: dict[str, Any], worth: PerYear | None = None
 ) -> dict[str, Any]:
     """The summary of a batch.
 
     Args:
-        records: in the order of the suite.
+        suite: its name. records: in the order of the suite.
         expected: number of moves in the suite; fewer records mean an interrupted batch.
         run: facts about this run (jobs, wall seconds, moves per second).
         worth: runs of all moves of the batch per year, each once.
@@ -58,7 +58,7 @@ def summarize(
     known = [row for row in solved if row["saving_total_percent"] is not None]
     saved = sum(row["energy_scaled"] - row["energy_total"] for row in known) if known else None
     return {
-        "suite": records[0]["suite"] if records else None,
+        "suite": suite,
         "complete": len(records) == expected,
         "moves": expected,
         "status": dict(Counter(row["status"] for row in records)),

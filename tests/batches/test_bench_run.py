@@ -13,6 +13,7 @@ from pathlib import Path
 import bench_workers
 import pytest
 
+from energy_opt.batches import batch
 from energy_opt.batches.batch import run_batch
 from energy_opt.batches.executors import local
 from energy_opt.batches.records import NAME, TIMES, read_journal, read_parquet
@@ -126,6 +127,12 @@ def test_ctrl_c_keeps_finished_moves(suite_file, tmp_path):
     done = run_batch(load_suite(suite_file), out, jobs=1, resume=True, solve=bench_workers.known)
     assert done.summary["complete"]
     assert sorted(keys(out)) == sorted(row["key"] for row in done.records)
+
+
+def test_ctrl_c_before_the_first_move_names_the_suite(suite_file, tmp_path, monkeypatch):
+    monkeypatch.setattr(batch, "run_tasks", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    found = batch.run_batch(load_suite(suite_file), tmp_path)
+    assert found.text().startswith(f"s: 0 of {COUNT} moves: none") and found.exit_code == 130
 
 
 def test_a_move_that_raises_is_a_row(suite_file, tmp_path):

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from copy import copy
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -157,6 +158,25 @@ class Cell:
         self.bodies = Bodies(kinematics, [thing.body for thing in things], pairs)
         # (P,) [m] clearance of pairs that come nearer than `asked` on a given motion, else inf
         self._allowed = np.full(len(self.bodies.pairs), np.inf)
+
+    def __copy__(self) -> Cell:
+        """A cell that shares all that this one has built."""
+        out = object.__new__(type(self))
+        vars(out).update(vars(self))
+        return out
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The content of a pickled cell: no bodies, as meshes become a hundred megabytes."""
+        return {name: getattr(self, name) for name in ("robot", "request", "scene", "_allowed")}
+
+    def __getattr__(self, name: str) -> Any:
+        """A part of a pickled cell, which is built again from the files when it is first needed."""
+        if name.startswith("__") or "bodies" in vars(self) or "_allowed" not in vars(self):
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        allowed = self._allowed
+        self.__init__(self.robot, self.request, self.scene)  # type: ignore[misc]
+        self._allowed = allowed
+        return getattr(self, name)
 
     @property
     def checks(self) -> bool:

@@ -145,11 +145,11 @@ class Controllers:
         scorer, all_ = Scorer(planner.robot, planner.model), None if self.robust is None else self.robust.planner.scorer
         return Judging(scorer, limits, planner.cell, planner.settings.verify_samples, all_)
 
-    def write(self, move: Move, result: Result, moves: StandardMoves | None, out: Path) -> list[Written]:
+    def write(self, move: Move, moves: StandardMoves | None, result: Result, out: Path) -> list[Written]:
         """Write the files of --write and --as into `out`, and read each back and judge it.
 
         Args:
-            move: as solved. result: the plan. moves: its standard moves, if any. out: a folder.
+            move: as solved. moves: its standard moves, if any. result: the plan. out: a folder.
         """
         from energy_opt.formats import FORMATS, controller_files
         from energy_opt.formats.controller_program import load_of

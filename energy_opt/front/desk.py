@@ -92,7 +92,7 @@ class Desk:
     out: Path | None = None
     force: bool = False
     command: tuple[str, ...] | None = None
-    ends: Callable[[], bool] = lambda: False
+    ends: Callable[[], bool] = bool  # `bool()` is False
     quiet: bool = True
     verbose: bool = False
 
@@ -190,7 +190,7 @@ def verb(request: Callable[P, Asked], run: Callable[[Asked, Desk], Given], name:
             asked = request(*args, **given)
         except TypeError as fault:
             raise BadInput(f"{kind.verb}: {str(fault).partition('() ')[2] or fault}") from None
-        stopped = asked.stopped or (lambda: False)
+        stopped = asked.stopped or bool  # planners of results are pickled with it
         return run(asked, Desk(force=getattr(asked, "force", False), ends=stopped))
 
     called.__name__ = called.__qualname__ = name or kind.verb

@@ -16,6 +16,7 @@ from energy_opt.front.desk import Answered, Desk
 from energy_opt.front.given import cell_of, named_robot, payload_document, robot_of
 from energy_opt.front.models import members, rivals_of
 from energy_opt.front.moves import documents, settings_of
+from energy_opt.jobs import job_files
 from energy_opt.jobs.file import job_of
 from energy_opt.jobs.legs import Job, Load
 from energy_opt.jobs.models import efforts_held, mean_of, stated, warned
@@ -116,17 +117,24 @@ class JobAnswer(Answered):
 
     Attributes:
         result: `solve_job.JobResult` of one robot, `solve_cell.CellResult` of several.
-        output: the module that writes it: `job_files` or `cell_files`.
         formats: of the programs that are written beside it.
         files: the programs that were written, read back and judged. saved: job.json as it was written.
     """
 
     result: Any
     request: JobRequest
-    output: ModuleType
     formats: Any
     files: tuple[Written, ...] = ()
     saved: dict[str, Any] | None = None
+
+    @property
+    def output(self) -> ModuleType:
+        """The module that writes it."""
+        if isinstance(self.result, JobResult):
+            return job_files
+        from energy_opt.workcell import cell_files
+
+        return cell_files
 
     @property
     def exit_code(self) -> int:

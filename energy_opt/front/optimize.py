@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -303,7 +304,7 @@ def run(request: OptimizeRequest, desk: Desk) -> Answer:
             answer = Answer(
                 **{f.name: getattr(found, f.name) for f in fields(Result)},
                 arm=robot, move=move, request=asked, stamp=desk.stamp, cell=cell,
-                controllers=lambda result, out: controllers.write(move, result, moves, out),
+                controllers=partial(controllers.write, move, moves),
             )  # fmt: skip
             if ends is not None and chosen is not None:
                 answer = with_goals(answer, chosen, ends, settings)

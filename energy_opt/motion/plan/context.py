@@ -130,6 +130,10 @@ class Workshop:
         self.compiled = False
         self.seconds = 0.0  # total time spent on building
 
+    def __reduce__(self) -> tuple[type[Workshop], tuple[()]]:
+        """A pickled workshop is empty."""
+        return Workshop, ()
+
     def reshaper(
         self, robot: Robot, model: PowerModel, settings: Settings, limits: Sequence[Limit], objective: str
     ) -> Reshaper:

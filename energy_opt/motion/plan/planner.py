@@ -74,7 +74,7 @@ class Planner:
         settings: Settings | None = None,
         *,
         cell: Cell | None = None,
-        stopped: Callable[[], bool] = lambda: False,
+        stopped: Callable[[], bool] = bool,  # `bool()` is False, and is pickled
     ) -> None:
         self.robot, self.settings = robot, settings or Settings()
         self._shares: Shares = {}

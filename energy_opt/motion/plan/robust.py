@@ -74,7 +74,7 @@ class RobustPlanner:
         settings: Settings | None = None,
         *,
         cell: Cell | None = None,
-        stopped: Callable[[], bool] = lambda: False,
+        stopped: Callable[[], bool] = bool,  # `bool()` is False, and is pickled
         planner: Planner | None = None,
     ) -> None:
         if kind not in ROUNDS:

@@ -54,8 +54,8 @@ class Batch(Found):
         return self.summary
 
     def text(self, out: Path | None = None) -> str:
-        """A short table for a terminal."""
-        return table(self.summary, out or self.out)
+        """A short table for a terminal; the results are where the batch wrote them."""
+        return table(self.summary, self.out)
 
     def kept(self, out: Path) -> Batch:
         """Copy the results into the folder `out`."""

@@ -74,6 +74,7 @@ def test_order_of_workers_changes_nothing(suite_file, tmp_path):
     assert [row["key"] for row in one.records] == [task.key for task in suite.tasks]
     assert untimed(read_parquet(tmp_path / "one" / "results.parquet")) == untimed(one.records)
     assert len({record["worker"]["process"] for record in read_journal(tmp_path / "two" / NAME)[1]}) == 2
+    assert str(two).endswith(f"results in {tmp_path / 'two'}")  # Python said "in ."
 
 
 @pytest.mark.slow

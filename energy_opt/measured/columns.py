@@ -129,10 +129,10 @@ PAYLOAD = {"ur_rtde": ("payload", "payload_cog_0", "payload_cog_1", "payload_cog
 AUTO = float("nan")  # factor of a time whose unit is found from the stamps
 
 
-def ur_rtde(joints: Sequence[str], table: Table) -> dict[str, Rule]:
+def ur_rtde(robot: Robot, table: Table) -> dict[str, Rule]:
     """Universal Robots' RTDE recorder: joints by number, arm power as supply voltage times current."""
     rules = {"time": Rule(("timestamp",)), "power": Rule(("actual_robot_voltage", "actual_robot_current"))}
-    for k, joint in enumerate(joints):
+    for k, joint in enumerate(robot.joints):
         rules[f"{joint}.position"] = Rule((f"actual_q_{k}",))
         rules[f"{joint}.velocity"] = Rule((f"actual_qd_{k}",))
         rules[f"{joint}.current"] = Rule((f"actual_current_{k}",))
@@ -140,7 +140,7 @@ def ur_rtde(joints: Sequence[str], table: Table) -> dict[str, Rule]:
     return rules
 
 
-def franka_state(joints: Sequence[str], table: Table) -> dict[str, Rule]:
+def franka_state(robot: Robot, table: Table) -> dict[str, Rule]:
     """Franka's state: libfranka's log (`state.q[0]`, time in ms) or a bag's `FrankaState` (`field.q0`, `.../q[0]`).
 
     Position `q`, velocity `dq` and link-side torque `tau_J`, with any prefix and any form of numbering.
@@ -152,30 +152,30 @@ def franka_state(joints: Sequence[str], table: Table) -> dict[str, Rule]:
     for signal, stem in (("position", "q"), ("velocity", "dq"), ("effort", "tau_J")):
         pattern = re.compile(rf"(?:.*[./ ]|){stem}[\[._/ ]?(\d)\]?")
         found = {int(m.group(1)): name for name in table.header if (m := pattern.fullmatch(name))}
-        if len(found) > len(joints):
+        if len(found) > robot.n:
             raise BadInput(
-                f"{table.path}: row 1: {stem} of {len(found)} joints; the log's robot has {len(joints)}: "
-                f"{', '.join(joints)}"
+                f"{table.path}: row 1: {stem} of {len(found)} joints; the log's robot has {robot.n}: "
+                f"{', '.join(robot.joints)}"
             )
-        for k, joint in enumerate(joints):
+        for k, joint in enumerate(robot.joints):
             rules[f"{joint}.{signal}"] = Rule((found.get(k, f"{stem}[{k}]"),), 1.0)
     return rules
 
 
-def joint_state(joints: Sequence[str], table: Table) -> dict[str, Rule]:
+def joint_state(robot: Robot, table: Table) -> dict[str, Rule]:
     """`sensor_msgs/JointState` as a bag's or plotter's export writes it: by name, or by number in the order of `name`.
 
     `/joint_states/elbow_joint/position`, `/joint_states/position/elbow_joint`, `field.position2` with `field.name2`,
     `/joint_states/position[2]`, `position_2`. Numbers without names mean the robot's own order.
     """
     rules = _stamps(table)
-    found = joint_columns(table.header, joints, given_names(table))
+    found = joint_columns(table.header, robot, given_names(table))
     for signal in ("position", "velocity", "effort"):
         for joint, name in found.get(signal, {}).items():
             rules[f"{joint}.{signal}"] = Rule((name,))
     if "position" not in found:
         raise BadInput(
-            f"{table.path}: row 1: no positions of {', '.join(joints)} among {', '.join(table.header[:12])}"
+            f"{table.path}: row 1: no positions of {', '.join(robot.joints)} among {', '.join(table.header[:12])}"
             + (" ..." if len(table.header) > 12 else "")
         )
     return rules
@@ -201,7 +201,7 @@ def _stamps(table: Table) -> dict[str, Rule]:
     return {"time": Rule((name,), AUTO)} | ({} if power is None else {"power": Rule((power,))})
 
 
-PRESETS: Mapping[str, Callable[[Sequence[str], Table], dict[str, Rule]]] = {
+PRESETS: Mapping[str, Callable[[Robot, Table], dict[str, Rule]]] = {
     reader.__name__: reader for reader in (ur_rtde, franka_state, joint_state)
 }
 

@@ -40,7 +40,7 @@ class Guess:
 def is_motion(table: Table) -> bool:
     """True if a file has joint positions of any known robot."""
     given, robots = given_names(table), map(by_name, known_robots())
-    return any("position" in joint_columns(table.header, robot.joints, given) for robot in robots)
+    return any("position" in joint_columns(table.header, robot, given) for robot in robots)
 
 
 def guess_robot(table: Table) -> tuple[Robot, str]:
@@ -51,7 +51,7 @@ def guess_robot(table: Table) -> tuple[Robot, str]:
     """
     sure, fitting = [], []
     for name in known_robots():
-        position = joint_columns(table.header, by_name(name).joints, given_names(table)).get("position", {})
+        position = joint_columns(table.header, by_name(name), given_names(table)).get("position", {})
         fitting += [name] if position else []
         sure += [name] if position and all(names_joint(header, j, name) for j, header in position.items()) else []
     fitting = sure or fitting
@@ -81,8 +81,8 @@ def _torque_error(table: Table, name: str) -> float | None:
     """Rms difference of a robot's static torques from the file's (measured or commanded), over the rms of these."""
     robot = by_name(name)
     plain = {word.replace("target_", "", 1): word for word in table.header if not word.startswith("actual_")}
-    effort = joint_columns(list(plain), robot.joints).get("effort")
-    position = joint_columns(table.header, robot.joints, given_names(table)).get("position")
+    effort = joint_columns(list(plain), robot).get("effort")
+    position = joint_columns(table.header, robot, given_names(table)).get("position")
     if effort is None or position is None:
         return None
     table.load([*position.values(), *(plain[word] for word in effort.values())])
@@ -110,7 +110,7 @@ def guess_joints(table: Table, robot: Robot, hand: ByHand) -> Guess:
     """
     out = Guess()
     header = table.header
-    found = joint_columns(header, robot.joints, given_names(table))
+    found = joint_columns(header, robot, given_names(table))
     found["position"] = hand.positions(table, found.get("position", {}))
     missing = [joint for joint in robot.joints if joint not in found["position"]]
     if missing:

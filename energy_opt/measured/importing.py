@@ -125,7 +125,7 @@ def _joints_and_meters(
     joints: dict[Table, Guess] = {}
     meters: dict[Table, Guess] = {}
     has = {
-        table: "position" in joint_columns(table.header, robot.joints, given_names(table)) or hand.positions(table, {})
+        table: "position" in joint_columns(table.header, robot, given_names(table)) or hand.positions(table, {})
         for table in tables
     }
     for table in sorted(tables, key=lambda t: not has[t]):

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 
-from energy_opt.robot import known_robots
+from energy_opt.robot import Robot, known_robots
 
 # Factors to SI units, by kind of quantity; the first unit of each is SI's.
 UNITS: dict[str, dict[str, float]] = {
@@ -154,28 +154,31 @@ def signal_of(words: Iterable[str]) -> str | None:
 
 
 def joint_columns(
-    header: Sequence[str], joints: Sequence[str], given: Mapping[int, str] | None = None
+    header: Sequence[str], robot: Robot, given: Mapping[int, str] | None = None
 ) -> dict[str, dict[str, str]]:
     """Which header holds which joint's signal: {signal: {joint: header}}, only signals found for every joint.
 
-    Numbers stand for the robot's own order, unless the headers state the names of other joints.
+    Numbers stand for the robot's own order, unless the headers state the names of other joints. If there is a number
+    for each joint that could move, they are those of followers (mimic) and locked joints, too.
 
     Args:
-        header: of a file. joints: the robot's. given: joint name by number, where the file itself says.
+        header: of a file. robot: the arm. given: joint name by number, where the file itself says.
     """
-    found = _by_number(header, joints, given or {}) | _by_name(header, joints)
+    found = _by_number(header, robot, given or {}) | _by_name(header, robot)
     return {signal: found[signal] for signal in SIGNALS if signal in found}
 
 
-def _by_name(header: Sequence[str], joints: Sequence[str]) -> dict[str, dict[str, str]]:
+def _by_name(header: Sequence[str], robot: Robot) -> dict[str, dict[str, str]]:
     """Columns by the joints' names in their headers: {signal: {joint: header}} of signals that all joints have."""
-    names = _short_names(joints)
+    names = _short_names(dict.fromkeys([*robot.joints, *robot.movable]))
     found: dict[str, dict[str, tuple[float, str]]] = defaultdict(dict)
     for text in header:
         flat = f" {_flat(text)} "
         fitting = [(len(form), form, joint) for joint, forms in names.items() for form in forms if form in flat]
         if fitting:
             _, form, joint = max(fitting)
+            if joint not in robot.joints:  # a follower's or a locked joint's: `j2_rod` is no `j2`
+                continue
             words = cut(flat.replace(form, " ", 1)).words
             telling = [x for x in words if x not in ("joint", "joints", "j", "a")]
             signal = signal_of(telling) or ("position" if not telling or set(telling) <= {"states", "state"} else None)
@@ -184,7 +187,7 @@ def _by_name(header: Sequence[str], joints: Sequence[str]) -> dict[str, dict[str
                 if rank > found[signal].get(joint, (-9.0, ""))[0]:
                     found[signal][joint] = (rank, text)
     whole = {signal: {j: text for j, (_, text) in by.items()} for signal, by in found.items()}
-    return {signal: by for signal, by in whole.items() if set(by) == set(joints)}
+    return {signal: by for signal, by in whole.items() if set(by) == set(robot.joints)}
 
 
 def names_joint(header: str, joint: str, robot: str) -> bool:
@@ -196,7 +199,7 @@ def names_joint(header: str, joint: str, robot: str) -> bool:
     return form in flat and (set(cut(joint).words) > {"joint"} or beside <= PLAIN | set(cut(robot).words))
 
 
-def _short_names(joints: Sequence[str]) -> dict[str, list[str]]:
+def _short_names(joints: Iterable[str]) -> dict[str, list[str]]:
     """Forms of a joint's name in a flattened header."""
     flat = {joint: _flat(joint) for joint in joints}
     forms: dict[str, list[str]] = {}
@@ -211,8 +214,9 @@ def _short_names(joints: Sequence[str]) -> dict[str, list[str]]:
     return forms
 
 
-def _by_number(header: Sequence[str], joints: Sequence[str], given: Mapping[int, str]) -> dict[str, dict[str, str]]:
+def _by_number(header: Sequence[str], robot: Robot, given: Mapping[int, str]) -> dict[str, dict[str, str]]:
     """Columns by numbers in their headers: {signal: {joint: header}} of vectors with a number for each joint."""
+    joints = robot.joints
     vectors: dict[tuple[tuple[str, ...], int, tuple[int, ...]], dict[int, str]] = defaultdict(dict)
     for text in header:
         h = cut(text)
@@ -225,11 +229,11 @@ def _by_number(header: Sequence[str], joints: Sequence[str], given: Mapping[int,
         if signal is None or len(members) < len(joints) or _of_other_joints(list(members.values()), joints):
             continue
         first = 0 if 0 in members else 1
-        numbers = range(first, first + len(joints))
+        counted = robot.movable if len(members) == len(robot.movable) else joints
         if given:
             order = {given[k]: members[k] for k in members if k in given}
         else:
-            order = {joint: members[k] for joint, k in zip(joints, numbers, strict=True) if k in members}
+            order = {joint: members[k] for k, joint in enumerate(counted, start=first) if k in members}
         if not set(joints) <= set(order):
             continue
         rank = _rank(stem) - 0.01 * abs(len(members) - len(joints))

@@ -187,7 +187,7 @@ def read_recording(log: LogFile, entry: RunEntry, robot: Robot, clock: float, of
     """
     out = Recording()
     table = Table(log.file(entry.file), log.csv)
-    rules = PRESETS[log.preset](robot.joints, table) if log.preset else plain_rules(robot.joints)
+    rules = PRESETS[log.preset](robot, table) if log.preset else plain_rules(robot.joints)
     rules = {**rules, **log.rules}
     joints = read_joints(table, rules, robot, entry.kind)
     if joints is None:

@@ -160,6 +160,11 @@ class Robot:
         return self.body.joints
 
     @property
+    def movable(self) -> tuple[str, ...]:
+        """Names of all joints that could move, followers and locked ones included, in the order of the description."""
+        return tuple(name for name, joint in self.description.joints.items() if joint.kind != "fixed")
+
+    @property
     def followers(self) -> dict[str, tuple[str, float, float]]:
         """Joints that follow others: the one that leads, ratio, and offset [rad, m] of each."""
         links = self.body.tree()

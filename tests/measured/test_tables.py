@@ -214,7 +214,7 @@ HEADERS = [
 
 @pytest.mark.parametrize(("robot", "header", "expected"), HEADERS)
 def test_joints_are_found_in_the_fields_conventions(robot, header, expected):
-    found = joint_columns(header, robot.joints)
+    found = joint_columns(header, robot)
     assert {signal: by[robot.joints[-1]] for signal, by in found.items() if signal in expected} == expected
     assert len(set(found["position"].values())) == robot.n and time_columns(header)[0] == header[0]
 

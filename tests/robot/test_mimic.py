@@ -29,6 +29,7 @@ from energy_opt.effects import LinkInertia, Payload
 from energy_opt.errors import BadInput
 from energy_opt.formats import read_trajectory
 from energy_opt.measured import read_set
+from energy_opt.measured.names import joint_columns
 from energy_opt.motion.limits.tube import Tube
 from energy_opt.motion.path import through
 from energy_opt.motion.trajectory import Trajectory
@@ -316,6 +317,19 @@ def test_a_move_of_the_palletizer_from_end_to_end(files: Path, tmp_path: Path, c
     )
     assert main(["robots", urdf, "--quiet"]) == 0
     assert "tip_b                    follows: -1 times tip_a\n" in capsys.readouterr().out
+
+
+def test_columns_of_followers_and_locked_joints_are_no_others(files: Path) -> None:
+    """`j2_plate`, which turns the other way, was read as j2 where j2 was missing; q2, the plate's, as j3."""
+    arm = load_robot(files / "palletizer.urdf")
+    named = [f"{joint}.position" for joint in PALLETIZER_ALL]
+    assert set(joint_columns(named, arm)["position"]) == set(arm.joints)
+    assert not joint_columns([name for name in named if name != "j2.position"], arm)
+    own = {"j1": "q0", "j2": "q1", "j3": "q4", "j4": "q6", "tip_a": "q7"}  # in the order of the file
+    assert joint_columns([f"q{k}" for k in range(9)], arm)["position"] == own
+    held = load_robot(files / "palletizer.urdf", lock={"j3": 0.2})
+    assert joint_columns([f"q{k}" for k in range(9)], held)["position"] == {k: v for k, v in own.items() if k != "j3"}
+    assert list(joint_columns([f"q{k}" for k in range(5)], arm)["position"]) == list(arm.joints)
 
 
 def test_a_log_without_the_gripper_is_a_set(files: Path, tmp_path: Path) -> None:

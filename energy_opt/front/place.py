@@ -64,7 +64,8 @@ class PlaceAnswer(Answered):
         return replace(self, saved=saved)
 
     def __repr__(self) -> str:
-        return f"PlaceAnswer({self.placement!r})"
+        robot, at = self.placement.result.job.robot.name, ", ".join(f"{x:.4g}" for x in self.placement.place)
+        return f"PlaceAnswer({robot!r}, {self.placement.what} at [{at}], {self.placement.result.energy:.5g} J)"
 
 
 def run(request: PlaceRequest, desk: Desk) -> PlaceAnswer:

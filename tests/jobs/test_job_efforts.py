@@ -117,7 +117,9 @@ def test_a_placement_holds_torque_limits_under_every_model(tmp_path: Path) -> No
     model = eo.source_model(robot)
     rough = model + eo.effects.CoulombFriction(tau_c=(0.07 * robot.limits.effort).tolist())
     asked = {"looked_at": 2, "seeds": 1, "steps": 0, "robot": robot, "self_collision": False}
-    found = eo.place(job, "-0.001,0.001,0,0,0,0", model=[model, rough], **asked).placement
+    answer = eo.place(job, "-0.001,0.001,0,0,0,0", model=[model, rough], **asked)
+    found = answer.placement
+    assert repr(answer).startswith("PlaceAnswer('z1', base at [") and len(repr(answer)) < 120
     shares = [
         effort_of(robot, eo.PowerModel("z1", rough.effects), answer.trajectory) / robot.limits.effort
         for answer in found.result.plan.answers

@@ -5,12 +5,19 @@ import signal
 import sys
 
 
+def leave(signum: int, frame: object) -> None:
+    """End the program at Ctrl-C while it loads; with --json, as always, with a document."""
+    if "--json" in sys.argv:
+        os.write(1, b'{"status": "interrupted", "message": "interrupted"}\n')
+    os._exit(130)
+
+
 def command() -> int:
     """Run the command; returns the exit code."""
     os.environ["OPENBLAS_NUM_THREADS"] = "1"  # sums, and so results, do not depend on the number of cores
     heeded = signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
     if heeded:
-        signal.signal(signal.SIGINT, lambda *_: os._exit(130))  # no work can be lost yet
+        signal.signal(signal.SIGINT, leave)  # no work can be lost yet
     from energy_opt.cli.faults import interrupt
     from energy_opt.cli.main import main
 
@@ -20,6 +27,9 @@ def command() -> int:
         return main()
     finally:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # all files are written
+        # Python ends by the signal, not by the exit code, if Ctrl-C went through code that a library ran from text, as
+        # some do while they are imported; running text forgets that.
+        exec("")
 
 
 if __name__ == "__main__":

@@ -250,7 +250,7 @@ library = sys.argv.pop()
 class Press:  # Ctrl-C at the moment a library is first asked for
     def find_spec(self, name, path=None, target=None):
         if name == library:
-            os.kill(os.getpid(), signal.SIGINT)
+            exec("os.kill(os.getpid(), signal.SIGINT); len(name)")  # libraries run text while they are imported
 from energy_opt.__main__ import command
 sys.meta_path.insert(0, Press())
 sys.exit(command())
@@ -259,9 +259,12 @@ sys.exit(command())
 
 @pytest.mark.parametrize("library", ["argparse", "numpy", "casadi", "pinocchio"])
 def test_an_interrupt_is_quiet_while_libraries_load(library: str, tmp_path: Path) -> None:
-    words = [sys.executable, "-c", INTERRUPTED, *MOVE, *ENDS, "--out", str(tmp_path), library]
-    run = subprocess.run(words, capture_output=True, text=True, check=False)
+    """`python -m energy_opt` had ended by the signal, and with --json without a document."""
+    (tmp_path / "pressed.py").write_text(INTERRUPTED)
+    words = [sys.executable, "-m", "pressed", *MOVE, *ENDS, "--json", "--out", "out", library]
+    run = subprocess.run(words, capture_output=True, text=True, check=False, cwd=tmp_path)
     assert run.returncode == 130 and "Traceback" not in run.stderr and run.stderr.count("\n") <= 1, run.stderr
+    assert json.loads(run.stdout)["status"] == "interrupted"
 
 
 def test_simulated_data_do_not_replace_measured_data(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -173,7 +173,7 @@ def run_job(
                 continue
             known = None if answers is None else answers.known(leg, duration)
             out.append(work.solved(leg, timing, duration, known, alone))
-            if answers is not None and out[-1].status == "solved":
+            if answers is not None and out[-1].status == "solved" and not stopped():
                 answers.keep(leg, duration, out[-1].trajectory)
         return Plan(legs, tuple(out), rest, time - sum(answer.trajectory.duration for answer in out))
 

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,9 +21,10 @@ from energy_opt.cli.main import main
 from energy_opt.errors import Infeasible
 from energy_opt.formats import read_trajectory
 from energy_opt.jobs.allocate import Front, Solved, allocate
+from energy_opt.jobs.cycle import Answer
 from energy_opt.jobs.file import load_job
 from energy_opt.jobs.solve_job import run_job
-from energy_opt.jobs.work import Answers
+from energy_opt.jobs.work import Answers, Worker
 from energy_opt.motion import Settings
 from energy_opt.motion.judge.clearance import clearance_of
 from energy_opt.motion.path import straight
@@ -205,6 +207,23 @@ def test_a_move_whose_search_was_stopped_is_searched_again(panda: Robot, tmp_pat
     found = run_job(job, source_method_2(), settings, stopped=stopped, progress=progress, answers=kept)
     assert [piece.status for piece in found.pieces] == ["solved", "not_converged"]
     # it was kept as an answer, so `--resume` took the first guess for the solved move
+    assert len(list((tmp_path / ".answers").iterdir())) == 1
+
+
+def test_a_move_whose_search_was_stopped_after_its_first_start_is_searched_again(
+    panda: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The best of fewer starts may be converged, too."""
+    job, inner, ended = load_job(written(tmp_path, SHUTTLE), lambda _: panda), Worker.solved, [0]
+
+    def solved(work: Worker, *words: Any) -> Answer:
+        answer = inner(work, *words)
+        ended[0] += 1
+        return answer
+
+    monkeypatch.setattr(Worker, "solved", solved)
+    settings, kept = Settings(starts=1, controls=16), Answers(tmp_path, panda.joints, "", resume=False)
+    run_job(job, source_method_2(), settings, stopped=lambda: ended[0] > 1, answers=kept)
     assert len(list((tmp_path / ".answers").iterdir())) == 1
 
 

@@ -172,6 +172,8 @@ def take_folder(out: Path) -> None:
     out = Path(out)
     try:
         key = out.resolve()
+        if key in _taken and not out.is_dir():  # removed or renamed during the work, whose result is not lost for that
+            os.close(_taken.pop(key)[0])
         if key not in _taken:
             _taken[key] = _locked(out)
         with tempfile.TemporaryFile(dir=out) as stream:

@@ -221,6 +221,17 @@ def test_a_folder_of_a_running_process_is_refused(tmp_path: Path, capsys: pytest
     leave_folder(out)
 
 
+def test_a_folder_that_is_removed_during_the_work_is_created_again(tmp_path: Path) -> None:
+    """The result of the work was lost."""
+    out = tmp_path / "out"
+    take_folder(out)
+    out.rmdir()
+    with written_whole(out, "last.json") as aside:
+        (aside / "last.json").write_text("{}")
+    leave_folder(out)
+    assert [path.name for path in out.iterdir()] == ["last.json"]
+
+
 def _small_files() -> None:
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))

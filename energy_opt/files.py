@@ -7,11 +7,11 @@ import math
 import os
 import re
 import sys
-import tempfile
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from secrets import token_hex
 from typing import Any, TypeGuard
 
 import numpy as np
@@ -32,16 +32,12 @@ def replacing(path: Path) -> Iterator[Path]:
     path = Path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
+        aside = path.parent / f".{path.name}.{token_hex(4)}{path.suffix}"
+        os.close(os.open(aside, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))  # less the umask
     except OSError as error:
         raise BadInput(f"{path}: cannot be written: {error.strerror}") from None
-    os.close(handle)
-    aside = Path(name)
     try:
         yield aside
-        umask = os.umask(0)
-        os.umask(umask)
-        aside.chmod(0o666 & ~umask)
         os.replace(aside, path)
     except OSError as error:
         error.filename = error.filename or str(path)  # a full disk is met while writing, where no file is named

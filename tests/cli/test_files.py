@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,16 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path) -> None:
         raise RuntimeError("power cut")
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]  # nothing is left lying about
+
+
+def test_files_have_the_users_permissions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The process's mask, which all threads share, was cleared for a moment to read it."""
+    usual = os.umask(0o027)
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "umask", None)
+        write_text(tmp_path / "a", "x")
+    os.umask(usual)
+    assert (tmp_path / "a").stat().st_mode & 0o777 == 0o640 and len(list(tmp_path.iterdir())) == 1
 
 
 def test_folders_are_made_and_refusals_are_clear(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import resource
 import signal
 import sys
 import tempfile
@@ -132,8 +133,11 @@ def _posed(task: Task, planner: Planner, solver: Any, row: dict[str, Any]) -> Re
 
 
 def resident_memory() -> int:
-    """Memory of this process [bytes]."""
-    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    """Memory of this process [bytes]; the most so far where there is no /proc, as in a bare chroot."""
+    try:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except OSError:
+        return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 # For workers: one thread for linear algebra, and no imports from the current folder (such as a `selectors.py` there).

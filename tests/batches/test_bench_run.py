@@ -15,7 +15,7 @@ import pytest
 
 from energy_opt.batches import batch
 from energy_opt.batches.batch import run_batch
-from energy_opt.batches.executors import local
+from energy_opt.batches.executors import local, resident_memory
 from energy_opt.batches.records import NAME, TIMES, read_journal, read_parquet
 from energy_opt.batches.suite import load_suite
 
@@ -168,6 +168,20 @@ def test_resume_does_only_what_an_edited_suite_adds(suite_file, tmp_path):
     suite_file.write_text(suite_file.read_text().replace(f"count = {COUNT + 2}", "count = 1"))
     fewer = run_batch(load_suite(suite_file), out, resume=True, solve=bench_workers.known)
     assert (len(fewer.records), fewer.left_out, fewer.summary["run"]["moves"]) == (1, COUNT + 1, 0)
+
+
+def test_a_machine_without_proc_runs_batches(suite_file, tmp_path, monkeypatch):
+    """As in a bare chroot: the batch ended at its summary, and workers gave no row."""
+    read = Path.read_text
+
+    def without_proc(path, *words, **more):
+        if str(path).startswith("/proc"):
+            raise FileNotFoundError(2, "No such file or directory", str(path))
+        return read(path, *words, **more)
+
+    monkeypatch.setattr(Path, "read_text", without_proc)
+    found = batch.run_batch(load_suite(suite_file), tmp_path, solve=bench_workers.known)
+    assert found.summary["complete"] and isinstance(found.summary["machine"]["cpu"], str) and resident_memory() > 1e7
 
 
 def test_report_names_failures_first(suite_file, tmp_path):

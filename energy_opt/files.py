@@ -86,11 +86,16 @@ def inside(folder: Path, name: str, allow_outside: bool = False) -> Path:
     """The path of a file that is named in a document in `folder`.
 
     Raises:
-        BadInput: the file lies outside of the folder (after links are resolved) and `allow_outside` is False.
+        BadInput: the file lies outside of the folder (after links are resolved) and `allow_outside` is False, or the
+            locale cannot encode its name.
     """
     path = Path(folder) / name
     try:
         kept = allow_outside or path.resolve().is_relative_to(Path(folder).resolve())
+    except UnicodeEncodeError:
+        raise BadInput(
+            f"{name!r}: not text in this locale's encoding; rename the file, or set LC_ALL=C.UTF-8"
+        ) from None
     except (OSError, ValueError, RuntimeError):  # NUL bytes, circles of links, names too long
         kept = False
     if not kept:

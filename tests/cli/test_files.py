@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +36,14 @@ def test_files_have_the_users_permissions(tmp_path: Path, monkeypatch: pytest.Mo
         write_text(tmp_path / "a", "x")
     os.umask(usual)
     assert (tmp_path / "a").stat().st_mode & 0o777 == 0o640 and len(list(tmp_path.iterdir())) == 1
+
+
+def test_a_name_that_the_locale_cannot_encode_is_not_called_outside() -> None:
+    """A set with umlauts in a file's name, on a machine whose locale is C."""
+    code = "from energy_opt.files import inside; inside('.', 'l\\u00e4uft.csv')"
+    plain = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=os.environ | plain)
+    assert "BadInput: 'l\\xe4uft.csv': not text in this locale's encoding" in done.stderr, done.stderr
 
 
 def test_folders_are_made_and_refusals_are_clear(tmp_path: Path) -> None:

@@ -166,8 +166,7 @@ def take_folder(out: Path) -> None:
     reason. On file systems without such locks, the complete result of the later run remains.
 
     Raises:
-        BadInput: another run is writing there; or it is a file, not permitted, has an impossible name, or the disk is
-            full.
+        BadInput: another run is writing there, it is a file, forbidden, or has no possible name, or the disk is full.
     """
     out = Path(out)
     try:

@@ -28,19 +28,19 @@ from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.move import Settings
 from energy_opt.poses.estimate import curves, holding, quickest
 from energy_opt.poses.freedom import Bent, has_freedom, improved
-from energy_opt.poses.inverse import ToolKinematics
+from energy_opt.poses.inverse import ToolKinematics, turned_near
 from energy_opt.poses.pose import Pose
 from energy_opt.poses.sets import (
     DETOUR,
     Layer,
     Ring,
-    Target,
     as_reached,
     positions_near,
     positions_of,
     straight_is_free,
     thinned,
-)  # fmt: skip
+)
+from energy_opt.poses.turns import turned, unwound
 from energy_opt.power import PowerModel
 
 SWEEPS = 3  # sweeps over all ends, by estimates
@@ -75,13 +75,14 @@ class Posed:
         self.cells = Cells(job, cell)
         self.tool = ToolKinematics(job.robot, cell.tool)
         self.moving = [k for k, step in enumerate(job.steps) if step.wait is None]
+        self._turning = [k in job.open for k in self.moving]
         self.asked = {k: pose_in_base(job.steps[k], job.robot, cell) for k in job.open}
         self.poses = {k: as_reached(self.tool, pose, (starts or {}).get(k)) for k, pose in self.asked.items()}
         known: dict[Any, np.ndarray] = {}
         self.sets: dict[int, np.ndarray] = {}
         for k in self.moving:
             step = job.steps[k]
-            target: Target = self.poses.get(k, step.goal)
+            target = self.poses.get(k, step.goal)
             key = (str(target.document()), step.scene) if isinstance(target, Pose) else k
             if starts is not None and k in starts and isinstance(target, Pose):
                 known[key] = positions_near(self.tool, target, starts[k])
@@ -102,24 +103,23 @@ class Posed:
         for ends, _ in islice(self._rings(), RINGS):
             ends = self._improved(ends)
             if all(max(np.abs(q - other[k]).max() for k, q in ends.items()) > SAME for _, other in found):
-                ring = self._ring(
-                    [Layer(q[None], self._held(k), holding(self._models(k), q[None])) for k, q in ends.items()]
-                )
+                ring = self._ring([self._layer(k, q[None]) for k, q in ends.items()])
                 found.append((self._cheapest(ring)[1], ends))
         return [ends for _, ends in sorted(found, key=lambda item: item[0])[:count]]
 
     def _rings(self) -> Iterator[tuple[Ends, float]]:
         """Positions of all moving steps' ends, and their estimate [J]: each differs in every move from those before."""
         nearest = self.greedy()
-        ring = self._ring([self._layer(k, nearest[k]) for k in self.moving])
-        cells = [self.cells.of(self.job.steps[k]) for k in [*self.moving[1:], self.moving[0]]]
-        free = lambda k, a, b: straight_is_free(cells[k], a, b)  # noqa: E731
+        costs = {k: holding(self._models(k), q) for k, q in self.sets.items()}
+        sets = [np.vstack([nearest[k], thinned(self.sets[k], costs[k])]) for k in self.moving]
+        ring = self._ring(list(map(self._layer, self.moving, sets, self._turning)))
         costly = np.inf
         while True:
-            chosen, energy = self._cheapest(ring, free)
+            chosen, energy = self._cheapest(ring)
             if energy > costly:
                 return
-            yield {k: at.positions[c] for k, at, c in zip(self.moving, ring.layers, chosen, strict=True)}, energy
+            chain = [at.positions[c] for at, c in zip(ring.layers, chosen, strict=True)]
+            yield self._by_step(unwound(self.job.robot, chain, self._turning, True)), energy
             costly = min(costly, energy + DETOUR / 2)
             ring.avoid(chosen)
 
@@ -129,19 +129,27 @@ class Posed:
         bounds = [(self.job.steps[k].least, self.job.steps[k].most) for k in order]
         return Ring(layers, [self._models(k) for k in order], bounds)
 
-    def _cheapest(
-        self, ring: Ring, free: Callable[[int, np.ndarray, np.ndarray], bool] | None = None
-    ) -> tuple[list[int], float]:
-        """The cheapest ring in the cycle's time without its waits; see `Ring.cheapest`."""
+    def _cheapest(self, ring: Ring) -> tuple[list[int], float]:
+        """The cheapest ring in the cycle's time without its waits, its straight moves clear; see `Ring.cheapest`."""
         waiting = min(float(layer.standing.min()) for layer in ring.layers)
+        cells = [self.cells.of(self.job.steps[k]) for k in [*self.moving[1:], self.moving[0]]]
+        free = lambda k, a, b: straight_is_free(cells[k], a, b)  # noqa: E731
         return ring.cheapest(self.job.cycle_time - self.job.waiting, waiting, free)
 
-    def _layer(self, k: int, nearest: np.ndarray) -> Layer:
-        """The positions at which a moving step may end, the nearest first, and the power of the waits after it."""
-        scorer, q = [self.scorers.of(self.job.steps[k])], self.sets[k]
-        standing = holding(scorer, q)
-        q = np.vstack([nearest, thinned(q, standing)])
-        return Layer(q, self._held(k), holding(scorer, q))
+    def _turned(self, ends: Ends) -> Ends:
+        """The ends, with joints turned by whole turns to where the cycle is likely to be cheaper."""
+
+        def cheapest(sets: Sequence[np.ndarray]) -> list[int]:
+            return self._cheapest(self._ring(list(map(self._layer, self.moving, sets))))[0]
+
+        return self._by_step(turned(self.job.robot, [ends[k] for k in self.moving], self._turning, cheapest))
+
+    def _by_step(self, chain: Sequence[np.ndarray]) -> Ends:
+        return dict(zip(self.moving, chain, strict=True))
+
+    def _layer(self, k: int, q: np.ndarray, turning: bool = False) -> Layer:
+        """Positions q (K, n) at which a moving step may end, and the power of the waits after it."""
+        return Layer(q, self._held(k), holding(self._models(k), q), turning)
 
     def _held(self, k: int) -> float:
         """Seconds that the motors hold the arm at the end of a moving step, by the job's waits."""
@@ -151,8 +159,8 @@ class Posed:
         return sum(step.wait or 0.0 for step in waits if not step.brakes)
 
     def _improved(self, ends: Ends) -> Ends:
-        """Every end with freedom moved along it, the others held, by estimates at durations that share the time."""
-        ends = dict(ends)
+        """The ends, turned; each with freedom moved along it, the others held, at durations that share the time."""
+        ends = self._turned(ends)
         for _ in range(SWEEPS):
             price = self._price(ends)
             before = {k: q.copy() for k, q in ends.items()}
@@ -203,12 +211,11 @@ class Posed:
 
     def greedy(self) -> Ends:
         """At every pose the positions that are quickest to reach from the previous ones."""
-        at = self.sets[self.moving[-1]]
-        q = at[np.argmin(np.abs(at - self.job.robot.limits.near_zero).sum(axis=1))]
-        out: Ends = {self.moving[-1]: q}
-        for k in self.moving[:-1]:
-            reached = self.sets[k]
-            q = out[k] = quickest(self.job.robot, q, reached)
+        robot, out = self.job.robot, Ends()
+        first = self._turning.index(False) if False in self._turning else -1
+        q = robot.limits.near_zero
+        for k in [*self.moving[first:], *self.moving[:first]]:
+            q = out[k] = quickest(robot, q, turned_near(self.sets[k], q, robot) if k in self.poses else self.sets[k])
         return out
 
     def _bent_legs(self, plan: Plan) -> dict[int, Bent]:

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from energy_opt.cell.cell import Cell
+from energy_opt.errors import Infeasible
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.plan.robust import RobustPlanner
@@ -20,9 +22,14 @@ from energy_opt.poses.chosen import Chosen
 from energy_opt.poses.estimate import holding, quickest
 from energy_opt.poses.given import Ends
 from energy_opt.poses.inverse import ToolKinematics
-from energy_opt.poses.sets import Layer, Ring, Target, as_reached, layer, positions_of, thinned
+from energy_opt.poses.pose import Pose
+from energy_opt.poses.sets import Ring, Target, as_reached, layer, positions_of, thinned
+from energy_opt.poses.turns import turned, unwound
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
+
+OTHERS = 3  # most other branches of a start pose or via pose, to compare by sketches
+TRIED = 3  # most choices of start and via points to solve in full until one is solved
 
 
 def solve_to(
@@ -49,9 +56,23 @@ def solve_to(
     chooser = Chooser(
         tool, scorers, cell, planner.solve, planner.sketch, planner.settle, settings.seed, worst, ends.start, ends.via
     )
+    moves = [move]
     if ends.start is not None or ends.via:
-        move = chooser.cheapest(_moves_between_branches(ends, move, tool, scorers, cell, settings))
-    return chooser.choose(move, ends.goals)
+        moves = chooser.in_order(_moves_between_branches(ends, move, tool, scorers, cell, settings))[:TRIED]
+    unsolved: list[Chosen] = []
+    errors: list[Infeasible] = []
+    for each in moves:  # a sketch ignores bodies: the next one where there is no answer
+        try:
+            found = chooser.choose(each, ends.goals)
+        except Infeasible as error:
+            errors.append(error)
+            continue
+        if found.result.status == "solved":
+            return found
+        unsolved.append(found)
+    if not unsolved:
+        raise errors[0]
+    return unsolved[0]
 
 
 def _moves_between_branches(
@@ -60,7 +81,7 @@ def _moves_between_branches(
     """Moves with positions of the start pose and of the poses on the way.
 
     First those that are likely to be cheapest; then, for each of these poses, the likely cheapest with another branch
-    of it.
+    of it; of each also those with joints turned to where it is likely to be cheaper.
 
     Raises:
         Infeasible: no positions reach one of them, or all touch something.
@@ -70,19 +91,39 @@ def _moves_between_branches(
     sets = [positions_of(tool, each, cell, near=near, seed=settings.seed) for each in (start, *ends.via)]
     goals = [positions_of(tool, each, cell, near=near, seed=settings.seed) for each in ends.goals]
     sets.append(np.vstack(goals))
-    layers = [layer(scorers, thinned(q, holding(scorers, q))) for q in sets]
+    sets = [thinned(q, holding(scorers, q)) for q in sets]
+    given = np.array([each for each in (start, *ends.goals) if not isinstance(each, Pose)]).reshape(-1, tool.robot.n)
 
-    def cheapest(layers: Sequence[Layer]) -> list[np.ndarray]:
-        chain = Ring(layers, [scorers] * (len(layers) - 1), [(0.0, np.inf)] * len(layers))
-        chosen, _ = chain.cheapest(move.duration or move.max_duration or np.inf, 0.0)
-        return [each.positions[k] for each, k in zip(layers, chosen, strict=True)]
+    def turning(q: np.ndarray) -> np.ndarray:
+        """Which positions (K, n) are not given as such."""
+        return ~(q[:, None] == given).all(axis=2).any(axis=1)
 
-    found = [cheapest(layers)]
-    for k, each in enumerate(layers[:-1]):
-        others = each.positions[np.abs(each.positions - found[0][k]).max(axis=1) >= APART]
-        if len(others):
-            found.append(cheapest([*layers[:k], layer(scorers, others), *layers[k + 1 :]]))
-    return [replace(move, start=q[0], via=tuple(q[1:-1]), goal=q[-1]) for q in found]
+    def cheapest(sets: Sequence[np.ndarray], exact: bool = False) -> list[int]:
+        layers = [layer(scorers, q, False if exact else turning(q)) for q in sets]
+        alone = move.duration if len(layers) == 2 else None  # a single part lasts as long as the move
+        chain = Ring(layers, [scorers] * (len(layers) - 1), [(alone or 0.0, alone or np.inf)] * len(layers))
+        waiting = 0.0 if move.duration is None else min(float(each.standing.min()) for each in layers)
+        return chain.cheapest(move.duration or move.max_duration or np.inf, waiting)[0]
+
+    found: list[tuple[list[np.ndarray], list[np.ndarray]]] = []  # chains of branches, and their turns
+
+    def add(sets: Sequence[np.ndarray]) -> None:
+        chain = [q[k] for q, k in zip(sets, cheapest(sets), strict=True)]
+        may = turning(np.array(chain)).tolist()
+        short = unwound(tool.robot, chain, may, False)
+        further = turned(tool.robot, short, may, partial(cheapest, exact=True))
+        found.append((chain, short))
+        if not all(map(np.array_equal, further, short)):
+            found.append((chain, further))
+
+    add(sets)
+    for k, each in enumerate(sets[:-1]):
+        for _ in range(OTHERS):
+            known = np.array([chain[k] for chain, _ in found])
+            each = each[np.abs(each[:, None] - known).max(axis=2).min(axis=1) >= APART]
+            if len(each):
+                add([*sets[:k], each, *sets[k + 1 :]])
+    return [replace(move, start=q[0], via=tuple(q[1:-1]), goal=q[-1]) for _, q in found]
 
 
 def nearest_move(ends: Ends, move: Move, robot: Robot, cell: Cell | None, settings: Settings) -> Move:
@@ -99,9 +140,9 @@ def nearest_move(ends: Ends, move: Move, robot: Robot, cell: Cell | None, settin
     ends = ends.changed(lambda pose: as_reached(tool, pose))
     q = move.start
     if ends.start is not None:
-        near = robot.limits.near_zero
+        near = np.vstack([goal for goal in ends.goals if not isinstance(goal, Pose)] or [robot.limits.near_zero])
         found = positions_of(tool, ends.start, cell, near=near, seed=settings.seed)
-        q = found[np.argmin(np.abs(found - near).sum(axis=1))]
+        q = found[np.argmin(np.abs(found - near[:, None]).sum(axis=2).min(axis=0))]
     at = [q]
     for stop in ends.via:
         at.append(quickest(robot, at[-1], positions_of(tool, stop, cell, near=at[-1], seed=settings.seed)))

@@ -85,12 +85,12 @@ class Chooser:
         self._settle = Settling(tool, scorers, self.cell, settle, start, via)
         self.solves = self.screened = 0
 
-    def cheapest(self, moves: Sequence[Move]) -> Move:
-        """The move with the cheapest sketch, of several with other ends and via points; else the first."""
+    def in_order(self, moves: Sequence[Move]) -> list[Move]:
+        """Moves with different ends and via points, those with the cheapest sketches first."""
         if len(moves) == 1:
-            return moves[0]
+            return list(moves)
         found = [self._sketched(move, Candidate(move.goal, np.nan)) for move in moves]
-        return moves[int(np.argmin([_cost(each[0]) if each else np.inf for each in found]))]
+        return [moves[k] for k in np.argsort([_cost(each[0]) if each else np.inf for each in found], kind="stable")]
 
     def choose(self, move: Move, goals: Sequence[Target]) -> Chosen:
         """The cheapest motion from the move's start to any of the goals.

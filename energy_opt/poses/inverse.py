@@ -255,13 +255,14 @@ def turned_near(q: np.ndarray, near: np.ndarray | None, robot: Robot) -> np.ndar
     return out
 
 
-def other_turns(q: np.ndarray, near: np.ndarray, robot: Robot) -> np.ndarray:
-    """Positions (K, n) that differ from q (n,) by a whole turn of one revolute joint, to the other side of `near` (n,).
+def other_turns(q: np.ndarray, near: np.ndarray | None, robot: Robot) -> np.ndarray:
+    """Positions (K, n) that differ from q (n,) by a whole turn of one revolute joint.
 
     Args:
-        robot: for its limits, which they keep.
+        near: (n,) each turn is to the other side of these; None: to both sides. robot: for its limits, which they keep.
     """
-    out = q + np.diag(np.where(robot.slides, 0.0, TURN * np.where(q > near, -1, 1)))
+    signs = (-1, 1) if near is None else (np.where(q > near, -1, 1),)
+    out = np.vstack([q + np.diag(np.where(robot.slides, 0.0, TURN * sign)) for sign in signs])
     inside = ((out >= robot.limits.lower) & (out <= robot.limits.upper)).all(axis=1) & (out != q).any(axis=1)
     return np.asarray(out[inside])
 

@@ -19,6 +19,7 @@ from energy_opt.poses.estimate import Curves, curves, holding
 from energy_opt.poses.freedom import is_free
 from energy_opt.poses.inverse import SMALL, Reached, ToolKinematics, reach, solve
 from energy_opt.poses.pose import Pose
+from energy_opt.poses.turns import nearest_pairs
 
 Target = Pose | np.ndarray  # the end of a move: a pose of the tool, or joint positions (n,)
 MOST = 24  # most positions of a layer inside a cycle
@@ -39,11 +40,13 @@ class Layer:
     Attributes:
         positions: (K, n) [rad, m].
         wait: seconds that the arm waits there; standing: (K,) [W] power of this.
+        turning: whether each (K,) or all stand for all their turns within the limits; else only for themselves.
     """
 
     positions: np.ndarray
     wait: float
     standing: np.ndarray
+    turning: bool | np.ndarray = False
 
 
 def unreachable_error(pose: Pose, found: Reached) -> Infeasible:
@@ -157,9 +160,9 @@ def thinned(q: np.ndarray, cost: np.ndarray, most: int = MOST) -> np.ndarray:
     return q[kept]
 
 
-def layer(scorers: Sequence[Scorer], positions: np.ndarray) -> Layer:
+def layer(scorers: Sequence[Scorer], positions: np.ndarray, turning: bool | np.ndarray = False) -> Layer:
     """A layer without a wait, with the power of standing at its positions (K, n)."""
-    return Layer(positions, 0.0, holding(scorers, positions))
+    return Layer(positions, 0.0, holding(scorers, positions), turning)
 
 
 class Ring:
@@ -176,10 +179,15 @@ class Ring:
     ) -> None:
         self.layers, self.bounds = list(layers), list(bounds)
         self._curves: list[Curves | None] = [None] * len(layers)
+        self._pairs: list[tuple[np.ndarray, np.ndarray]] = []  # (A, B, n) ends of each move
         for k, models in enumerate(scorers):
-            a, b = self.layers[k].positions, self.layers[(k + 1) % len(layers)].positions
-            pairs = np.indices((len(a), len(b))).reshape(2, -1)
-            self._curves[k] = curves(models, a[pairs[0]], b[pairs[1]])
+            here, there = self.layers[k], self.layers[(k + 1) % len(layers)]
+            shape = len(here.positions), len(there.positions), -1
+            i, j = np.indices(shape[:2]).reshape(2, -1)
+            may = [np.broadcast_to(at.turning, len(at.positions))[pick] for at, pick in ((here, i), (there, j))]
+            ends = nearest_pairs(models[0].robot, here.positions[i], there.positions[j], *may)
+            self._curves[k] = curves(models, *ends)
+            self._pairs.append((ends[0].reshape(shape), ends[1].reshape(shape)))
         self._looked: set[tuple[int, int, int]] = set()  # moves that were checked for contact
         sizes = [len(layer.positions) for layer in layers]
         self._detours = [np.zeros((a, b)) for a, b in zip(sizes, [*sizes[1:], sizes[0]], strict=True)]  # [J]
@@ -211,7 +219,7 @@ class Ring:
         any_found, count = False, len(self.layers)
         for _ in range(AVOIDED):
             pairs = [(k, chosen[k], chosen[(k + 1) % count]) for k in range(count) if self._curves[k] is not None]
-            ends = ((self.layers[k].positions[i], self.layers[(k + 1) % count].positions[j]) for k, i, j in pairs)
+            ends = ((self._pairs[k][0][i, j], self._pairs[k][1][i, j]) for k, i, j in pairs)
             found = [pair for pair, (a, b) in zip(pairs, ends, strict=True)
                      if pair not in self._looked and not self._looked.add(pair) and not free(pair[0], a, b)]  # type: ignore[func-returns-value]  # fmt: skip
             if not found:

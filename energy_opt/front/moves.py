@@ -199,7 +199,8 @@ def ends_of(request: MoveRequest, robot: Robot, around: CellRequest) -> Ends | N
     """
     start, goals = request.start, _goals(request.goal)
     posed = request.start_pose if request.start_pose is not None else start if _is_pose(start) else None
-    passed = [*request.via_pose, *(each for each in request.via if _is_pose(each))]
+    posed_vias = _poses(request.via_pose)
+    passed = [*posed_vias, *(each for each in request.via if _is_pose(each))]
     if posed is None and request.goal_pose is None and not passed and len(goals) < 2 and not any(map(_is_pose, goals)):
         for option in ("free", "pose_tolerance"):
             if getattr(request, option):
@@ -209,9 +210,9 @@ def ends_of(request: MoveRequest, robot: Robot, around: CellRequest) -> Ends | N
         raise BadInput("--path fixes start and goal; give either --path or poses")
     if request.start_pose is not None and start is not None:
         raise BadInput("--start and --start-pose are both given; give one")
-    if request.free and request.goal_pose is None and not request.via_pose:
+    if request.free and request.goal_pose is None and not posed_vias:
         raise BadInput("--free belongs to --goal-pose")
-    if passed and len(passed) < len(request.via) + len(request.via_pose):
+    if passed and len(passed) < len(request.via) + len(posed_vias):
         raise BadInput("--via and --via-pose are both given; give one")
     if passed and request.mode == "retime":
         raise BadInput("--via-pose belongs to --mode reshape; for retime give the points as a --path file")
@@ -253,7 +254,7 @@ def _goals(given: Any) -> list[Any]:
 
 def _poses(given: Any) -> list[Any]:
     """The given poses as a list; four times four numbers are one matrix."""
-    if given is None:
+    if given is None or (isinstance(given, (list, tuple)) and not given):
         return []
     many = isinstance(given, (list, tuple, np.ndarray)) and len(given) and not isinstance(given[0], Real)
     matrix = many and len(given) == 4 and all(np.shape(line) == (4,) for line in given)

@@ -236,7 +236,8 @@ def with_goals(result: Answer, chosen: Chosen, ends: Ends, settings: Settings) -
     status = result.status
     if not all(end["valid"] for end in said.values()):
         status = "not_converged"
-    return replace(result, status=status, goals={**chosen.document(), "poses": said})
+    warnings = (*result.warnings, *chosen.warnings)
+    return replace(result, status=status, goals={**chosen.document(), "poses": said}, warnings=warnings)
 
 
 def solved(solve: Callable[[Move], Result], move: Move, asked: Move) -> tuple[Result, Move]:

@@ -75,10 +75,11 @@ def run(request: TradeoffRequest, desk: Desk) -> Tradeoff:
         else:
             planner = RobustPlanner(robot, rivals, kind, settings, **known)
         goals: dict[str, Any] = {}
+        notes: tuple[str, ...] = ()
         if ends is not None:
             # the goal that is cheapest at a free duration; the whole front is computed for it
             chosen = solve_to(ends, move, robot, members(rivals), mean_of(planner).cell, settings, planner)
-            move, goals = chosen.move, chosen.document()
+            move, goals, notes = chosen.move, chosen.document(), chosen.warnings
         cycle = over = cycle_for(robot, rivals[0].model, move, request.cycle, request.idle_power)
         mean = mean_of(planner)
         if cycle is not None and mean is not planner:
@@ -90,6 +91,7 @@ def run(request: TradeoffRequest, desk: Desk) -> Tradeoff:
         if isinstance(planner, RobustPlanner):
             front = stated(planner, move, front, cycle)
         found = {**document_of(planner, rivals, move, front, cycle, document, worth), **goals}
+        found["warnings"] = [*found["warnings"], *notes]
         bodies, scene = drawn(mean.cell or own_body(robot))
         report = partial(page, motions=motions_of(front), robot=robot, bodies=bodies, scene=scene)
         answer = desk.keep(Tradeoff(found, asked, report, text, robot, front, move))

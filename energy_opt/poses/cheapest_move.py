@@ -23,7 +23,7 @@ from energy_opt.poses.estimate import holding, quickest
 from energy_opt.poses.given import Ends
 from energy_opt.poses.inverse import ToolKinematics
 from energy_opt.poses.pose import Pose
-from energy_opt.poses.sets import Ring, Target, as_reached, layer, positions_of, thinned
+from energy_opt.poses.sets import Ring, Target, as_reached, layer, left_out, positions_of, thinned
 from energy_opt.poses.turns import turned, unwound
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
@@ -52,6 +52,10 @@ def solve_to(
     """
     tool = ToolKinematics(robot, settings.tool)
     ends = ends.changed(lambda pose: as_reached(tool, pose))
+    said: tuple[str, ...] = ()
+    if len(ends.goals) > 1:
+        goals, said = left_out(tool, ends.goals, cell if ends.start is not None or ends.via else None, settings.seed)
+        ends = replace(ends, goals=goals)
     scorers = [Scorer(robot, model) for model in models]
     chooser = Chooser(
         tool, scorers, cell, planner.solve, planner.sketch, planner.settle, settings.seed, worst, ends.start, ends.via
@@ -59,7 +63,7 @@ def solve_to(
     moves = [move]
     if ends.start is not None or ends.via:
         moves = chooser.in_order(_moves_between_branches(ends, move, tool, scorers, cell, settings))[:TRIED]
-    unsolved: list[Chosen] = []
+    answers: list[Chosen] = []
     errors: list[Infeasible] = []
     for each in moves:  # a sketch ignores bodies: the next one where there is no answer
         try:
@@ -67,12 +71,12 @@ def solve_to(
         except Infeasible as error:
             errors.append(error)
             continue
+        answers.append(replace(found, warnings=said))
         if found.result.status == "solved":
-            return found
-        unsolved.append(found)
-    if not unsolved:
+            return answers[-1]
+    if not answers:
         raise errors[0]
-    return unsolved[0]
+    return answers[0]
 
 
 def _moves_between_branches(
@@ -138,6 +142,7 @@ def nearest_move(ends: Ends, move: Move, robot: Robot, cell: Cell | None, settin
     """
     tool = ToolKinematics(robot, settings.tool)
     ends = ends.changed(lambda pose: as_reached(tool, pose))
+    ends = replace(ends, goals=left_out(tool, ends.goals, cell, settings.seed)[0])
     q = move.start
     if ends.start is not None:
         near = np.vstack([goal for goal in ends.goals if not isinstance(goal, Pose)] or [robot.limits.near_zero])

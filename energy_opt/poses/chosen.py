@@ -65,6 +65,7 @@ class Chosen:
         nearest: the goal nearest to the start; nearest_result: its motion at the answer's duration, None without
             one.
         solves: number of moves solved in full; screened: number of moves sketched.
+        warnings: which goals were left out, and why.
     """
 
     move: Move
@@ -74,6 +75,7 @@ class Chosen:
     nearest_result: Result | None
     solves: int
     screened: int
+    warnings: tuple[str, ...] = ()
 
     def document(self) -> dict[str, object]:
         """`candidates` and `nearest` of result.json; energies in J, those of several models in the mean."""

@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -121,10 +122,14 @@ def _numbers(value: object, name: str) -> np.ndarray:
     """Only numbers: text and truth values are rejected."""
     if isinstance(value, np.ndarray):
         return value
-    numbers = list(value) if isinstance(value, (list, tuple)) else [value]
-    if not all(isinstance(x, (int, float)) and not isinstance(x, bool) for x in numbers):
+    given = list(value) if isinstance(value, (list, tuple)) else [value]
+    numbers = [x for each in given for x in (each if isinstance(each, (list, tuple, np.ndarray)) else [each])]
+    if not all(isinstance(x, Real) and not isinstance(x, bool) for x in numbers):
         raise BadInput(f"{name} = {value!r:.60}; expected {FORM}")
-    return np.array(numbers, dtype=float)
+    try:
+        return np.array(given, dtype=float)
+    except ValueError:  # lists of different lengths
+        raise BadInput(f"{name} = {value!r:.60}; expected {FORM}") from None
 
 
 def poses_of_scene(scene: Scene | None) -> dict[str, Pose]:

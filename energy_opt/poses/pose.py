@@ -9,6 +9,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -20,8 +21,10 @@ from energy_opt.robot.kinematics import no_degrees, pose_of
 TURNS = ("rx", "ry", "rz")
 AXES = ("x", "y", "z", *TURNS)
 FAR = 100.0  # [m] largest length: a longer one is probably in the wrong unit
+LEAST = 1e-9  # [m, rad] least tolerance, for rounding
 EXACT = 1e-6, 1e-6  # [m, rad] tolerance of a pose that is to be reached exactly
-UNIT = 1e-2  # largest deviation of a quaternion's norm from 1; it is then scaled
+UNIT = 1e-2  # largest deviation of a quaternion's norm, or of a matrix's axes, from 1; it is then scaled
+ROUNDED = 1e-9  # the same, of a matrix that is used as it is
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,7 @@ class Freedom:
         Raises:
             BadInput: another form, an unknown axis, or ends that are no range.
         """
-        axis, *ends = word.split(":")
+        axis, *ends = word.split(":") if isinstance(word, str) else ("", word)
         if len(ends) not in (0, 2):
             raise BadInput(f"--free {word}: expected AXIS or AXIS:FROM:TO, in degrees or millimetres")
         unit = np.pi / 180 if axis.startswith("r") else 1e-3
@@ -85,10 +88,12 @@ class Pose:
     frame: str = ""
 
     def __post_init__(self) -> None:
-        for freedom in (free := tuple(f if isinstance(f, Freedom) else Freedom.of(f) for f in self.free)):
+        words: Any = self.free
+        words = (words,) if isinstance(words, (str, Freedom)) else words
+        for freedom in (free := tuple(f if isinstance(f, Freedom) else Freedom.of(f) for f in words)):
             if [other.axis for other in free].count(freedom.axis) > 1:
                 raise BadInput(f"{self.name}: an axis is free twice: {', '.join(other.axis for other in free)}")
-        allowed = tolerance_of(self.tolerance) if isinstance(self.tolerance, str) else self.tolerance
+        allowed = tolerance_of(self.tolerance, self.name)
         for name, value in (("matrix", matrix_of(self.matrix, self.name)), ("free", free), ("tolerance", allowed)):
             object.__setattr__(self, name, value)
 
@@ -162,22 +167,39 @@ def matrix_of(given: str | Sequence[float] | np.ndarray, name: str) -> np.ndarra
         numbers = np.block([[turn, numbers[:3, None]], [np.zeros(3), 1.0]])
     elif numbers.ndim < 2:
         raise BadInput(f"{name}: {numbers.size} numbers; expected {FORM}")
-    if numbers.shape != (4, 4) or np.abs(numbers[:3, 3]).max() > FAR:
+    if numbers.shape != (4, 4):
         raise BadInput(f"{name}: expected {FORM}")
+    off = max(np.abs(numbers[:3, :3] @ numbers[:3, :3].T - np.eye(3)).max(), np.abs(numbers[3] - np.eye(4)[3]).max())
+    if off > 2 * UNIT or np.linalg.det(numbers[:3, :3]) < 0:
+        raise BadInput(
+            f"{name}: the matrix is no pose; expected a rotation with the position beside it, and 0, 0, 0, 1"
+        )
+    if np.abs(numbers[:3, 3]).max() > FAR:
+        raise BadInput(f"{name}: expected {FORM}")
+    if off > ROUNDED:
+        left, _, right = np.linalg.svd(numbers[:3, :3])
+        numbers = np.block([[left @ right, numbers[:3, 3:]], [np.zeros(3), 1.0]])
     return numbers
 
 
 FORM = "X,Y,Z,R,P,Y or X,Y,Z,QX,QY,QZ,QW with lengths in m and angles in rad"
 
 
-def tolerance_of(text: str) -> tuple[float, float]:
-    """Distance [m] and angle [rad] from `1mm,1deg`; either may be left out, and m and rad are accepted too.
+def tolerance_of(given: str | Sequence[float], name: str) -> tuple[float, float]:
+    """Distance [m] and angle [rad] from these, or from `1mm,1deg`; of this either may be left out, and m and rad are
+    accepted too.
 
     Raises:
-        BadInput: another unit, or a negative number.
+        BadInput: another unit or count, or a negative number; a line about numbers begins with `name`.
     """
+    if not isinstance(given, str):
+        numbers = np.asarray(given)
+        if numbers.shape != (2,) or numbers.dtype.kind not in "fiu" or not ((numbers >= 0) & (numbers < np.inf)).all():
+            raise BadInput(f'{name}: tolerance {given!r}; expected "1mm,1deg", or a distance [m] and an angle [rad]')
+        return max(float(numbers[0]), LEAST), max(float(numbers[1]), LEAST)
+    text = given
     units = {"mm": (0, 1e-3), "m": (0, 1.0), "deg": (1, np.pi / 180), "rad": (1, 1.0)}
-    given: dict[int, float] = {}
+    found: dict[int, float] = {}
     for word in text.split(","):
         unit = next((u for u in ("mm", "deg", "rad", "m") if word.strip().endswith(u)), None)
         if unit is None:
@@ -186,11 +208,11 @@ def tolerance_of(text: str) -> tuple[float, float]:
         value = finite_number(word.strip().removesuffix(unit), f"--pose-tolerance {text}", "1mm,1deg") * scale
         if not value >= 0:
             raise BadInput(f"--pose-tolerance {text}: expected no negative number")
-        if which in given:
+        if which in found:
             what = ("distance", "angle")[which]
             raise BadInput(f"--pose-tolerance {text}: two {what}s; expected a distance and an angle, such as 1mm,1deg")
-        given[which] = max(value, 1e-9)
-    return given.get(0, 1e-6), given.get(1, 1e-6)
+        found[which] = max(value, LEAST)
+    return found.get(0, EXACT[0]), found.get(1, EXACT[1])
 
 
 def about(k: int, angle: np.ndarray) -> np.ndarray:

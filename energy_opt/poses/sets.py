@@ -115,6 +115,27 @@ def positions_of(
     return free
 
 
+def left_out(
+    tool: ToolKinematics, goals: Sequence[Target], cell: Cell | None, seed: int
+) -> tuple[tuple[Target, ...], tuple[str, ...]]:
+    """The goals of which any positions are found, see `positions_of`, and what is said of the others.
+
+    Raises:
+        Infeasible: none is left.
+    """
+    kept: list[Target] = []
+    errors: dict[int, Infeasible] = {}
+    for k, goal in enumerate(goals, start=1):
+        try:
+            positions_of(tool, goal, cell, near=tool.robot.limits.near_zero, seed=seed)
+            kept.append(goal)
+        except Infeasible as error:
+            errors[k] = error
+    if goals and not kept:
+        raise errors[1]
+    return tuple(kept), tuple(f"goal {k} of {len(goals)} is left out: {error}" for k, error in errors.items())
+
+
 def positions_near(tool: ToolKinematics, pose: Pose, starts: np.ndarray) -> np.ndarray:
     """Positions (K, n) that reach a pose, each from one of the starts (M, n), in their order.
 

@@ -17,6 +17,8 @@ from scipy.spatial.transform import Rotation
 from tool_poses import by_pinocchio, pose_at
 
 import energy_opt as eo
+from energy_opt.cell.load import load_cell
+from energy_opt.cell.request import CellRequest
 from energy_opt.cli.main import main
 from energy_opt.errors import Infeasible
 from energy_opt.front.given import source_model
@@ -26,6 +28,7 @@ from energy_opt.motion.result import Result
 from energy_opt.poses.choose import Chooser
 from energy_opt.poses.inverse import ToolKinematics
 from energy_opt.poses.pose import Pose, pose_from
+from energy_opt.poses.sets import left_out
 from energy_opt.reports.words import goals_words
 from energy_opt.robot import load_robot
 
@@ -287,6 +290,24 @@ def test_of_several_poses_the_cheapest_is_taken(tmp_path: Path) -> None:
     assert found["energy"]["total"] == pytest.approx(energies[0]) and len(found["request"]["goals"]) == 2
     # the pose that was reached was neither checked nor stated
     assert found["poses"]["goal"]["valid"] and found["poses"]["goal"]["distance"] < 1e-6
+
+
+def test_a_goal_out_of_reach_is_left_out_where_others_are_not(tmp_path: Path, ur: ToolKinematics) -> None:
+    """The move was refused; if its start was a pose, also where one goal is in contact."""
+    far, inside, free = "2,0,0.3,0,0,0", "0.4,-0.3,0.3,3.14,0,0", "0.4,0.3,0.3,3.14,0,0"
+    options = [*START, "--self-collision", "off", "--duration", "2", "--starts", "1", "--mode", "retime"]
+    options += ["--goal-pose", far, "--out", str(tmp_path / "out")]
+    assert main(["optimize", *options, "--goal-pose", "0,3,0,0,0,0"]) == 3
+    assert main(["optimize", *options, "--goal-pose", free, "--force"]) == 0
+    found = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert found["poses"]["goal"]["valid"]
+    assert any(text.startswith("goal 1 of 2 is left out: --goal-pose: no joint") for text in found["warnings"])
+    scene = tmp_path / "scene.yaml"
+    scene.write_text("objects: [{name: ball, type: sphere, radius: 0.1, position: [0.4, -0.3, 0.3]}]")
+    cell = load_cell(ur.robot, CellRequest(scene=scene))
+    goals = [pose_from(numbers) for numbers in (inside, free)]
+    kept, said = left_out(ur, goals, cell, 0)
+    assert kept == (goals[1],) and "ball" in said[0]
 
 
 def test_a_position_outside_by_less_than_six_digits_show_says_by_how_much() -> None:

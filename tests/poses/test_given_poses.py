@@ -14,10 +14,12 @@ from energy_opt.cell.load import scene_of
 from energy_opt.cell.request import CellRequest
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
+from energy_opt.front.moves import ends_of
 from energy_opt.jobs.file import load_job
 from energy_opt.poses.given import Given, in_base, poses_of_request
 from energy_opt.poses.inverse import ToolKinematics
 from energy_opt.poses.pose import Freedom, pose_from
+from energy_opt.requests.moves import OptimizeRequest
 from energy_opt.robot import load_robot
 
 
@@ -127,3 +129,39 @@ def test_a_pose_is_numbers_or_the_same_in_one_text() -> None:
     assert eo.Pose("0.45,0.25,0.3,1,0,0,0").same_as(eo.Pose(numbers))
     with pytest.raises(BadInput, match=r"pose 0\.45,up"):
         eo.Pose("0.45,up,0.3,0,0,0")
+
+
+def test_a_matrix_that_is_no_pose_is_refused_and_a_rounded_one_is_a_rotation() -> None:
+    """Scaled, mirrored and transposed ones were taken, and the arm went elsewhere."""
+    right = eo.Pose("0.4,0.2,0.3,1,0.5,0.2").matrix
+    assert np.array_equal(eo.Pose(right).matrix, right)
+    rounded = eo.Pose(np.round(right, 3)).matrix[:3, :3]
+    assert np.allclose(rounded @ rounded.T, np.eye(3), atol=1e-12) and np.allclose(rounded, right[:3, :3], atol=1e-3)
+    for wrong in (1.5 * right, right * [1.5, 1.5, 1.5, 1], right * [-1, 1, 1, 1], right.T, np.zeros((4, 4))):
+        with pytest.raises(BadInput, match="the matrix is no pose"):
+            eo.Pose(wrong)
+    listed = Given().pose(right.tolist(), "goal")
+    assert np.array_equal(listed.matrix, right)
+    with pytest.raises(BadInput, match=r"goal = \[\[1.*; expected X,Y,Z"):
+        Given().pose([[1, 0], [1]], "goal")
+
+
+def test_freedom_and_tolerance_from_python_are_checked_as_words_are() -> None:
+    """A word was read letter by letter; a tolerance that is none failed later, or made every answer invalid."""
+    numbers = [0.4, 0.2, 0.3, 3.14, 0, 0]
+    assert eo.Pose(numbers, "rz").same_as(eo.Pose(numbers, ["rz"]))
+    assert eo.Pose(numbers, (), (0, 0)).same_as(eo.Pose(numbers, (), "0mm,0deg"))
+    for tolerance in (0.001, (-1, 1), (np.nan, 1), (0.1, 0.1, 0.1), ("1", "1")):
+        with pytest.raises(BadInput, match=r"tolerance .*; expected"):
+            eo.Pose(numbers, (), tolerance)
+    with pytest.raises(BadInput, match="free 3: expected AXIS"):
+        eo.Pose(numbers, [3])
+
+
+def test_a_pose_on_the_way_may_be_numbers_or_a_matrix() -> None:
+    """`goal_pose` took them; `via_pose` read each number as a pose."""
+    robot, near = load_robot("ur5e"), [0.4, 0.2, 0.3, 3.14, 0, 0]
+    start, goal = [0, -1.57, 1.57, -1.57, -1.57, 0], [0.3, -1.2, 1.3, -1.5, -1.5, 0]
+    for via in (near, eo.Pose(near).matrix, eo.Pose(near).matrix.tolist()):
+        ends = ends_of(OptimizeRequest(robot="ur5e", start=start, goal=goal, via_pose=via), robot, CellRequest())
+        assert ends is not None and np.allclose(ends.via[0].matrix, eo.Pose(near).matrix)

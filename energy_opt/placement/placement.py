@@ -251,4 +251,5 @@ def headline(found: Mapping[str, Any]) -> str:
     if found["saving"] is None:
         return words + "; the job is not possible at the given place."
     given, percent = found["given"]["energy_total"], found["saving"]["percent"]
-    return words + f", {percent:.3g} % less than the {given:.4g} J at the given place."
+    compared = f"{abs(percent):.3g} % {'less' if percent >= 0 else 'more'}"
+    return words + f", {compared} than the {given:.4g} J at the given place."

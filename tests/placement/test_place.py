@@ -21,6 +21,7 @@ from energy_opt.jobs.posed import Posed
 from energy_opt.motion import Settings
 from energy_opt.placement import PlaceRequest, place
 from energy_opt.placement.base_search import Rough, Search
+from energy_opt.placement.placement import headline
 from energy_opt.poses.inverse import ToolKinematics
 from energy_opt.requests import moves
 from energy_opt.robot import load_robot
@@ -276,3 +277,13 @@ def test_the_command_and_the_search_have_the_same_defaults() -> None:
     search, command = ({field.name: field.default for field in fields(c)} for c in (PlaceRequest, moves.PlaceRequest))
     for name in ("looked_at", "seeds", "steps"):
         assert command[name] == search[name]
+
+
+@pytest.mark.parametrize(("energy", "says"), [(99.0, "1 % less than"), (102.0, "2 % more than")])
+def test_the_headline_says_whether_the_answer_takes_more_or_less(energy: float, says: str) -> None:
+    """A given base outside of the box may be cheaper: it said "-2 % less"."""
+    found = {
+        "base": [0.1, 0, 0, 0, 0, 0], "energy_total": energy, "given": {"energy_total": 100.0},
+        "saving": {"joules": 100 - energy, "percent": 100 - energy}, "request": {},
+    }  # fmt: skip
+    assert says in headline(found)

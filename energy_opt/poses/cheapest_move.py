@@ -91,7 +91,7 @@ def _moves_between_branches(
         Infeasible: no positions reach one of them, or all touch something.
     """
     start: Target = move.start if ends.start is None else ends.start
-    near = tool.robot.limits.near_zero if ends.start is not None else move.start
+    near = move.start if ends.start is None else _near(ends, tool.robot)
     sets = [positions_of(tool, each, cell, near=near, seed=settings.seed) for each in (start, *ends.via)]
     goals = [positions_of(tool, each, cell, near=near, seed=settings.seed) for each in ends.goals]
     sets.append(np.vstack(goals))
@@ -130,6 +130,11 @@ def _moves_between_branches(
     return [replace(move, start=q[0], via=tuple(q[1:-1]), goal=q[-1]) for _, q in found]
 
 
+def _near(ends: Ends, robot: Robot) -> np.ndarray:
+    """Positions (n,) near which those of a start pose are searched: a goal that is given by joints, else near zero."""
+    return next((goal for goal in ends.goals if not isinstance(goal, Pose)), robot.limits.near_zero)
+
+
 def nearest_move(ends: Ends, move: Move, robot: Robot, cell: Cell | None, settings: Settings) -> Move:
     """The move to the positions that are quickest to reach, each from the one before.
 
@@ -145,7 +150,7 @@ def nearest_move(ends: Ends, move: Move, robot: Robot, cell: Cell | None, settin
     ends = replace(ends, goals=left_out(tool, ends.goals, cell, settings.seed)[0])
     q = move.start
     if ends.start is not None:
-        near = next((goal for goal in ends.goals if not isinstance(goal, Pose)), robot.limits.near_zero)
+        near = _near(ends, robot)
         found = positions_of(tool, ends.start, cell, near=near, seed=settings.seed)
         q = found[np.argmin(np.abs(found - near).sum(axis=1))]
     at = [q]

@@ -67,6 +67,15 @@ def test_a_start_pose_is_taken_near_a_goal_a_turn_away(ur: ToolKinematics) -> No
     assert found["robust"]["total"] <= own["robust"]["total"] + 1e-3
 
 
+def test_a_joint_without_limits_starts_near_a_goal_many_turns_away() -> None:
+    """It began near zero: the shortest duration was 20 s."""
+    tool = ToolKinematics(load_robot("kinova"))
+    start, goal = np.array([20.2, 2.6, 1.8, -14.0, 1.0, 9.0]), [20.0, 2.4, 1.7, -13.8, 0.9, 9.2]
+    given = {"goal": goal, "duration": 2.0, "starts": 1, "self_collision": False}
+    found = eo.optimize(tool.robot, "source-method-2", start=pose_at(tool, start), **given)
+    assert found.status == "solved" and np.abs(found.trajectory.position[0] - start).max() < np.pi
+
+
 def test_the_least_time_from_a_start_pose_is_that_from_its_turn_near_the_goal(ur: ToolKinematics) -> None:
     ends = Ends(pose_at(ur, NEAR_GOAL), (GOAL,))
     near = nearest_move(ends, eo.Move(GOAL, GOAL), ur.robot, None, Settings())

@@ -1,6 +1,7 @@
 """Unseen scenes: MotionBenchMaker's with their objects moved at random, judged by many poses that share no code.
 
-    python benchmarks/unseen.py [--scenes 6] [--seed 1] [--solver ipopt] [--model source-method-2] [--short]
+    python benchmarks/unseen.py [--scenes 6] [--seed 1] [--solver ipopt] [--model source-method-2]
+        [--clearance 0.002] [--short]
 
 Each object of a scene is moved by up to 4 cm along every axis of the base. Where an end touches something then, another
 draw is taken. Each move is answered from start and goal alone at 1.5 times the least time on its first path. Seconds
@@ -62,6 +63,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1, metavar="N")
     parser.add_argument("--solver", default="ipopt")
     parser.add_argument("--model", help="power model (the mean of source-method-2 and careful, the default)")
+    parser.add_argument("--clearance", type=float, default=0.002, metavar="M", help="smallest distance (0.002 m)")
     parser.add_argument("--short", action="store_true", help="also solve with short searches")
     parser.add_argument("--out", type=Path, metavar="FILE", help="the numbers as JSON")
     args = parser.parse_args()
@@ -76,7 +78,7 @@ def main() -> int:
             planner = planners.setdefault(robot.name, Planner(robot, source_method_2(robot.name)))
             for _ in range(DRAWS):
                 scene = moved(MBM / "scenes" / f"{problem.name}.yaml", rng, Path(folder) / "scene.yaml")
-                cell = Cell(robot, CellRequest(), read_scene(scene))
+                cell = Cell(robot, CellRequest(clearance=args.clearance), read_scene(scene))
                 if all(cell.touching(q) is None for q in ends):
                     break
             else:
@@ -85,7 +87,7 @@ def main() -> int:
             try:
                 duration = SLOWER * planner.around(cell).minimum_time(Move(*ends))
                 asked: dict[str, Any] = {"start": ends[0], "goal": ends[1], "scene": str(scene), "duration": duration}
-                asked |= {"solver": args.solver, "model": args.model or ()}
+                asked |= {"solver": args.solver, "model": args.model or (), "clearance": args.clearance}
                 begin = time.process_time()
                 result = eo.optimize(robot, **asked)
             except Infeasible as error:

@@ -89,7 +89,7 @@ class Pose:
 
     def __post_init__(self) -> None:
         words: Any = self.free
-        words = (words,) if isinstance(words, (str, Freedom)) else words
+        words = words if isinstance(words, Iterable) and not isinstance(words, str) else (words,)
         for freedom in (free := tuple(f if isinstance(f, Freedom) else Freedom.of(f) for f in words)):
             if [other.axis for other in free].count(freedom.axis) > 1:
                 raise BadInput(f"{self.name}: an axis is free twice: {', '.join(other.axis for other in free)}")
@@ -167,15 +167,13 @@ def matrix_of(given: str | Sequence[float] | np.ndarray, name: str) -> np.ndarra
         numbers = np.block([[turn, numbers[:3, None]], [np.zeros(3), 1.0]])
     elif numbers.ndim < 2:
         raise BadInput(f"{name}: {numbers.size} numbers; expected {FORM}")
-    if numbers.shape != (4, 4):
+    if numbers.shape != (4, 4) or np.abs(numbers[:3, 3]).max() > FAR:
         raise BadInput(f"{name}: expected {FORM}")
     off = max(np.abs(numbers[:3, :3] @ numbers[:3, :3].T - np.eye(3)).max(), np.abs(numbers[3] - np.eye(4)[3]).max())
     if off > 2 * UNIT or np.linalg.det(numbers[:3, :3]) < 0:
         raise BadInput(
             f"{name}: the matrix is no pose; expected a rotation with the position beside it, and 0, 0, 0, 1"
         )
-    if np.abs(numbers[:3, 3]).max() > FAR:
-        raise BadInput(f"{name}: expected {FORM}")
     if off > ROUNDED:
         left, _, right = np.linalg.svd(numbers[:3, :3])
         numbers = np.block([[left @ right, numbers[:3, 3:]], [np.zeros(3), 1.0]])
@@ -186,31 +184,32 @@ FORM = "X,Y,Z,R,P,Y or X,Y,Z,QX,QY,QZ,QW with lengths in m and angles in rad"
 
 
 def tolerance_of(given: str | Sequence[float], name: str) -> tuple[float, float]:
-    """Distance [m] and angle [rad] from these, or from `1mm,1deg`; of this either may be left out, and m and rad are
-    accepted too.
+    """Distance [m] and angle [rad], given as such or as `1mm,1deg`; a text may lack one, or be in m and rad.
 
     Raises:
         BadInput: another unit or count, or a negative number; a line about numbers begins with `name`.
     """
     if not isinstance(given, str):
-        numbers = np.asarray(given)
+        try:
+            numbers = np.asarray(given)
+        except ValueError:  # lists of different lengths
+            numbers = np.empty(0)
         if numbers.shape != (2,) or numbers.dtype.kind not in "fiu" or not ((numbers >= 0) & (numbers < np.inf)).all():
             raise BadInput(f'{name}: tolerance {given!r}; expected "1mm,1deg", or a distance [m] and an angle [rad]')
         return max(float(numbers[0]), LEAST), max(float(numbers[1]), LEAST)
-    text = given
     units = {"mm": (0, 1e-3), "m": (0, 1.0), "deg": (1, np.pi / 180), "rad": (1, 1.0)}
     found: dict[int, float] = {}
-    for word in text.split(","):
+    for word in given.split(","):
         unit = next((u for u in ("mm", "deg", "rad", "m") if word.strip().endswith(u)), None)
         if unit is None:
-            raise BadInput(f"--pose-tolerance {text}: expected a distance and an angle, such as 1mm,1deg")
+            raise BadInput(f"--pose-tolerance {given}: expected a distance and an angle, such as 1mm,1deg")
         which, scale = units[unit]
-        value = finite_number(word.strip().removesuffix(unit), f"--pose-tolerance {text}", "1mm,1deg") * scale
+        value = finite_number(word.strip().removesuffix(unit), f"--pose-tolerance {given}", "1mm,1deg") * scale
         if not value >= 0:
-            raise BadInput(f"--pose-tolerance {text}: expected no negative number")
+            raise BadInput(f"--pose-tolerance {given}: expected no negative number")
         if which in found:
             what = ("distance", "angle")[which]
-            raise BadInput(f"--pose-tolerance {text}: two {what}s; expected a distance and an angle, such as 1mm,1deg")
+            raise BadInput(f"--pose-tolerance {given}: two {what}s; expected a distance and an angle, such as 1mm,1deg")
         found[which] = max(value, LEAST)
     return found.get(0, EXACT[0]), found.get(1, EXACT[1])
 

@@ -151,11 +151,12 @@ def test_freedom_and_tolerance_from_python_are_checked_as_words_are() -> None:
     numbers = [0.4, 0.2, 0.3, 3.14, 0, 0]
     assert eo.Pose(numbers, "rz").same_as(eo.Pose(numbers, ["rz"]))
     assert eo.Pose(numbers, (), (0, 0)).same_as(eo.Pose(numbers, (), "0mm,0deg"))
-    for tolerance in (0.001, (-1, 1), (np.nan, 1), (0.1, 0.1, 0.1), ("1", "1")):
+    for tolerance in (0.001, (-1, 1), (np.nan, 1), (0.1, 0.1, 0.1), ("1", "1"), ((1, 2), 3)):
         with pytest.raises(BadInput, match=r"tolerance .*; expected"):
             eo.Pose(numbers, (), tolerance)
-    with pytest.raises(BadInput, match="free 3: expected AXIS"):
-        eo.Pose(numbers, [3])
+    for free in (3, [3]):
+        with pytest.raises(BadInput, match="free 3: expected AXIS"):
+            eo.Pose(numbers, free)
 
 
 def test_a_pose_on_the_way_may_be_numbers_or_a_matrix() -> None:

@@ -67,16 +67,14 @@ def solve_to(
     errors: list[Infeasible] = []
     for each in moves:  # a sketch ignores bodies: the next one where there is no answer
         try:
-            found = chooser.choose(each, ends.goals)
+            answers.append(replace(chooser.choose(each, ends.goals), warnings=said))
         except Infeasible as error:
             errors.append(error)
-            continue
-        answers.append(replace(found, warnings=said))
-        if found.result.status == "solved":
-            return answers[-1]
+        if planner.stopped() or (answers and answers[-1].result.status == "solved"):
+            break
     if not answers:
         raise errors[0]
-    return answers[0]
+    return min(answers, key=lambda answer: answer.result.status != "solved")
 
 
 def _moves_between_branches(

@@ -113,6 +113,21 @@ def test_the_next_start_is_solved_where_there_is_no_answer_from_the_first(
     assert np.abs(tried[1] - tried[0]).max() > 0.1
 
 
+def test_ctrl_c_ends_the_trial_of_starts(ur: ToolKinematics, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two further starts were tried, which took longer than a whole search."""
+    tried: list[np.ndarray] = []
+
+    def failing(chooser: Chooser, move: eo.Move, goals: object) -> object:
+        tried.append(move.start)
+        raise Infeasible("no time is left")
+
+    monkeypatch.setattr(Chooser, "choose", failing)
+    given = {"start": pose_at(ur, NEAR_GOAL), "goal": GOAL, "duration": 2.5, "starts": 1}
+    with pytest.raises(Infeasible, match="no time is left"):
+        eo.optimize(ur.robot, "careful", **given, stopped=lambda: bool(tried))
+    assert len(tried) == 1
+
+
 def test_poses_of_a_job_are_turned_towards_its_joint_positions(tmp_path: Path, ur: ToolKinematics) -> None:
     """They stood near zero: a joint went to and fro by nearly a turn in every cycle."""
     path, at = tmp_path / "job.toml", pose_at(ur, NEAR_GOAL).matrix

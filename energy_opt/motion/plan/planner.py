@@ -82,7 +82,7 @@ class Planner:
         self._starts: list[tuple[Cell | None, Move, Start]] = []
         # their fastest timings, with the model, the shares of limits and the settings that they hold for
         self._timings: list[tuple[Move, PowerModel, Shares, Settings, Timing]] = []
-        self._workshop, self._stopped = Workshop(), stopped
+        self._workshop, self.stopped = Workshop(), stopped
         self._take_cell(cell)
         self._take_model(model)
         self.limits()  # report faults now, not when a move needs the limits
@@ -227,7 +227,7 @@ class Planner:
         Raises:
             Infeasible: no timing or no path holds the limits; says which, where and what would work.
         """
-        progress = Progress(self.settings.deadline if deadline is None else deadline, self._stopped)
+        progress = Progress(self.settings.deadline if deadline is None else deadline, self.stopped)
         self.check(move)
         log.info("first path")
         single = self.single(move)
@@ -273,7 +273,7 @@ class Planner:
 
     def _is_solvable(self, single: Single, duration: float, begin: float) -> bool:
         """Is a valid motion of that duration found before the time for confirming, counted from `begin`, is over?"""
-        progress = Progress(max(CONFIRMING - (process_time() - begin), 0.0), self._stopped, enough=True)
+        progress = Progress(max(CONFIRMING - (process_time() - begin), 0.0), self.stopped, enough=True)
         try:
             return single.at(duration, None, (), progress).result.status == "solved"
         except Infeasible:
@@ -317,7 +317,7 @@ class Planner:
             standing=self.limits(),
             judge=Judge(self.scorer, limits, self.settings.verify_samples, cell),
             workshop=self._workshop,
-            stopped=self._stopped,
+            stopped=self.stopped,
             cell=cell,
         )
 

@@ -87,7 +87,7 @@ class RobustPlanner:
         self._judges = [judge for _, judge in judges]
         self._places = np.array([place for place, _ in judges])
         self._scorers = [Scorer(robot, judge.model) for judge in self._judges]
-        self._stopped = stopped
+        self.stopped = stopped
 
     @property
     def planner(self) -> Planner:
@@ -124,7 +124,7 @@ class RobustPlanner:
         Another objective than energy is minimised once, whatever the energies. The torque limits are held under every
         model, if such a move is found; else a warning says which joint exceeds its limit.
         """
-        progress = Progress(self._planner.settings.deadline if deadline is None else deadline, self._stopped)
+        progress = Progress(self._planner.settings.deadline if deadline is None else deadline, self.stopped)
         first = answer = self._solve(move, warm, progress, confirm)
         share, (own, use) = np.ones(self.robot.n), self._efforts(first.result.trajectory)
         for _ in range(EFFORT_ROUNDS):
@@ -194,7 +194,7 @@ class RobustPlanner:
 
         If every motion that it finds costs more than the evenly slowed move under a model, a warning says so.
         """
-        best = self._best_answer(lambda planner, _: find(planner), self._stopped)
+        best = self._best_answer(lambda planner, _: find(planner), self.stopped)
         result = self._stated(best)
         costly = [judge.name for judge, more in zip(self._judges, best.costlier(), strict=True) if more]
         said = [f"under the model {name!r} this move takes more than the same move slowed evenly" for name in costly]

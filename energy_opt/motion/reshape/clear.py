@@ -27,9 +27,7 @@ PLACES, DENSE = 60, 240  # places along a curve, evenly in time, at which pairs 
 CLOSE = 0.05  # share of the places' spacing: least distance between places, for a corner that is passed fast
 REACH = 0.036  # [m] pairs get constraints that are nearer than this and what they keep
 MARGIN = 0.002  # [m] constraints keep this much more than is to be proven
-BESIDE = (
-    0.001  # [m] pairs are measured that are nearer than this and what they keep, when a curve's clearance is checked
-)
+BESIDE = 0.001  # [m] checks of a curve's clearance measure pairs that are nearer than this and what they keep
 HAIR = 2e-4  # [m] the dense places keep this much more than is to be proven
 MORE, MOST = 0.0007, 0.003  # [m] added to the margin after a failed proof, and the most in all
 RAMP = 0.15  # share of the move over which the margin grows from a nearer end to the full one

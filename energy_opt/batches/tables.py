@@ -6,7 +6,7 @@ Moves are given by joint name or in order, as poses, by a file, or at random wit
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -181,8 +181,10 @@ def random_moves(robot: Robot, count: int, seed: int, share: float = 0.6) -> lis
     ]
 
 
-def joint_values(value: Any, robot: Robot) -> tuple[float, ...]:
+def joint_values(value: Any, robot: Robot, say: Callable[[str], None] = lambda _: None) -> tuple[float, ...]:
     """A configuration (n,) [rad] from a list in the robot's order, or from a table by joint name.
+
+    `say` receives notes on rounded positions.
 
     Raises:
         BadInput: wrong count, unknown or missing joints, a value that is not a finite number, or degrees.
@@ -206,7 +208,10 @@ def joint_values(value: Any, robot: Robot) -> tuple[float, ...]:
             raise BadInput(f"{name} = {item!r} is not a finite number")
     q = np.array(value, dtype=float)
     refuse_degrees(robot, q)
-    return tuple(onto_limits(robot, q)[0].tolist())
+    inside, notes = onto_limits(robot, q)
+    for note in notes:
+        say(note)
+    return tuple(inside.tolist())
 
 
 def posed_move(name: str, row: MoveTable, robot: Robot, folder: Path, around: Surroundings) -> NamedMove:

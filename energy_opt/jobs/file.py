@@ -282,7 +282,7 @@ class _Reading:
                 self.remarks.append(f"{where}: these {self.robot.n} numbers are read as a pose of the tool; {LISTED}")
             return posed
         try:
-            q = np.array(joint_values(value, self.robot))
+            q = np.array(joint_values(value, self.robot, lambda note: self.remarks.append(f"{where}: {note}")))
         except BadInput as error:
             like_pose = np.size(value) in (6, 7) and np.size(value) != self.robot.n
             hint = "; a pose of the tool is { pose = [...] }" if like_pose else ""

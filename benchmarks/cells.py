@@ -53,7 +53,7 @@ Measured = Iterator[tuple[str, Callable[[], Row]]]
 def rivals(problem: Problem, seed: int) -> Row:
     """What OMPL, OMPL smoothed and Drake (from OMPL's path) come to."""
     ends, limits = np.stack([problem.start, problem.goal]), problem.robot.limits
-    room = Room(problem.cell, ends, kept=0.0)
+    room = Room(problem.cell, ends)
     lower, upper = np.maximum(limits.lower, -2 * np.pi), np.minimum(limits.upper, 2 * np.pi)
     found = plan(problem.start, problem.goal, lower, upper, room.clear, seed, PLANNING)
     out: Row = {"ompl_seconds": found.seconds}

@@ -244,3 +244,12 @@ def test_a_plan_under_several_models_saves_where_no_mean_of_motions_keeps_clear(
     assert result.status == "solved" and result.chosen == "reshape"
     savings = [record["saving_joules"] for record in result.models]
     assert min(savings) > 0 and max(savings) > 3
+
+
+@pytest.mark.skipif(not PROBLEMS.is_dir(), reason="needs the shared data")
+def test_first_paths_keep_little_more_than_the_clearance(panda: Robot) -> None:
+    """Out of a cage with 20 mm; paths that keep twice as much do not fit through."""
+    (row,) = [row for row in json.loads((PROBLEMS / "problems.json").read_text())["problems"] if row["id"] == CAGE]
+    scene = PROBLEMS / "scenes" / f"{CAGE}.yaml"
+    result = eo.optimize(panda, start=row["start"], goal=row["goal"], scene=scene, clearance=0.02, mode="retime")
+    assert result.status == "solved" and result["certificate"]["clearance"]["verdict"] == "proven"

@@ -16,7 +16,7 @@ from energy_opt.motion.initial_paths import InitialPath, find_paths
 from energy_opt.motion.initial_paths.find import Ends, Looks
 from energy_opt.motion.initial_paths.polyline import Rounding, between
 from energy_opt.motion.initial_paths.roadmap import cheap_paths
-from energy_opt.motion.initial_paths.room import LOOKED, Room
+from energy_opt.motion.initial_paths.room import KEPT, LOOKED, Room
 from energy_opt.motion.path import JointPath
 from energy_opt.robot import load_robot
 
@@ -122,19 +122,19 @@ def test_a_planner_finds_the_end_of_a_narrow_burrow(seed: int) -> None:
     assert found.source == "ompl" and burrow.unproven(found.path) is None
 
 
-@pytest.mark.parametrize("kept", [0.002, 0.05])
-def test_the_check_of_poses_agrees_with_distances(kept: float, tmp_path: Path) -> None:
+@pytest.mark.parametrize("clearance", [0.0005, 0.002, 0.05])
+def test_the_check_of_poses_agrees_with_distances(clearance: float, tmp_path: Path) -> None:
     """Distances are the package's own; the check is coal's, which compares bounding boxes first."""
     robot = load_robot("panda")
     scene = tmp_path / "scene.yaml"
     scene.write_text("objects: [{name: block, type: box, size: [0.3, 0.2, 0.5], position: [0.5, 0, 0.3]}]")
-    cell = Cell(robot, CellRequest(floor=-0.02), read_scene(scene))
+    cell = Cell(robot, CellRequest(floor=-0.02, clearance=clearance), read_scene(scene))
     poses = np.random.default_rng(0).uniform(robot.limits.lower, robot.limits.upper, (400, robot.n))
     near = np.array([min((d for _, d in cell.distances(q, 0.2)), default=0.2) for q in poses])
     free = poses[np.argsort(-near)[:2]]
-    room = Room(cell, free, kept)
+    room = Room(cell, free)
     clear = np.array([room.clear(q) for q in poses])
-    margin = LOOKED * max(kept, 2 * cell.asked)
+    margin = clearance + KEPT + min(LOOKED[0] * (clearance + KEPT), LOOKED[1])
     assert 20 < clear.sum() < 380
     assert clear[near > margin + 1e-4].all() and not clear[near < margin - 1e-4].any()
 

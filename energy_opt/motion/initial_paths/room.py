@@ -18,9 +18,9 @@ from energy_opt.robot.kinematics import Coupling
 STEP = 0.04  # [m] approximate largest motion of the farthest point between checked poses along a line
 WIDEST = 0.12  # [rad] largest motion of a joint between them
 TOOL = 0.2  # [m] reach of the last link beyond its joint
-# [m] proven clearance of a path: smoothing bends it slightly later; half of an end's clearance if that is less
+# [m] clearance of a path beyond what is asked for: smoothing bends it slightly later; in all at most half of an end's
 KEPT = 0.002
-LOOKED = 1.5  # factor of this clearance when poses are checked: room for rounding corners
+LOOKED = 0.5, 0.002  # share of this clearance, and most [m], that poses keep in addition: room for rounding corners
 MANY = 200  # bodies from which on Pinocchio's check, whose time grows with their square, is the slower one
 
 
@@ -41,15 +41,13 @@ class Room:
     """Collision checks for paths between two poses.
 
     Args:
-        ends: (2, n) start and goal, both free.
-        kept: clearance [m] that paths are proven to keep; twice what the cell asks for if that is more. Near ends that
-            leave less, what the cell asks for there.
+        ends: (2, n) start and goal, both free. Near those that leave little, paths keep what the cell asks for there.
     """
 
-    def __init__(self, cell: Cell, ends: np.ndarray, kept: float = KEPT) -> None:
+    def __init__(self, cell: Cell, ends: np.ndarray) -> None:
         self._bodies = cell.bodies
-        self._kept = np.maximum(cell.wanted(ends, max(kept, 2 * cell.asked)), cell.wanted(ends))
-        looked = LOOKED * self._kept
+        self._kept = np.maximum(cell.wanted(ends, cell.asked + KEPT), cell.wanted(ends))
+        looked = self._kept + np.minimum(LOOKED[0] * self._kept, LOOKED[1])
         for q in ends:  # an end itself must keep the margin
             for p, distance in cell.distances(q, float(looked.max(initial=0.0))):
                 looked[p] = min(looked[p], (self._kept[p] + distance) / 2)

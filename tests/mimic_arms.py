@@ -27,6 +27,8 @@ def _joint(name: str, kind: str, parent: str, child: str, place: str, axis: str,
     )
 
 
+START, GOAL = np.array([0.0, 0.0, 0.0, 0.0, 0.0]), np.array([1.2, 0.5, 0.4, 1.0, 0.03])  # of the palletizer [rad, m]
+
 # Turret, upper arm on a parallelogram (the elbow plate keeps its orientation, a rod runs beside), forearm on another
 # (the head stays level), a turning flange, and a gripper whose second finger mirrors the first. "rod" sorts after all.
 PALLETIZER = "\n".join(

@@ -137,7 +137,8 @@ def resident_memory() -> int:
     try:
         return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
     except OSError:
-        return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        unit = 1 if sys.platform == "darwin" else 1024  # [bytes]
+        return unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 # For workers: one thread for linear algebra, and no imports from the current folder (such as a `selectors.py` there).

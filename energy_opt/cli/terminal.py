@@ -27,7 +27,8 @@ def write_message(text: str, stream: TextIO | None = None) -> None:
         stream.write(text)
         stream.flush()
     except OSError:  # the terminal was closed, the pipe's reader has ended, or the disk is full
-        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+        with open(os.devnull, "w") as nowhere:
+            os.dup2(nowhere.fileno(), stream.fileno())
 
 
 class Progress(logging.Handler, Show):

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from energy_opt.cell.cell import Cell
 from energy_opt.formats.controller_program import Part
 from energy_opt.formats.resample import KINDS, worst_step
@@ -23,7 +25,7 @@ class Judging:
     Attributes:
         scorer: gives torque and power under the model. limits: those to keep. cell: bodies to keep clear of; None:
             none. samples: number of places of the certificate; None: the usual density. holder: scorer whose torque and
-            power are compared with the limits; None: `scorer`.
+            power are compared with the limits; None: `scorer`. stops: (K, n) ends of motions within what is judged.
     """
 
     scorer: Scorer
@@ -31,6 +33,7 @@ class Judging:
     cell: Cell | None = None
     samples: int | None = None
     holder: Scorer | None = None
+    stops: np.ndarray | None = None
 
     def __call__(self, trajectory: Trajectory) -> Certificate:
         """The certificate of a trajectory whose samples are joined by quintics."""
@@ -55,7 +58,9 @@ class Judging:
 
     def _clear(self, certificate: Certificate, trajectory: Trajectory) -> Certificate:
         """The certificate with the clearance of the trajectory."""
-        return certificate if self.cell is None else replace(certificate, clearance=clearance_of(self.cell, trajectory))
+        if self.cell is None:
+            return certificate
+        return replace(certificate, clearance=clearance_of(self.cell, trajectory, self.stops))
 
 
 @dataclass(frozen=True)
@@ -63,12 +68,13 @@ class Window:
     """A stretch of a cycle with constant payload and scene.
 
     Attributes:
-        start, end: [s] in the cycle. judge: of this stretch.
+        start, end: [s] in the cycle. judge: of this stretch. stops: [s] ends of the motions within it.
     """
 
     start: float
     end: float
     judge: Judging
+    stops: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -88,7 +94,8 @@ class CycleJudging(Judging):
         at = 0.0
         for seconds, scorer, cell in stretches:
             if windows and windows[-1].judge.scorer is scorer and windows[-1].judge.cell is cell:
-                windows[-1] = replace(windows[-1], end=at + seconds)
+                last = windows[-1]
+                windows[-1] = replace(last, end=at + seconds, stops=(*last.stops, at))
             else:
                 windows.append(Window(at, at + seconds, Judging(scorer, joint_limits(scorer.robot.limits), cell)))
             at += seconds
@@ -123,8 +130,10 @@ class CycleJudging(Judging):
         """The worst of the certificates that `look` gives for the stretches."""
         looks = []
         for window in self.windows:
-            part = _part(trajectory, window)
-            looks.append((look(window.judge, part), float(part.time[0] - trajectory.time[0])))
+            part, judge = _part(trajectory, window), window.judge
+            if window.stops:
+                judge = replace(judge, stops=trajectory.sample(trajectory.time[0] + np.array(window.stops))[0])
+            looks.append((look(judge, part), float(part.time[0] - trajectory.time[0])))
         return _worst(looks)
 
 

@@ -227,6 +227,27 @@ def test_a_move_whose_search_was_stopped_after_its_first_start_is_searched_again
     assert len(list((tmp_path / ".answers").iterdir())) == 1
 
 
+NEAR_BODY = """format = "energy-opt/job/1"
+robot = "ur5e"
+cycle_time = 4.0
+mode = "retime"
+home = [0.2456, 0.4867, -0.9533, 0.3033, 1.1155, -0.1777]
+[[step]]
+to = [-0.4521, 1.3116, -0.6365, -0.2418, 1.4252, 0.7092]
+[[step]]
+to = [0.2456, 0.4867, -0.9533, 0.3033, 1.1155, -0.1777]
+"""
+
+
+def test_a_cycle_keeps_the_clearance_that_its_steps_keep(tmp_path: Path) -> None:
+    # at the first step's end, the upper arm is 8 mm from the base: less than the 10 mm that are asked for
+    out, job = tmp_path / "out", written(tmp_path, NEAR_BODY)
+    asked = ["--clearance", "0.01", "--model", "source-method-2", "--write", "yaml", "--quiet"]
+    assert main(["job", str(job), "--out", str(out), *asked]) == 0
+    files = json.loads((out / "job.json").read_text())["written"]
+    assert [row["valid"] for row in files] == [True, True]
+
+
 def test_a_job_moves_around_obstacles(panda: Robot, tmp_path: Path) -> None:
     (tmp_path / "scene.yaml").write_text(f"objects:\n  - {POST}\n")
     (tmp_path / "empty.yaml").write_text("objects: []\n")

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from energy_opt.cell.cell import Cell, Clearance
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.trajectory import Trajectory
 
 
-def clearance_of(cell: Cell, trajectory: Trajectory) -> Clearance:
-    """The proof for a trajectory, between its samples too; its ends determine the distances that can be required."""
+def clearance_of(cell: Cell, trajectory: Trajectory, stops: np.ndarray | None = None) -> Clearance:
+    """The proof for a trajectory, between its samples too; its ends determine the distances that can be required.
+
+    Args:
+        stops: (K, n) further ends, of the motions that the trajectory consists of.
+    """
     t = trajectory
-    return cell.prove(t.time, t.position, t.velocity, t.acceleration)
+    wanted = None if stops is None else cell.wanted(np.vstack([t.position[[0, -1]], stops]))
+    return cell.prove(t.time, t.position, t.velocity, t.acceleration, wanted)
 
 
 def clearance_along(cell: Cell, path: JointPath) -> Clearance:

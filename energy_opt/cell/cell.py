@@ -30,6 +30,7 @@ from energy_opt.robot.tool import tool_of
 PAYLOAD = "payload"
 # instants at which a given motion's distances are measured; up to this multiple of the asked clearance
 ALONG, NEARLY = 300, 1.2
+UNCERTAIN = 1.1 * GJK_ERROR  # [m] an end that is farther than the clearance by less cannot be proven to keep it
 TOUCHING = 2.5 * GJK_ERROR  # [m] an end with a smaller distance counts as touching, given the solver's error
 REMEMBERED = 8  # most proofs that a cell remembers
 
@@ -256,7 +257,8 @@ class Cell:
     def wanted(self, ends: np.ndarray, clearance: float | None = None) -> np.ndarray:
         """The clearance (P,) [m] that each pair keeps on a move between the poses `ends` (2, n).
 
-        It is the asked one. A pair that is nearer at an end keeps half of its distance there.
+        It is the asked one. A pair that is nearer at an end, or cannot be proven not to be, keeps half of its distance
+        there.
 
         Args:
             ends: (2, n) [rad, m]. clearance: [m] instead of the asked one.
@@ -264,7 +266,7 @@ class Cell:
         asked = self.asked if clearance is None else clearance
         out = np.minimum(asked, self._allowed)
         for q in ends:
-            for p, distance in self.distances(q, asked):
+            for p, distance in self.distances(q, asked + UNCERTAIN):
                 out[p] = min(out[p], max(distance / 2, 0.0))
         return out
 

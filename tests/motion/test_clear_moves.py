@@ -79,6 +79,26 @@ def test_a_large_clearance_costs_a_little_more_than_a_small_one(planner: Planner
     assert losses[0] < losses[1] < 1.2 * losses[0]
 
 
+def test_ends_beside_a_table_cost_little_more(panda: Robot, model: PowerModel) -> None:
+    """Ends nearer than 0.4 mm, or 0 to 0.2 mm beyond the clearance, had the first path's timing and 2.7 times the loss,
+    or were refused.
+    """
+    start, goal = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785], [1.0, 0.55, 0.1, -1.8, 0.0, 2.3, 0.9]
+    under = 0.1246533785  # [m] the height of the finger's lowest point
+    planner = Planner(panda, model, Settings(starts=4))
+    losses = []
+    for gap in (0.02, 0.0001, 0.002001, 0.0021):
+        at = np.eye(4)
+        at[:3, 3] = 0.9, 0.9, under - gap - 0.05
+        table = Scene((SceneObject("table", (Shape("box", (1.2, 1.2, 0.1)),), at),))
+        cell = Cell(panda, CellRequest(), table)
+        result = planner.around(cell).solve(Move(np.array(start), np.array(goal), duration=2.5))
+        found = result.certificate.clearance
+        assert result.chosen == "reshape" and found is not None and found.proven
+        losses.append(result.energy.loss)
+    assert max(losses) < 1.1 * min(losses)
+
+
 def test_a_move_that_would_fold_the_arm_into_itself_keeps_clear(planner: Planner, panda: Robot) -> None:
     move = Move(START, GOAL, duration=2.0)
     planner = planner.around(None)

@@ -28,7 +28,9 @@ CLOSE = 0.05  # share of the places' spacing: least distance between places, for
 REACH = 0.036  # [m] pairs get constraints that are nearer than this and what they keep
 MARGIN = 0.002  # [m] constraints keep this much more than is to be proven
 BESIDE = 0.001  # [m] checks of a curve's clearance measure pairs that are nearer than this and what they keep
-HAIR = 2e-4  # [m] the dense places keep this much more than is to be proven
+# [m] the dense places keep this much more than is to be proven; of a pair that is nearer at an end, at most this share
+# of what it keeps there
+HAIR, HALF = 2e-4, 0.5
 MORE, MOST = 0.0007, 0.003  # [m] added to the margin after a failed proof, and the most in all
 RAMP = 0.15  # share of the move over which the margin grows from a nearer end to the full one
 END_SHARE = 0.8  # share of an end's distance beyond the required clearance that is kept as its margin
@@ -74,14 +76,21 @@ class Places:
 
 
 class Margins:
-    """The distances that pairs of bodies keep along a move between two poses `ends` (2, n)."""
+    """The distances that pairs of bodies keep along a move between two poses `ends` (2, n).
+
+    Attributes:
+        wanted: [m] (P,) what is to be proven. dense: [m] (P,) what is kept at many places before a proof.
+        tight: (P,) whether a pair is so near at an end that it cannot keep the full margin there.
+    """
 
     def __init__(self, cell: Cell, ends: np.ndarray) -> None:
-        self.wanted = cell.wanted(ends)  # [m] (P,) distances to be proven
+        self.wanted = cell.wanted(ends)
         self._at_ends = np.full((2, len(self.wanted)), np.inf)  # [m] distances that each pair can keep at the ends
         for held, q in zip(self._at_ends, ends, strict=True):
             for pair, distance in cell.distances(q, 2 * (cell.asked + MARGIN + MOST)):
                 held[pair] = self.wanted[pair] + END_SHARE * (distance - self.wanted[pair])
+        room = self._at_ends.min(axis=0) - self.wanted
+        self.dense, self.tight = self.wanted + np.clip(HALF * room, 0.0, HAIR), room < MARGIN
 
     def at(self, places: Places) -> np.ndarray:
         """The margin (K, P) [m] of every pair: the full one, but less near an end where bodies are nearer."""
@@ -184,7 +193,7 @@ class ClearSearch:
         places = Places.evenly(len(self.wanted))
         dense = (np.arange(DENSE) + 0.5) / DENSE
         now: Descent | None = None
-        again, settled = FINE, False
+        again, settled, slack, pairs = FINE, False, SLACK, np.zeros(0, dtype=int)
         for turn in range(ROUNDS):
             model, first = self._with(places), now is None
             point = model.at_curve(curve, trust if first else NEARBY)
@@ -196,17 +205,18 @@ class ClearSearch:
                 settled = now.converged and now.trust > TINY
             else:
                 nearby = float(np.clip(4 * now.trust, NEARBY / 16, NEARBY))
-                descend(model, now, AGAIN, nearby, tolerance=again, slack=SLACK, stopped=self.stopped)
+                descend(model, now, AGAIN, nearby, tolerance=again, slack=slack, stopped=self.stopped)
             # give up if it costs more than what is known, or is caught between bodies
             if now.point.cost + 10 * model.broken(now.point, GIVE, SLACK) > known:
                 break
             # look densely before the proof, which takes longer: places where bodies are too near join the constraints
             curve = self.curve_of(now)
             k, number, distance, _, _ = self._many.measured(dense, curve.position(dense), self.cell.asked + HAIR)
-            bad = distance < self.wanted[self.near.pair[number]] + HAIR
+            bad = distance < self.margins.dense[self.near.pair[number]]
             if bad.any():
+                pairs = self.near.pair[number[bad]]
                 if not places.look(dense[k[bad]]) or turn > 1:
-                    places.keep(self.near.pair[number[bad]])
+                    places.keep(pairs)
             elif model.excess(now.point) > FEASIBLE / 10 or np.abs(now.point.via).max(initial=0.0) > MET:
                 again = EXACT  # take steps that save little, too
             else:
@@ -215,6 +225,9 @@ class ClearSearch:
                     self.iterations += now.iterations
                     return model.outcome(now.point, now.iterations, settled)
                 places.learn(proof, curve.duration)
+                pairs = np.array([touch.pair for touch in proof.touches], dtype=int)
+            if turn and self.margins.tight[pairs].any():
+                slack = 0.0  # near that end, the margin is smaller than the excess that is allowed elsewhere
             if self.stopped():
                 break
         self.iterations += now.iterations if now is not None else 0

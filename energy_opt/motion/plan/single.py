@@ -130,10 +130,16 @@ def _is_beaten(
 ) -> bool:
     """Is a hurried curve, from zero acceleration to zero, beaten by the best timing of the first path?
 
-    Timings begin and end with any acceleration. Near the least time that counts: building it up takes about 1 % longer.
+    Timings begin and end with any acceleration. Near the least time that counts: building it up takes about 1 % longer,
+    and far more under a tight jerk limit. Of a free duration, it is enough that the best timing is hurried.
     """
     found, objective = curve.trajectory, context.settings.objective
-    if timing is None or not is_hurried(move, timing, 0.0 if found is None else found.duration):
+    if timing is None:
+        return False
+    duration = 0.0 if found is None else found.duration
+    if move.duration is None and objective == "energy" and (free := best()) is not None:
+        duration = min(duration, free.trajectory.duration)
+    if not is_hurried(move, timing, duration):
         return False
     if objective == "time":
         return found is None or found.duration > timing.duration * (1 + 1e-9)

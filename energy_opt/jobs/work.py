@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -67,6 +68,10 @@ class Worker:
         self._quickest: dict[Key, tuple[JointPath, Timing] | None] = {}
         planner = planner or Planner(job.robot, self.scorers.model, settings, stopped=stopped)
         self._planner = planner.within(shares) if shares else planner
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The content of a pickled worker: no solvers, which are built again when they are needed."""
+        return {**vars(self), "_steps": {}}
 
     def check_poses(self) -> None:
         """Raise Infeasible if the arm touches something at a step's end or, in a new scene, at its beginning."""

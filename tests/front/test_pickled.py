@@ -38,6 +38,18 @@ def test_a_result_is_pickled(verb: str, answer: Any, tmp_path: Path) -> None:
         steps = [{"to": GOAL, "mode": "retime"}, {"to": START, "mode": "retime"}]
         job = {"format": "energy-opt/job/1", "robot": "z1", "cycle_time": 4.0, "step": steps}
         found = eo.job(job, **GIVEN)
+    check_pickled(found, tmp_path)
+
+
+def test_a_result_of_several_robots_is_pickled(tmp_path: Path) -> None:
+    """Its arms keep the solvers of their moves, which cannot be pickled."""
+    steps = [{"name": name, "to": q, "mode": "retime"} for name, q in (("there", GOAL), ("back", START))]
+    robots = [{"name": "a", "robot": "z1", "step": steps}]
+    job = {"format": "energy-opt/job/2", "cycle_time": 4.0, "robot": robots}
+    check_pickled(eo.job(job, **GIVEN), tmp_path)
+
+
+def check_pickled(found: Any, tmp_path: Path) -> None:
     pickled = pickle.dumps(found)
     assert len(pickled) < 5e6  # the meshes of this arm alone would be 80 MB
     other = pickle.loads(pickled)

@@ -70,11 +70,12 @@ NAME = re.compile(r"[^\W_][\w .+-]*")  # it becomes a folder's name
 
 @dataclass(frozen=True)
 class Suite:
-    """A suite with everything resolved; `tasks` are in the order of the results."""
+    """A suite with everything resolved; `tasks` are in the order of the results, `notes` are for the user."""
 
     name: str
     path: Path
     tasks: tuple[Task, ...]
+    notes: tuple[str, ...] = ()
 
     @property
     def digest(self) -> str:
@@ -107,7 +108,8 @@ def load_suite(
     if reading.faults:
         raise BadInput("\n".join(f"{path}: {fault}" for fault in reading.faults))
     policy = "never" if compile == "auto" else compile
-    return replace(suite, tasks=tuple(replace(task, compile=policy) for task in suite.tasks))
+    tasks = tuple(replace(task, compile=policy) for task in suite.tasks)
+    return replace(suite, tasks=tasks, notes=tuple(reading.notes))
 
 
 @dataclass
@@ -116,7 +118,7 @@ class _Reading:
 
     Attributes:
         path: the suite. overrides, seed, allow_outside, allow_large: as those of `load_suite`.
-        where: the present group; it precedes each of its faults. faults: in order, without repeats.
+        where: the present group; it precedes each of its faults. faults, notes: in order, without repeats.
     """
 
     path: Path
@@ -126,6 +128,7 @@ class _Reading:
     allow_large: bool
     where: str = ""
     faults: dict[str, None] = field(default_factory=dict)
+    notes: dict[str, None] = field(default_factory=dict)
 
     @contextmanager
     def at(self, key: str) -> Iterator[None]:
@@ -276,17 +279,22 @@ class _Reading:
         """Given moves first, then random ones; each with its own durations, if any."""
         for number, row in enumerate(table.moves, start=1):
             name = row.name or f"move{number:02d}"
-            with self.at(f"moves {number} ({name}) on {robot.name}"):
+            where = f"moves {number} ({name}) on {robot.name}"
+
+            def say(note: str, where: str = where) -> None:
+                self.notes[f"{self.where}{where}: {note}"] = None
+
+            with self.at(where):
                 if row.path is not None:
                     file = self.file(row.path, "moves")
                     found = read_path(file, robot.joints)
                     start, goal = (tuple(end.tolist()) for end in (found.start, found.goal))
                     move = NamedMove(name, start, goal, path=(file.suffix, read_text(file)))
                 elif row.posed:
-                    move = posed_move(name, row, robot, self.inside(".", "moves"), around)
+                    move = posed_move(name, row, robot, self.inside(".", "moves"), around, say)
                 else:
-                    start, goal = (joint_values(end, robot) for end in (row.start, row.goal))
-                    move = NamedMove(name, start, goal, tuple(joint_values(point, robot) for point in row.via))
+                    start, goal = (joint_values(end, robot, say) for end in (row.start, row.goal))
+                    move = NamedMove(name, start, goal, tuple(joint_values(point, robot, say) for point in row.via))
                 yield move, row.durations
         for random in table.random:
             for move in random_moves(robot, random.count, random.seed, random.range):

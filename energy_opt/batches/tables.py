@@ -214,11 +214,14 @@ def joint_values(value: Any, robot: Robot, say: Callable[[str], None] = lambda _
     return tuple(inside.tolist())
 
 
-def posed_move(name: str, row: MoveTable, robot: Robot, folder: Path, around: Surroundings) -> NamedMove:
+def posed_move(
+    name: str, row: MoveTable, robot: Robot, folder: Path, around: Surroundings, say: Callable[[str], None]
+) -> NamedMove:
     """A move between poses of the tool, or joint positions and such poses.
 
     Args:
         name: of the move. row: its table. robot: the arm. folder: with the files of poses. around: scene and base.
+        say: receives notes on rounded positions.
 
     Raises:
         BadInput: no such pose, or a frame that is not in the scene.
@@ -231,7 +234,7 @@ def posed_move(name: str, row: MoveTable, robot: Robot, folder: Path, around: Su
 
     start = None if row.start_pose is None else pose(row.start_pose, "start_pose")
     goal = None if row.goal_pose is None else pose(row.goal_pose, "goal_pose", row.free)
-    begin, end = ((0.0,) * robot.n if q is None else joint_values(q, robot) for q in (row.start, row.goal))
+    begin, end = ((0.0,) * robot.n if q is None else joint_values(q, robot, say) for q in (row.start, row.goal))
     via = tuple(pose(value, "via_pose", row.free) for value in row.via_pose)
     ends = Ends(start, (np.array(end) if goal is None else goal,), via)
     return NamedMove(name, begin, end, (), ("", ""), ends.to_text())

@@ -47,7 +47,7 @@ def run(request: BenchRequest, desk: Desk) -> Batch | Listing:
         Path(request.suite), overrides=overrides_of(request), seed=request.seed, compile=request.compile,
         allow_outside=request.allow_outside, allow_large=request.allow_large,
     )  # fmt: skip
-    for warning in _models_of_other_robots(suite):
+    for warning in (*suite.notes, *_models_of_other_robots(suite)):
         desk.say(warning)
     out = Path(request.out or f"bench_{suite.name}")
     asked = replace(request, suite=str(Path(request.suite).resolve()))

@@ -171,11 +171,11 @@ def _toml(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
     if kind.startswith("energy-opt/job/"):
         robot, cell = partial(robot_of, request), cell_of(request)
         if kind == "energy-opt/job/2":
-            return check_workcell(file, robot, cell)
+            return check_workcell(file, robot, cell, notes)
         job = load_job(file, robot, allow_outside=cell.allow_outside, named=poses_of_request(cell))
         notes += job.remarks
         return [f"{file}: {fault}" for fault in wrong_frames(job, cell)]
-    load_suite(file, allow_outside=request.allow_outside, allow_large=request.allow_large)
+    notes += load_suite(file, allow_outside=request.allow_outside, allow_large=request.allow_large).notes
     return []
 
 

@@ -188,11 +188,11 @@ def _path(path: JointPath | None) -> Any:
     return {name: getattr(path.source, name).tolist() for name in OF_TRAJECTORY}
 
 
-def ends_of(request: MoveRequest, robot: Robot, around: CellRequest) -> Ends | None:
+def ends_of(request: MoveRequest, robot: Robot, around: CellRequest, say: Say = lambda _: None) -> Ends | None:
     """The ends that a request describes; None where start and goal are one position each.
 
     Args:
-        around: poses may be given in frames of its scene.
+        around: poses may be given in frames of its scene. say: takes warnings.
 
     Raises:
         BadInput: ends that are missing, given twice, or given beside a path.
@@ -226,7 +226,7 @@ def ends_of(request: MoveRequest, robot: Robot, around: CellRequest) -> Ends | N
         return written(given, name) if _is_pose(given) else reader.pose(given, name, free, allowed)
 
     ends: list[Any] = [
-        pose(goal, "--goal-pose") if _is_pose(goal) else _end(request, goal, robot, "goal") for goal in goals
+        pose(goal, "--goal-pose") if _is_pose(goal) else _end(request, goal, robot, "goal", say) for goal in goals
     ]
     ends += [pose(each, "--goal-pose", request.free) for each in _poses(request.goal_pose)]
     if not ends:

@@ -277,7 +277,7 @@ def run(request: OptimizeRequest, desk: Desk) -> Answer:
         raise BadInput("--vias belongs to --as moves; give --as moves, too")
     rivals, kind = rivals_of(request, robot, desk)
     settings, around = settings_of(request), cell_of(request)
-    ends = ends_of(request, robot, around)
+    ends = ends_of(request, robot, around, desk.say)
     given = move_of(request, robot, ends, desk.say, duration=request.duration, max_duration=request.max_duration)
     move, free = given, given.duration is None and given.max_duration is None and settings.objective != "time"
     if free and given.input is not None and SHORTEST <= given.input.duration <= LONGEST:

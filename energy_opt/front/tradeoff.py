@@ -56,7 +56,7 @@ def run(request: TradeoffRequest, desk: Desk) -> Tradeoff:
     robot = robot_of(request)
     rivals, kind = rivals_of(request, robot, desk)
     around = cell_of(request)
-    ends = ends_of(request, robot, around)
+    ends = ends_of(request, robot, around, desk.say)
     move = move_of(request, robot, ends, desk.say)
     desk.report(warnings=robot.warnings)
     settings = settings_of(request)

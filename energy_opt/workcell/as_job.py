@@ -78,13 +78,13 @@ def job_of(
         raise BadInput(str(error).replace(f"{path}: ", f"{path}: robot {table.name}: ")) from None
 
 
-def check_workcell(path: Path, load: Callable[[str], Robot], around: CellRequest | None = None) -> list[str]:
+def check_workcell(path: Path, load: Callable[[str], Robot], around: CellRequest, notes: list[str]) -> list[str]:
     """Every fault of a job file of format 2, one line each; empty if it is usable.
 
     Args:
         load: loads a robot from its name or from the path of its URDF. around: the arms, as for the verb `job`.
+        notes: takes further remarks.
     """
-    around = around or CellRequest()
     try:
         cell = load_workcell(path)
     except BadInput as error:
@@ -98,6 +98,7 @@ def check_workcell(path: Path, load: Callable[[str], Robot], around: CellRequest
             request = request_of(cell, table, path, around)
             explicit = table.model_copy(update={"step": explicit_steps(table)})
             job = job_of(cell, explicit, load, path, around.allow_outside, poses_of_request(request))
+            notes += [f"robot {table.name}: {remark}" for remark in job.remarks]
             tool_of(job.robot.body, table.tool)
             if table.model is not None:
                 load_model(model_named(table.model, path, around.allow_outside), job.robot).check(job.robot.n)

@@ -145,6 +145,7 @@ def document(result: CellResult) -> dict[str, Any]:
         levers.append(_lever("supply", result.supply.energy, result))
     warnings = []
     for arm in filter(None, result.arms):
+        warnings += [f"robot {arm.name}: {remark}" for remark in arm.job.remarks]
         started = [e.name for e in arm.worker.scorers.model.effects if e.drifts or "idle" in e.follows]
         if started:
             warnings.append(f"robot {arm.name}: {', '.join(started)}: each step counts as if no motion came before it")

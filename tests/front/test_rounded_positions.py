@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 import energy_opt as eo
+from energy_opt.batches.suite import load_suite
 from energy_opt.batches.tables import joint_values
+from energy_opt.cell.request import CellRequest
+from energy_opt.cli.main import main
 from energy_opt.errors import Infeasible
-from energy_opt.front.moves import move_of
+from energy_opt.front.moves import ends_of, move_of
 from energy_opt.requests.moves import OptimizeRequest
 from energy_opt.robot import load_robot
 
@@ -32,6 +35,29 @@ def test_rounded_positions_are_moved_onto_the_limit_and_noted(tmp_path):
     notes.clear()
     assert joint_values(START, robot, notes.append)[2] == robot.limits.upper[2]
     assert len(notes) == 1
+
+
+def test_rounded_positions_of_suites_goals_and_cells_are_noted(tmp_path, capsys):
+    robot, notes = load_robot("ur5"), []
+    ends_of(OptimizeRequest(robot=robot, start=START, goal=eo.AnyOf([GOAL, START])), robot, CellRequest(), notes.append)
+    assert len(notes) == 2 and notes[0].startswith("--goal: wrist_3_joint is 1e-05 rad beyond")
+    suite, job = tmp_path / "suite.toml", tmp_path / "job.toml"
+    suite.write_text(
+        f'format = "energy-opt/suite/1"\nrobots = ["ur5"]\n[[moves]]\nstart = {START}\ngoal = {GOAL}\n'
+        f"[[moves]]\nstart = {START}\ngoal_pose = [0.4, 0.2, 0.4, 3.14159, 0, 0]\n"
+    )
+    found = load_suite(suite).notes
+    assert [note.split(" is ")[0] for note in found] == [
+        "moves 1 (move01) on ur5: elbow_joint", "moves 1 (move01) on ur5: wrist_3_joint",
+        "moves 2 (move02) on ur5: elbow_joint",
+    ]  # fmt: skip
+    job.write_text(
+        'format = "energy-opt/job/2"\ncycle_time = 9.0\n[[robot]]\nname = "a"\nrobot = "ur5"\n'
+        f"[[robot.step]]\nto = {START}\n[[robot.step]]\nto = [0.0, -1.2, 1.0, -1.0, 0.5, 0.0]\n"
+    )
+    assert main(["check", str(suite), str(job)]) == 0
+    said = capsys.readouterr().err
+    assert all(note in said for note in found) and "robot a: step 1 (step 1): elbow_joint is 7e-06" in said
 
 
 def test_positions_farther_beyond_a_limit_stay_as_they_are_and_are_infeasible():

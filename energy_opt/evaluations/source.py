@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -109,8 +109,11 @@ def _recorded(name: str, samples: Samples, load: Load | None = None) -> Recorded
     return Recorded(name, trajectory, whole, standstills(trajectory), (*samples.notes, *notes))
 
 
-def load(path: Path, joints: Sequence[str], prefix: str = "") -> Recorded:
+def load(path: Path, joints: Sequence[str], prefix: str = "", following: Iterable[str] = ()) -> Recorded:
     """The motion in a file, for the robot's `joints`; in the file their names begin with `prefix`.
+
+    Args:
+        following: joints that follow those of the robot, so that their motion counts.
 
     The folder, the JSON result or a motion's file of a solved move or job also state the loads over time, and where
     brakes hold.
@@ -120,7 +123,8 @@ def load(path: Path, joints: Sequence[str], prefix: str = "") -> Recorded:
     """
     path = Path(path)
     table, answer = _table(path), _result_json(path)
-    records = formats.read(table).of(joints, "" if table.name in ANSWERS.values() and answer is not None else prefix)
+    prefix = "" if table.name in ANSWERS.values() and answer is not None else prefix
+    records = formats.read(table).of(joints, prefix, following)
     motion, notes = _recorded(str(path), records), list[str]()
     if records.velocity is not None and not records.velocity.any() and np.ptp(records.position, axis=0).any():
         notes.append(f"{records.where}: velocity is 0 in every row: the arm is taken to stop at each")

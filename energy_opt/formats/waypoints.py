@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -74,10 +74,11 @@ class Samples:
                     "times in ms, us or ns? expected seconds)"
                 )
 
-    def of(self, joints: Sequence[str], prefix: str = "") -> Samples:
+    def of(self, joints: Sequence[str], prefix: str = "", following: Iterable[str] = ()) -> Samples:
         """The same samples for the robot's `joints`, in their order; in the file their names begin with `prefix`.
 
-        Joints of the file that the robot does not have are left out.
+        Joints of the file that the robot does not have are left out. A note names those that move, except those
+        `following` the robot's.
 
         Raises:
             BadInput: a joint of the robot is missing; says which prefix would find all of them, if there is one.
@@ -94,6 +95,13 @@ class Samples:
         index = [self.joints.index(name) for name in wanted]
         columns = {kind: getattr(self, kind) for kind in KINDS}
         chosen: dict[str, Any] = {kind: block if block is None else block[:, index] for kind, block in columns.items()}
+        known = {*wanted, *(prefix + name for name in following)}
+        moves = np.ptp(self.position, axis=0) > LEAST_CHANGE
+        others = [name for name, moving in zip(self.joints, moves, strict=True) if moving and name not in known]
+        if others:
+            names = ", ".join(others[:12]) + (", ..." if len(others) > 12 else "")
+            note = f"{self.where}: {names} also moves; the arm has no such joint, or it is locked: this does not count"
+            chosen["notes"] = (*self.notes, note)
         return replace(self, joints=tuple(joints), **chosen)
 
     def trajectory(self) -> Trajectory:

@@ -193,7 +193,6 @@ def _limits(file: Path, request: CheckRequest) -> list[str]:
 def _trajectory(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
     """Waypoints and trajectories: readable, and a trajectory within the robot's limits."""
     samples = read(file)
-    notes += samples.notes
     if request.robot is None:
         joints = {name.removeprefix(request.joint_prefix) for name in samples.joints}
         matching = [name for name in known_robots() if set(load_robot(name).joints) <= joints]
@@ -204,7 +203,8 @@ def _trajectory(file: Path, request: CheckRequest, notes: list[str]) -> list[str
         notes.append(f"{file}: taken for a {robot.name} (--robot names another one{others})")
     else:
         robot = robot_of(request)
-    samples = samples.of(robot.joints, request.joint_prefix)
+    samples = samples.of(robot.joints, request.joint_prefix, robot.followers)
+    notes += samples.notes
     notes += refuse_degrees(robot, samples.position, samples.where)
     if samples.time is None:
         return []

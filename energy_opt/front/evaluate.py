@@ -173,13 +173,15 @@ def _motions(given: AnyMotion, robot: Robot, prefix: str) -> list[Recorded]:
         path = Path(given)
         if is_set(path):
             return load_set(path, robot)
-        found = load(path, robot.joints, prefix)
+        found = load(path, robot.joints, prefix, robot.followers)
         warnings = refuse_degrees(robot, found.trajectory.position, found.name)
         return [replace(found, notes=(*found.notes, *warnings))]
     q, v, a = (np.asarray(x) for x in (given.position, given.velocity, given.acceleration))
     samples = Samples("the trajectory", given.joints, q, given.time - given.time[0], v, a)
-    trajectory = samples.of(robot.joints).trajectory().on_nanoseconds()
-    return [Recorded("trajectory", trajectory, (Stretch(0.0, trajectory.duration),), standstills(trajectory))]
+    samples = samples.of(robot.joints, following=robot.followers)
+    trajectory = samples.trajectory().on_nanoseconds()
+    whole = (Stretch(0.0, trajectory.duration),)
+    return [Recorded("trajectory", trajectory, whole, standstills(trajectory), samples.notes)]
 
 
 def _on_base(motion: Recorded, base: Sequence[float] | None) -> Recorded:

@@ -228,6 +228,21 @@ def test_payloads_of_models_stay_theirs_when_a_result_is_evaluated(tmp_path: Pat
         assert (abs(stated[models[0]] - stated[models[1]]) > 1e-6) == (payload is None)
 
 
+def test_joints_that_move_outside_of_the_arm_are_remarked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A rail under the arm moved, and its motion was left out without a word; joints that follow the arm's count."""
+    moved, file = motion(Z1), tmp_path / "on_a_rail.csv"
+    more = {"joints": (*moved.joints, "rail", "door"), "effort": None}
+    for kind in ("position", "velocity", "acceleration"):
+        own = getattr(moved, kind)
+        more[kind] = np.column_stack([own, own[:, 0], 0 * own[:, 0]])
+    formats.write(replace(moved, **more), file)
+    assert main(["evaluate", str(file), "--robot", "z1", "--out", str(tmp_path / "seen")]) == 0
+    assert f"{file}: rail also moves; the arm has no such joint" in capsys.readouterr().err
+    main(["check", str(file), "--robot", "z1"])
+    assert "rail also moves" in capsys.readouterr().err
+    assert not load(file, Z1.joints, following=("rail",)).notes
+
+
 def test_a_result_of_another_base_is_remarked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """It was evaluated upright, at other energies than it states, without a word."""
     file = tmp_path / "out" / "trajectory.csv"

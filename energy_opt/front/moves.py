@@ -48,12 +48,11 @@ def path_from(given: Any, robot: Robot, prefix: str = "", say: Say = lambda _: N
     if isinstance(given, (str, PathLike)):
         from energy_opt.formats import read
 
-        table = read(Path(given))
-        notes, table = table.notes, table.of(robot.joints, prefix)
+        table = read(Path(given)).of(robot.joints, prefix, robot.followers)
         warnings = refuse_degrees(robot, table.position, table.where)
         inside, moved = onto_limits(robot, table.position, table.where)
         given, more = path_of(replace(table, position=inside))
-        for note in (*notes, *warnings, *moved, *more):
+        for note in (*table.notes, *warnings, *moved, *more):
             say(note)
     if isinstance(given, Mapping):
         try:
@@ -247,9 +246,12 @@ def _goals(given: Any) -> list[Any]:
     if given is None:
         return []
     if isinstance(given, Mapping) and "any_of" in given:
-        return list(given["any_of"])
+        given = AnyOf(given["any_of"])
     many = isinstance(given, AnyOf) or (isinstance(given, (list, tuple)) and given and isinstance(given[0], str))
-    return [each for each in given if each is not None] if many else [given]
+    goals = [each for each in given if each is not None] if many else [given]
+    if not goals:
+        raise BadInput("--goal: AnyOf without a goal; expected one or more")
+    return goals
 
 
 def _poses(given: Any) -> list[Any]:

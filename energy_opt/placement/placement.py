@@ -56,9 +56,9 @@ class PlaceRequest:
                 raise BadInput(f"--base-box: {axis} begins at {low:g} and ends at {high:g}; expected the smaller first")
         if np.abs(pairs[3]).max() > 4 * np.pi:
             raise BadInput(f"--base-box: yaw {pairs[3][0]:g}, {pairs[3][1]:g}: expected rad")
-        for name in ("looked_at", "seeds", "steps"):
-            if not 0 <= getattr(self, name) <= 10_000:
-                raise BadInput(f"--{name.replace('_', '-')} {getattr(self, name)}: expected 0 to 10000")
+        for name, least in (("looked_at", 1), ("seeds", 1), ("steps", 0)):
+            if not least <= getattr(self, name) <= 10_000:
+                raise BadInput(f"--{name.replace('_', '-')} {getattr(self, name)}: expected {least} to 10000")
 
     @classmethod
     def of(cls, words: str, **more: Any) -> PlaceRequest:

@@ -99,6 +99,7 @@ def test_arguments_as_people_have_them(panda):
         ({"start": START, "goal": GOAL, "out": "folder"}, r"no argument 'out'; save\(FOLDER\) of the result"),
         ({"start": START, "goal": [np.nan] * 7}, "^goal: expected finite"),
         ({"start": START, "goal": [GOAL, START]}, r"^goal: shape \(2, 7\); .* for several goals give eo.AnyOf"),
+        ({"start": START, "goal": eo.AnyOf([])}, "^goal: AnyOf without a goal; expected one or more"),
         ({"path": lambda s: "north"}, r"^path: expected waypoints \(K, 7\) \[rad\], or a function of s in \[0, 1\]"),
         ({"path": "no/such/file"}, r"^no/such/file: No such file or directory$"),
         ({"path": np.zeros((3, 4))}, r"^path: shape \(3, 4\); expected waypoints \(K, 7\)"),

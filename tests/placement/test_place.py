@@ -48,6 +48,9 @@ def test_place_says_that_joint_goals_do_not_change_with_the_base(
     assert "joint positions do not change with the base" in capsys.readouterr().err
     assert main(["place", str(path), "--base-box=0,1,0,1,0", "--out", str(tmp_path / "out")]) == 2
     assert "expected X0,X1" in capsys.readouterr().err
+    for count in ("seeds", "looked-at"):  # without both, only the given base was judged
+        words = ["place", str(path), "--base-box=0,1,0,1,0,0", f"--{count}", "0", "--out", str(tmp_path / "out")]
+        assert main(words) == 2 and f"--{count} 0: expected 1 to 10000" in capsys.readouterr().err
 
 
 def test_a_proven_placement_comes_before_a_cheaper_one_that_is_none(

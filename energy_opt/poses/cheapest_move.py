@@ -14,9 +14,12 @@ import numpy as np
 
 from energy_opt.cell.cell import Cell
 from energy_opt.errors import Infeasible
-from energy_opt.motion import Move, Planner, Settings
+from energy_opt.motion import Move, Planner, Result, Settings, Trajectory
 from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.plan.anytime import Progress
 from energy_opt.motion.plan.robust import RobustPlanner
+from energy_opt.motion.plan.sketch import Settled
+from energy_opt.motion.reshape.open import FIXED, Open
 from energy_opt.poses.choose import APART, Chooser
 from energy_opt.poses.chosen import Chosen
 from energy_opt.poses.estimate import holding, quickest
@@ -29,7 +32,45 @@ from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 
 OTHERS = 3  # most other branches of a start pose or via pose, to compare by sketches
+SKETCHED = 0.4  # share of a deadline in which goals are compared by sketches
+PASSED = "the deadline has passed"
 TRIED = 3  # most choices of start and via points to solve in full until one is solved
+
+
+class _Search:
+    """The solvers of a planner with one `deadline` [s] for all that they do.
+
+    After it, the first solve gives its first proven answer. Further ones are refused, also those that it ends: they
+    cannot be compared. Sketches end earlier, so that time is left for a solve.
+    """
+
+    def __init__(self, planner: Planner | RobustPlanner, deadline: float | None) -> None:
+        self._planner, self._progress, self._answered = planner, Progress(deadline), False
+        self._sketching = Progress(None if deadline is None else SKETCHED * deadline)
+
+    @property
+    def late(self) -> bool:
+        """Has the deadline passed?"""
+        return self._progress.late()
+
+    def solve(self, move: Move, warm: Sequence[Trajectory] = (), *, confirm: bool = True) -> Result:
+        """As `Planner.solve`, in the time that is left."""
+        found = None if self._answered and self.late else self._planner.solve(move, warm, self._progress.left, confirm)
+        if found is None or (self._answered and self.late):
+            raise Infeasible(PASSED, limit="duration")
+        self._answered = True
+        return found
+
+    def sketch(self, move: Move) -> Trajectory:
+        """As `Planner.sketch`."""
+        if self._sketching.late():
+            raise Infeasible(PASSED, limit="duration")
+        return self._planner.sketch(move)
+
+    def settle(self, move: Move, motion: Trajectory, open_: Open = FIXED, clear: bool = True) -> Settled:
+        """As `Planner.settle`; when it is late, the motion stays as it is."""
+        late = self.late if clear else self._sketching.late()
+        return (motion, move.via) if late else self._planner.settle(move, motion, open_, clear)
 
 
 def solve_to(
@@ -57,8 +98,9 @@ def solve_to(
         goals, said = left_out(tool, ends.goals, cell if ends.start is not None or ends.via else None, settings.seed)
         ends = replace(ends, goals=goals)
     scorers = [Scorer(robot, model) for model in models]
+    search = _Search(planner, settings.deadline)
     chooser = Chooser(
-        tool, scorers, cell, planner.solve, planner.sketch, planner.settle, settings.seed, worst, ends.start, ends.via
+        tool, scorers, cell, search.solve, search.sketch, search.settle, settings.seed, worst, ends.start, ends.via
     )
     moves = [move]
     if ends.start is not None or ends.via:
@@ -70,7 +112,7 @@ def solve_to(
             answers.append(replace(chooser.choose(each, ends.goals), warnings=said))
         except Infeasible as error:
             errors.append(error)
-        if planner.stopped() or (answers and answers[-1].result.status == "solved"):
+        if planner.stopped() or (answers and (search.late or answers[-1].result.status == "solved")):
             break
     if not answers:
         raise errors[0]

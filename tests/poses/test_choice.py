@@ -48,6 +48,17 @@ def test_a_pose_out_of_reach_says_how_near_one_can_come(tmp_path: Path, capsys: 
     assert "--via-pose belongs to --mode reshape" in capsys.readouterr().err
 
 
+def test_choices_of_poses_share_one_deadline(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each had its own: goals, and up to three choices of the start pose."""
+    solves, own = list[Move](), Planner.solve
+    monkeypatch.setattr(Planner, "solve", lambda self, move, *more: (solves.append(move), own(self, move, *more))[1])
+    monkeypatch.setattr(Planner, "sketch", None)
+    asked = {"start_pose": [0.4, -0.3, 0.3, 3.14159, 0, 0], "goal_pose": [0.4, 0.3, 0.3, 3.14159, 0, 0], "free": "rz"}
+    found = eo.optimize("ur5e", "source-method-2", **asked, duration=3.0, starts=1, deadline=1e-6)
+    assert found.status == "solved" and "deadline" in found.message
+    assert len(solves) == 1 and found["nearest"]["energy"] is None
+
+
 @pytest.mark.slow
 def test_the_chosen_goal_costs_no_more_than_the_nearest(tmp_path: Path) -> None:
     options = [*START, "--goal-pose", "0.4,0.3,0.3,3.14159265,0,0", "--free", "rz", "--duration", "2", "--starts", "3"]

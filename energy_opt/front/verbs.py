@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -101,7 +101,26 @@ def _found(
     for name in [name for name in document if name in kinds]:
         value, named = document[name], kinds[name] is Path
         out[name] = [one(each, named) for each in value] if isinstance(value, list) else one(value, named)
+    folder = document.get("folder")
+    if isinstance(folder, str) and not os.path.isdir(folder):  # of a job, and moved or removed
+        names = set(_files_of(document.get("job")))
+        out["folder"] = next((str(each) for each in folders if any((each / n).is_file() for n in names)), folder)
+        if out["folder"] != folder:
+            say(f"{folder} does not exist; the files of the job are read from {out['folder']}")
     return out
+
+
+def _files_of(job: Any) -> Iterator[str]:
+    """Scenes, robots and models that a job's document names, which may be files."""
+    if isinstance(job, list):
+        for entry in job:
+            yield from _files_of(entry)
+    elif isinstance(job, Mapping):
+        for key, value in job.items():
+            if key in ("scene", "robot", "model") and isinstance(value, str):
+                yield value
+            else:
+                yield from _files_of(value)
 
 
 def run(request: RunRequest, desk: Desk) -> Any:

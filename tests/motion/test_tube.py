@@ -89,6 +89,20 @@ def test_a_solved_move_stays_in_it(panda: Robot, model: PowerModel, words: str) 
     assert retimed.certificate.max_violation["tube"] < -0.999 and retimed.energy.total > result.energy.total
 
 
+def test_a_closed_path_is_reshaped_within_it_and_keeps_its_shape_without(panda: Robot, model: PowerModel) -> None:
+    """It kept its shape in a tube, too, and nothing said so."""
+    there = through(POINTS)(np.linspace(0, 1, 9))
+    loop = through(np.vstack([there, there[::-1][1:] + 0.1 * np.sin(np.linspace(0, np.pi, 9))[1:, None]]))
+    move = Move(loop.start, loop.start, path=loop, duration=6.0)
+    inside, outside = (Planner(panda, model, Settings(tube=w, **QUICK)).solve(move) for w in ("0.05rad", None))
+    assert inside.chosen == "reshape" and inside.energy.loss < 0.97 * outside.energy.loss
+    assert np.ptp(inside.trajectory.position, axis=0).max() > 0.8 * np.ptp(there, axis=0).max()
+    said = "the path ends where it begins: its shape is kept"
+    assert outside.warnings[-1].startswith(said) and not any(said in line for line in inside.warnings)
+    still = Planner(panda, model, Settings(tube="0.05rad", **QUICK)).solve(Move(START, START, duration=1.0))
+    assert still.status == "solved" and not np.ptp(still.trajectory.position, axis=0).any()
+
+
 @pytest.mark.nightly
 def test_one_too_narrow_to_search_is_answered_all_the_same(panda: Robot, model: PowerModel) -> None:
     """The path itself is within it, in its best timing."""

@@ -55,11 +55,6 @@ class Candidate:
     optima: tuple[Outcome, ...] = ()
 
 
-def is_at_rest(move: Move) -> bool:
-    """True if the move has nothing to reshape."""
-    return bool(not move.via and np.abs(move.goal - move.start).max() < 1e-12 and not np.any(move.end_velocities))
-
-
 def small_enough(move: Move, line: RetimeSolution | None, curve: Candidate) -> Candidate:
     """The curve, marked as converged if the move is so small that the best timing of its `line` is as good.
 

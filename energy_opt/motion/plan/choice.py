@@ -9,7 +9,7 @@ import numpy as np
 
 from energy_opt.errors import Infeasible
 from energy_opt.motion.judge.certificate import ALLOWED, Certificate
-from energy_opt.motion.move import Move
+from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.plan.candidates import Candidate, repaired_timing
 from energy_opt.motion.plan.context import Context, Judged
 from energy_opt.motion.plan.refusals import too_short
@@ -114,7 +114,7 @@ def choose(
         solver=report,
         message="interrupted; the best so far" if interrupted else message,
         interrupted=interrupted,
-        warnings=(*_warnings(context), *_slow_warning(move, work.timing)),
+        warnings=(*_warnings(context), *_slow_warning(move, work.timing), *_closed_warning(context, move, work.timing)),
         progress=tuple(context.progress.losses),
     )
 
@@ -267,6 +267,21 @@ def _slow_warning(move: Move, timing: Timing | None) -> list[str]:
         f"the duration of {move.duration:g} s is {move.duration / timing.duration:.3g} times the shortest on the first "
         f"path, {timing.duration:.3g} s; expected seconds (are these milliseconds? {move.duration / 1000:g} s then)"
     ]
+
+
+def is_at_rest(move: Move, settings: Settings) -> bool:
+    """True if the move has nothing to reshape: it ends where it begins, and no tube keeps it near a path."""
+    if settings.tube is not None and move.path is not None and move.path.moves:
+        return False
+    return bool(not move.via and not np.any(move.end_velocities) and np.abs(move.goal - move.start).max() < 1e-12)
+
+
+def _closed_warning(context: Context, move: Move, timing: Timing | None) -> list[str]:
+    """A warning if a path that ends where it begins keeps its shape, although reshaping is asked for."""
+    moves = timing is not None and timing.path.moves
+    if move.mode != "reshape" or not moves or not is_at_rest(move, context.settings):
+        return []
+    return ["the path ends where it begins: its shape is kept, as standing still would cost least; --tube changes it"]
 
 
 def _warnings(context: Context) -> list[str]:

@@ -16,13 +16,12 @@ from energy_opt.motion.plan.anytime import Progress
 from energy_opt.motion.plan.candidates import (
     Candidate,
     in_tube,
-    is_at_rest,
     least_energy_timing,
     repaired_timing,
     reshaped,
     small_enough,
 )
-from energy_opt.motion.plan.choice import Work, baselines_of, choose
+from energy_opt.motion.plan.choice import Work, baselines_of, choose, is_at_rest
 from energy_opt.motion.plan.clear import kept_clear, nearly_clear
 from energy_opt.motion.plan.context import Context, path_of
 from energy_opt.motion.plan.refusals import below_bound
@@ -79,7 +78,7 @@ def candidates_of(
     def retimed() -> RetimeSolution | None:
         return _least_energy(context, move, timing)
 
-    if is_at_rest(move) or (context.stopped() and timing is not None):
+    if is_at_rest(move, context.settings) or (context.stopped() and timing is not None):
         return Work(timing, None, None, None, warm, retimed)
     curve = _curve(context, move, timing, retimed, warm, kept)
     if curve.trajectory is not None and (judged := context.judge(curve.trajectory)).certificate.valid:

@@ -21,6 +21,7 @@ from energy_opt.robot import Limits
 ROOM = 1.05  # factor on the shortest time over which a jump of the acceleration is spread
 WIDER = 1.1  # factor on this time until the jerk limits hold
 DENSER = 8  # places in each step of the motion at which its jerk is checked
+MISSED = 1e-3  # [rad, m] farther than this from the poses between its motions, a cycle is remarked
 SAMPLES = 2  # least samples over which it is spread, if the cycle is sampled at a rate
 
 
@@ -81,6 +82,7 @@ def _written(
         again = _written(form, parts, cycle, judge, out, None, prefix, stem)
         return replace(again, text=f"{again.text}; {why}")
     carried, rests = _carried(parts), any(part.waits for part in parts)
+    ends = [part.trajectory.position[-1] for part in parts]
     parts, width = _spread(parts, robot.limits, None if form.name == "franka" else rate)
     cycle = joined([part.trajectory for part in parts])
     if form.name == "franka":
@@ -98,10 +100,19 @@ def _written(
             # the mean takes `width` of each wait, the longest pays for it once more; rest begins and ends at samples
             shorter = 2e3 * (width + 1 / found)
             carried = f"; jumps of the acceleration are spread: waits are up to {shorter:.3g} ms shorter{carried}"
+    missed = missed_words(got.trajectory, ends)
+    carried = f"; {missed}{carried}" if missed else carried
     path = out / file_of(form, got.rate, stem)
     form.write(named(got.trajectory), path)
     row = read_back(path, form, got, judge, prefix, cycle)
     return replace(row, text=row.text + carried)
+
+
+def missed_words(cycle: Trajectory, poses: Sequence[np.ndarray]) -> str:
+    """How far a cycle as one motion stays from poses (n,) that it passes or stops at; "" if nearer than `MISSED`."""
+    far = max((cycle.distance_to(pose) for pose in poses), default=0.0)
+    said = f"the motion passes poses of steps at up to {far:.2g} rad or m; stops with a wait reach theirs"
+    return said if far > MISSED else ""
 
 
 def certificates(

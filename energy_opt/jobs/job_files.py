@@ -15,7 +15,7 @@ from energy_opt.files import plain, write_json
 from energy_opt.formats import Format, controller_files
 from energy_opt.formats.controller_files import Shares, Written, unchanged
 from energy_opt.formats.controller_program import joined
-from energy_opt.formats.cycle_file import certificates, without_jumps, write_cycle
+from energy_opt.formats.cycle_file import certificates, missed_words, without_jumps, write_cycle
 from energy_opt.formats.judging import CycleJudging
 from energy_opt.jobs.cycle import Piece
 from energy_opt.jobs.legs import Step
@@ -231,8 +231,9 @@ def write(
     csv.write(cycle, Path(out) / "cycle.csv")
     own = unchanged(Path(out) / "cycle.csv", csv, cycle, judging_of(result)(cycle))
     found = found_of(result, request, worth, [own, *written])
-    if not own.valid:
-        found["warnings"].append(f"cycle.csv: {own}")
+    missed = missed_words(cycle, [step.goal for step in result.job.steps])
+    for fault in ([] if own.valid else [str(own)]) + ([missed] if missed else []):
+        found["warnings"].append(f"cycle.csv: {fault}")
     bodies, scene = drawn(result.cell or own_body(result.job.robot))
     page(found, cycle, result.job.robot, bodies, scene, power_of(result)).write(Path(out) / "report.html")
     write_json(Path(out) / "job.json", found)

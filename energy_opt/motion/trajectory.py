@@ -28,6 +28,7 @@ CLOSEST = 1e-5  # [s] least time between two samples of a mean
 ROW_STEP = 0.004  # [s] largest time between two samples of a trajectory
 LEAST_SAMPLES = 200
 MOST_SAMPLES = 20_000  # most samples that ROW_STEP gives: longer motions are slower and need no more
+NEARER = 8  # places in each step of a motion, between which the nearest one to a position is looked for
 
 
 def whole(time: np.ndarray | float) -> np.ndarray:
@@ -173,6 +174,13 @@ class Trajectory:
         for new, old in ((q, self.position), (v, self.velocity), (a, self.acceleration)):
             new[[0, -1]] = old[[0, -1]]
         return Trajectory(self.joints, time, q, v, a)
+
+    def distance_to(self, position: np.ndarray) -> float:
+        """The largest difference [rad, m] of a joint from a position (n,), where the motion is nearest to it."""
+        q = self.sample_denser(NEARER)[0]
+        step, off = np.diff(q, axis=0), position - q[:-1]
+        share = (off * step).sum(axis=1) / np.maximum((step**2).sum(axis=1), np.finfo(float).tiny)
+        return float(np.abs(off - np.clip(share, 0, 1)[:, None] * step).max(axis=1).min())
 
     def averaged(self, width: float) -> Trajectory:
         """The mean of the curve over the last `width` s, at rest before and after: `width` s longer.

@@ -16,7 +16,7 @@ from energy_opt.files import plain, write_json
 from energy_opt.formats import FORMATS, Format
 from energy_opt.formats.controller_files import Written, unchanged, wanted
 from energy_opt.formats.controller_program import Part, joined
-from energy_opt.formats.cycle_file import write_cycle
+from energy_opt.formats.cycle_file import missed_words, write_cycle
 from energy_opt.formats.judging import CycleJudging
 from energy_opt.jobs.job_files import divided
 from energy_opt.power.per_year import PerYear
@@ -144,8 +144,12 @@ def document(result: CellResult) -> dict[str, Any]:
     if cell.supply is not None and result.supply is not None:
         levers.append(_lever("supply", result.supply.energy, result))
     warnings = []
-    for arm in filter(None, result.arms):
+    for arm, motion in zip(result.arms, result.planned.motions, strict=True):
+        if arm is None or motion is None:
+            continue
         warnings += [f"robot {arm.name}: {remark}" for remark in arm.job.remarks]
+        missed = missed_words(joined([part.trajectory for part in motion.parts]), [s.goal for s in arm.job.steps])
+        warnings += [f"robot {arm.name}: {missed}"] if missed else []
         started = [e.name for e in arm.worker.scorers.model.effects if e.drifts or "idle" in e.follows]
         if started:
             warnings.append(f"robot {arm.name}: {', '.join(started)}: each step counts as if no motion came before it")

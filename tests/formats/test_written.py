@@ -174,7 +174,15 @@ def test_a_file_says_by_how_much_its_waits_are_shorter(panda: Robot, model: Powe
     assert stated and 0.4 - float(stated[1]) / 1e3 <= still[-1] - still[0] + 1e-6 < 0.39
     on = replace(there, position=there.position + way)
     (row,) = write_cycle([Part(there), Part(on)], judge, wanted(["csv"]), tmp_path, 25.0)  # no wait, no word about it
-    assert row.rate is not None and "shorter" not in row.text
+    assert row.rate is not None and "shorter" not in row.text and "passes poses" not in row.text
+    # it turns there without a wait: in the mean of both motions it turns before
+    far, half = (Trajectory(panda.joints, there.time, end + k * (rows[0] - START), k * rows[1], k * rows[2])
+                 for k, end in ((3.0, START), (-1.5, START + 3 * way)))  # fmt: skip
+    (row,) = write_cycle([Part(far), Part(half)], judge, wanted(["csv"]), tmp_path, 10.0)
+    again = read_trajectory(tmp_path / row.file, panda.joints)
+    off = np.abs(again.sample(np.linspace(0, again.duration, 20001))[0] - half.position[0]).max(axis=1).min()
+    stated = re.search(r"passes poses of steps at up to ([0-9.e-]+) rad or m", row.text)
+    assert row.rate == 10.0 and off > 1e-3 and stated and float(stated[1]) == pytest.approx(off, rel=0.05)
 
 
 def test_a_jump_beside_an_acceleration_that_changes_keeps_the_jerk_limit(panda: Robot, model: PowerModel) -> None:

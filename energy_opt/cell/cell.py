@@ -137,6 +137,11 @@ class Cell:
             adjacent = neighbours(robot.description, robot.locked)
             self.own = own_pairs(links, kinematics, adjacent, robot.limits, semantics(robot, request.srdf))
         things = [Kept(body, True) for body in links]
+        for name, other, base in request.beside:
+            at = np.linalg.inv(request.base_pose) @ pose_of(base[:3], base[3:])
+            still = (b for b in arm_bodies(other, request.package_dirs, request.allow_large) if b.joint < 0)
+            things += [Kept(Body(f"{name}: {b.name}", -1, at @ b.pose, b.solid), False) for b in still]
+        self.obstacles = len(things)  # index of the first body of the scene
         whole = scene or Scene(source="--floor")
         if request.floor is not None:
             whole = replace(whole, floor=request.floor)

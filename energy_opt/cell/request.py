@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
 
 from energy_opt.errors import BadInput
+from energy_opt.robot import Robot
 from energy_opt.robot.kinematics import no_degrees, pose_of
 
 PlannerName = Literal["auto", "none", "ompl"]
@@ -36,6 +37,7 @@ class CellRequest:
         payload_at: the centre of that box [m], in the last joint's frame.
         moved: an object of the scene, and x, y, z [m], roll, pitch, yaw [rad] of its frame in place of the file's.
         tool: FRAME[,X,Y,Z], the frame of the bodies that the tool holds; None for the last joint's frame.
+        beside: other arms of the cell: name, robot and base, as `base`; their links that do not move are obstacles.
     """
 
     self_collision: bool = True
@@ -52,6 +54,7 @@ class CellRequest:
     payload_at: tuple[float, ...] = (0.0, 0.0, 0.0)
     tool: str | None = None
     moved: tuple[str, tuple[float, ...]] | None = None
+    beside: tuple[tuple[str, Robot, tuple[float, ...]], ...] = field(default=(), compare=False)
 
     def __post_init__(self) -> None:
         if self.planner not in PLANNERS:
@@ -79,7 +82,7 @@ class CellRequest:
             f.name: str(value) if isinstance(value, Path) else [str(v) if isinstance(v, Path) else v for v in value]
             if isinstance(value, tuple) else value
             for f in fields(self)
-            if (value := getattr(self, f.name)) != getattr(usual, f.name)
+            if (value := getattr(self, f.name)) != getattr(usual, f.name) and f.compare
         }  # fmt: skip
 
     @property

@@ -172,7 +172,10 @@ def drawn(cell: Cell | None) -> tuple[list[Solid], list[Solid]]:
         return arm, scene
     points = min(POINTS, ALL_POINTS // max(len(cell.bodies.all), 1))
     for k, body in enumerate(cell.bodies.all):
-        (arm if k < cell.links or body.joint >= 0 else scene).extend(_solids(body, points))
+        if k < cell.links or body.joint >= 0:
+            arm += _solids(body, points)
+        elif k >= cell.obstacles:  # else it is of another arm
+            scene += _solids(body, points)
     return arm, scene
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from energy_opt.jobs.legs import wrong_frames
 from energy_opt.poses.given import poses_of_request
 from energy_opt.poses.pose import Pose
 from energy_opt.power.known import load_model
-from energy_opt.robot import Robot
+from energy_opt.robot import Robot, robot_named
 from energy_opt.robot.tool import tool_of
 from energy_opt.workcell.curves import ring_of
 from energy_opt.workcell.file import PoseTable, RobotTable, StepTable, WorkCell, load_workcell, step_name
@@ -124,6 +125,17 @@ def request_of(cell: WorkCell, table: RobotTable, path: Path, request: CellReque
         return replace(request, base=tuple(table.base), scene=scene, tool=table.tool or request.tool)
     except BadInput as error:
         raise BadInput(f"{path}: robot {table.name}: {error}") from None
+
+
+def robot_in(table: RobotTable, path: Path, load: Callable[[str], Robot], around: CellRequest) -> Robot | None:
+    """The arm of a robot of the job file `path`; None without one, or if it is faulty: reading its steps says why.
+
+    Args:
+        load: loads a robot from its name or from the path of its URDF. around: whether files may lie outside.
+    """
+    with suppress(BadInput):
+        return None if table.robot is None else load(robot_named(table.robot, path.parent, around.allow_outside))
+    return None
 
 
 def model_named(name: str, path: Path, allow_outside: bool) -> str:

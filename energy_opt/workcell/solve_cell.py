@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from energy_opt.robot import Robot, load_robot
 from energy_opt.schedule import Schedule
 from energy_opt.schedule.problem import keeps
 from energy_opt.workcell.arm import Arm
+from energy_opt.workcell.as_job import robot_in
 from energy_opt.workcell.between import Between
 from energy_opt.workcell.file import WorkCell
 from energy_opt.workcell.plan import Planned, Planning
@@ -112,14 +114,22 @@ def run_workcell(
         arms apart.
     """
 
+    around = request or CellRequest()
+    load = cache(load)
+    known = [(table.name, table.base, robot_in(table, path, load, around)) for table in cell.robot]
+
     def planned(shares: Mapping[str, np.ndarray]) -> CellResult:
         """The plan in which robots use at most these shares of their torque limits."""
-        given = Path(path), load, model_of, settings or Settings(), request or CellRequest(), stopped
-        arms = tuple(
-            None if table.robot is None else Arm(cell, table, *given, shares.get(table.name, 1.0))
-            for table in cell.robot
-        )
-        return _planned(Planning(cell, arms, progress, stopped))
+        arms: list[Arm | None] = []
+        for table in cell.robot:
+            beside = tuple((name, robot, base) for name, base, robot in known if robot and name != table.name)
+            given = Path(path), load, model_of, settings or Settings(), replace(around, beside=beside), stopped
+            try:
+                arms.append(None if table.robot is None else Arm(cell, table, *given, shares.get(table.name, 1.0)))
+            except Infeasible as error:
+                error.args = (f"{table.name}: {str(error).removeprefix(f'{table.name}: ')}",)
+                raise
+        return _planned(Planning(cell, tuple(arms), progress, stopped))
 
     first = found = planned({})
     over = _efforts(first)

@@ -15,13 +15,14 @@ from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.cli.main import main
 from energy_opt.motion.trajectory import Trajectory
-from energy_opt.robot import load_robot
+from energy_opt.robot import Robot, load_robot
 from energy_opt.workcell.around import MovingCell, others_during
 from energy_opt.workcell.between import TwoArms, prove_apart
 from energy_opt.workcell.motion import Part, PeriodicMotion
 
 REST = np.array([0.0, -0.5, 0.0, -2.3, 0.0, 1.8, 0.8])
 CYCLE = 3.0
+BASE = (0.5, 0.0, 0.2, 0.1, 0.0, 2.0)
 
 
 def swing(joints: tuple[str, ...], goal: np.ndarray, wait: float) -> PeriodicMotion:
@@ -308,6 +309,27 @@ def test_two_arms_over_one_table_take_turns(tmp_path: Path) -> None:
             }
             if not any(values[".velocity"]):
                 assert np.abs(values["ation"]).max() < 1e-6  # no jump of the acceleration at a join
+
+
+def test_the_base_of_another_arm_is_an_obstacle(panda: Robot, tmp_path: Path, capsys) -> None:
+    """Moves through it were led around by chance only, after the schedule; else the job was infeasible."""
+    there, reach = [0.3, *REST[1:]], [0.0, 0.9, 0.0, -1.7, 0.0, 2.6, 0.7]
+    robots = [
+        {"name": "a", "robot": "panda", "step": [{"name": "in", "to": reach}, {"name": "out", "to": REST.tolist()}]},
+        {"name": "b", "robot": "panda", "base": [0.62, 0, 0, 0, 0, 0], "step": [{"to": there}, {"to": REST.tolist()}]},
+    ]
+    path = tmp_path / "cell.toml"
+    path.write_bytes(tomli_w.dumps({"format": "energy-opt/job/2", "cycle_time": 9.0, "robot": robots}).encode())
+    assert main(["job", str(path), "--quiet", "--model", "source-method-2", "--out", str(tmp_path / "out")]) == 3
+    assert "a: in, at its end: panda_link7 touches b: panda_link0" in capsys.readouterr().err
+    # the pose of b's base as a sees it, and none of its links that move
+    alone, beside = (Cell(panda, CellRequest(base=(0, 1, 0, 0, 0, 1.0), beside=b)) for b in ((), (("b", panda, BASE),)))
+    (body,) = beside.bodies.all[beside.links :]
+    assert len(beside.bodies.all) == len(alone.bodies.all) + 1 and body.name == "b: panda_link0"
+    at = pin.SE3(pin.rpy.rpyToMatrix(0, 0, 1.0), np.array([0.0, 1, 0])).inverse() * pin.SE3(
+        pin.rpy.rpyToMatrix(0.1, 0, 2.0), np.array([0.5, 0, 0.2])
+    )
+    assert body.pose == pytest.approx(at.homogeneous)
 
 
 @pytest.mark.slow

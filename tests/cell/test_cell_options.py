@@ -13,10 +13,11 @@ from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene import AllowedPairs, Scene, SceneObject, Shape
 from energy_opt.cli.options import add_options, request_of
-from energy_opt.errors import BadInput
+from energy_opt.errors import BadInput, Infeasible
 from energy_opt.front.given import cell_of
 from energy_opt.front.verbs import VERBS
 from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.plan.first_path import check_free
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot, load_robot
 
@@ -103,6 +104,16 @@ def test_named_pairs_go_before_defaults_and_one_no_is_a_no() -> None:
     assert not pairs.allows("b", "a") and pairs.allows("c", "b")
     assert pairs.allows("a", "x") and not pairs.allows("a", "d") and not pairs.allows("x", "y")
     assert AllowedPairs({("a", "z"): True}).allows("z", "a")
+
+
+def test_contact_with_an_object_in_another_unit_says_so(ur5: Robot) -> None:
+    """The arm touched it, "1e+05 mm deep", and only plans that succeeded came with the remark on its unit."""
+    hall = SceneObject("hall", (Shape("box", (200.0, 200.0, 200.0)),))
+    cell = Cell(ur5, CellRequest(), Scene((hall,), source="hall.yaml"))
+    with pytest.raises(
+        Infeasible, match=r"touches hall .*; hall\.yaml: object hall measures 200 m; 0\.2 m if in milli"
+    ):
+        check_free(cell, np.array([0, -1.2, 1.0, -1.0, 0.5, 0]), "start")
 
 
 @pytest.mark.parametrize(("scale", "moving"), [("1 1 1", True), ("0.001 0.001 -0.001", True), ("1 1 1", False)])

@@ -29,7 +29,7 @@ from energy_opt.effects.friction import (
 )
 from energy_opt.effects.mechanics import Armature, BaseTilt, GravitySpring, LinkInertia, Payload, PayloadChange
 from energy_opt.effects.meter import MeterDelay, MeterEffect, MeterFilter, MeterGain, MeterWindow
-from energy_opt.effects.parameter import EXACT, Kinks, Parameter, Smooth
+from energy_opt.effects.parameter import COBOT, EXACT, ArmSize, Kinks, Parameter, Smooth
 from energy_opt.effects.recorded import DcLink, IdleHold, RunOffset, SignalPower, WindingSelfHeating
 from energy_opt.effects.registry import (
     ALL_EFFECTS,
@@ -59,7 +59,9 @@ from energy_opt.effects.stages import (
 __all__ = [
     "ALL_EFFECTS",
     "BY_NAME",
+    "COBOT",
     "EXACT",
+    "ArmSize",
     "Armature",
     "AsymmetricFriction",
     "BaseTilt",

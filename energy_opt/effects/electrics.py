@@ -11,7 +11,7 @@ from energy_opt.effects.friction import SIGN_WIDTH, SOAKING, SOAKING_TRIALS, TOR
 from energy_opt.effects.parameter import Kinks, Parameter
 from energy_opt.effects.stages import DriveEffect, HeatEffect, PowerEffect, SupplyEffect, WindingEffect
 
-POWER_WIDTH = 0.5  # [W] smoothing width of power about zero
+POWER_WIDTH = 0.5  # [W] smoothing width of power about zero; times `ArmSize.power`
 
 
 class Standby(PowerEffect):
@@ -81,7 +81,7 @@ class InverterLoss(PowerEffect):
     @classmethod
     def power(cls, x: Signals, tau_m: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
         """c sum_j |tau_m,j| [W]."""
-        return p.c * ca.sum1(k.magnitude(tau_m, TORQUE_WIDTH))
+        return p.c * ca.sum1(k.magnitude(tau_m, TORQUE_WIDTH * k.size.torque))
 
 
 class CopperLoss(HeatEffect):
@@ -136,7 +136,7 @@ class Regeneration(DriveEffect):
     def drawn(cls, drive: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
         """e x + (1 - e) max(x, 0), x the drive power of each joint or their sum."""
         x = ca.sum1(drive) if p.level == "bus" else drive
-        return ca.sum1(p.efficiency * x + (1 - p.efficiency) * k.positive(x, POWER_WIDTH))
+        return ca.sum1(p.efficiency * x + (1 - p.efficiency) * k.positive(x, POWER_WIDTH * k.size.power))
 
     @classmethod
     def return_factor(cls, p: SimpleNamespace) -> ca.SX | float:
@@ -175,7 +175,7 @@ class PsuLoss(SupplyEffect):
     @classmethod
     def at_meter(cls, power: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
         """P + affine |P| + quadratic P^2 [W]."""
-        return power + p.affine * k.magnitude(power, POWER_WIDTH) + p.quadratic * power**2
+        return power + p.affine * k.magnitude(power, POWER_WIDTH * k.size.power) + p.quadratic * power**2
 
 
 class IronLoss(PowerEffect):

@@ -17,7 +17,7 @@ from energy_opt.effects.stages import TorqueEffect
 from energy_opt.errors import BadInput
 
 SIGN_WIDTH = 0.01  # [rad/s] smoothing width of sign(v)
-TORQUE_WIDTH = 0.05  # [N m] smoothing width of |tau|
+TORQUE_WIDTH = 0.05  # [N m] smoothing width of |tau|; times `ArmSize.torque`
 SOAKING = (10.0, 2e3)  # [s] range of time constants with which an arm warms up
 SOAKING_TRIALS = (12.0, 30.0, 120.0, 500.0)  # [s]
 
@@ -83,7 +83,7 @@ class LoadFriction(TorqueEffect):
     @classmethod
     def torque(cls, x: Signals, p: SimpleNamespace, k: Kinks) -> ca.SX:
         """mu |tau| sign(v), (n, 1) [N m], of the rigid body's torque tau."""
-        return p.mu * k.magnitude(x.tau, TORQUE_WIDTH) * k.sign(x.v, SIGN_WIDTH)
+        return p.mu * k.magnitude(x.tau, TORQUE_WIDTH * k.size.torque) * k.sign(x.v, SIGN_WIDTH)
 
 
 class GearEfficiency(TorqueEffect):
@@ -105,7 +105,7 @@ class GearEfficiency(TorqueEffect):
         This uses tau sign(tau v) = |tau| sign(v).
         """
         mean, half = (1 / p.eta + p.eta) / 2, (1 / p.eta - p.eta) / 2
-        return x.tau * (mean - 1) + half * k.magnitude(x.tau, TORQUE_WIDTH) * k.sign(x.v, SIGN_WIDTH)
+        return x.tau * (mean - 1) + half * k.magnitude(x.tau, TORQUE_WIDTH * k.size.torque) * k.sign(x.v, SIGN_WIDTH)
 
 
 class AsymmetricFriction(TorqueEffect):

@@ -7,10 +7,11 @@ the judge and a twice differentiable one (`Smooth`) for solvers.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -152,7 +153,11 @@ class Parameter:
 TINY = 1e-12  # keeps the logarithm of 0 finite
 MOVING_SPEED = 1e-3  # [rad/s] a faster joint counts as moving
 SLIDING_SPEED = 0.01  # [rad/s] smoothing width about standstill: about a hundredth of a cobot's usual joint speed
-LOAD_WIDTH = 0.05  # [N m] smoothing width of the load that friction bears at rest
+LOAD_WIDTH = 0.05  # [N m] smoothing width of the load that friction bears at rest; times `ArmSize.torque`
+USUAL = (
+    150.0,
+    1000.0,
+)  # [N m], [W] largest torque and power of a cobot; a UR3's are 54 N m and 450 W, a UR10's 330 N m and 2,400 W
 
 
 def bearing(load: ca.SX, level: ca.SX) -> ca.SX:
@@ -165,12 +170,32 @@ def bearing(load: ca.SX, level: ca.SX) -> ca.SX:
     return -load / ca.fmax(ca.fmax(ca.fabs(load), level), TINY)
 
 
+class ArmSize(NamedTuple):
+    """Powers of ten by which an arm's torque and power exceed a cobot's: factors of the widths of rounded kinks.
+
+    Widths need only the right order of magnitude, and arms of one class keep the same ones.
+    """
+
+    torque: float = 1.0
+    power: float = 1.0
+
+    @classmethod
+    def of(cls, torque: float, power: float) -> ArmSize:
+        """From the largest torque [N m, N] and the power [W] that the drives are rated for."""
+        return cls(*(10.0 ** round(math.log10(max(x, TINY))) for x in (torque / USUAL[0], power / USUAL[1])))
+
+
+COBOT = ArmSize()
+
+
 class Kinks:
     """Sign, absolute value, clamp, power and step as exact functions.
 
     In the methods, x, v, load and level are CasADi columns (or scalars). `width` is the half-width of the rounding in
-    the unit of x; the exact functions ignore it, `Smooth` uses it.
+    the unit of x; the exact functions ignore it, `Smooth` uses it. Widths of torque and power are times `size`.
     """
+
+    size = COBOT
 
     def direction(self, v: ca.SX, load: ca.SX, level: ca.SX) -> ca.SX:
         """Direction of dry friction that holds at rest, (n, 1) from -1 to 1.
@@ -227,17 +252,19 @@ class Smooth(Kinks):
 
     Attributes:
         scale: factor on every width. 1: as each law states it; below 1: sharper.
+        size: the arm's, for widths of torque and power.
     """
 
     scale: float | ca.SX = 1.0
+    size: ArmSize = COBOT
 
     def direction(self, v: ca.SX, load: ca.SX, level: ca.SX) -> ca.SX:
         """As `Kinks.direction`, with rounded sign and share.
 
         The exact share is -load / max(|load|, level) = -2 load / (|load + level| + |load - level|). Both absolute
-        values are rounded by LOAD_WIDTH * scale.
+        values are rounded by LOAD_WIDTH * scale * size.torque.
         """
-        w = LOAD_WIDTH * self.scale
+        w = LOAD_WIDTH * self.scale * self.size.torque
         around = (ca.sqrt((load + x) ** 2 + w * w) for x in (level, -level))
         s, share = self.sign(v, SLIDING_SPEED), -2 * load / sum(around)
         return s + (1 - s * s) * (share - s * share**2)

@@ -40,7 +40,7 @@ class DcLink(StoreEffect):
     @classmethod
     def drawn(cls, drive: ca.SX, p: SimpleNamespace, k: Kinks) -> ca.SX:
         """max(sum of drive powers, 0) [W]: without known past, nothing comes back."""
-        return k.positive(ca.sum1(drive), POWER_WIDTH)
+        return k.positive(ca.sum1(drive), POWER_WIDTH * k.size.power)
 
     @classmethod
     def return_factor(cls, p: SimpleNamespace) -> ca.SX | float:

@@ -17,6 +17,7 @@ import numpy as np
 from energy_opt.effects import BaseTilt, MeterDelay, MeterFilter, MeterGain, Payload, Signals, Smooth
 from energy_opt.motion.limits.base import Limit, box_of, scaled
 from energy_opt.motion.limits.registry import joint_limits
+from energy_opt.motion.path_dynamics import size_of
 from energy_opt.motion.reshape.curve import Curve, fitted
 from energy_opt.motion.reshape.layout import Ends, Shape
 from energy_opt.motion.reshape.nodes import NodeFunctions, NodeSymbols, derived, symbolic_torque
@@ -24,7 +25,7 @@ from energy_opt.motion.reshape.search import trajectory_of
 from energy_opt.motion.reshape.task import Level, Task
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel, drive_terms
-from energy_opt.robot import Limits, RigidBody, Robot
+from energy_opt.robot import Limits, Robot
 
 PAUSE, PAUSE_SAMPLES = 0.4, 20  # [s]
 SPARE = 0.98  # share of every limit used in reshaping: nodes do not see all of a curve
@@ -147,13 +148,13 @@ def joined(legs: Sequence[Curve], joints: tuple[str, ...]) -> Trajectory:
 HARDLY = 0.005  # [s] smaller differences of lag are ignored
 
 
-def contrast_functions(models: Sequence[PowerModel], body: RigidBody, strongest: np.ndarray) -> NodeFunctions:
+def contrast_functions(models: Sequence[PowerModel], robot: Robot, strongest: np.ndarray) -> NodeFunctions:
     """The node functions of these models; their parameters are those of `contrast_parameters`.
 
     Args:
         strongest: (n,) index of the model whose motor torque counts at each joint.
     """
-    n = body.n
+    n = robot.n
     x, p = NodeSymbols.of(n), [model.symbols(n) for model in models]
     v, a = x.v, x.a
     torques: dict[tuple[str, ...], ca.SX] = {}
@@ -161,8 +162,8 @@ def contrast_functions(models: Sequence[PowerModel], body: RigidBody, strongest:
     for model, own, lag in zip(models, p, _lags(models), strict=True):
         rigid = tuple(repr(model.get(kind.name)) for kind in (Payload, BaseTilt))
         if rigid not in torques:
-            torques[rigid] = symbolic_torque(model, body, x.q, v, a, own, "auto")
-        terms = drive_terms(model, Signals(x.q, v, a, torques[rigid], x.t), own, Smooth())
+            torques[rigid] = symbolic_torque(model, robot.body, x.q, v, a, own, "auto")
+        terms = drive_terms(model, Signals(x.q, v, a, torques[rigid], x.t), own, Smooth(size=size_of(robot)))
         reading = terms.power
         if lag:  # dP/dt without the term in jerk, which a node does not know
             reading -= lag * ca.jtimes(terms.power, ca.vertcat(x.q, x.q1), ca.vertcat(x.q1, x.q2)) / x.duration

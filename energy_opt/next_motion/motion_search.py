@@ -87,7 +87,7 @@ def propose(rivals: Sequence[Rival], robot: Robot, seed: int = 0, cell: Cell | N
         clear = "" if cell is None else " and keeps clear"
         raise Infeasible(f"no drawn motion from pose to pose holds the torque limits under all rival models{clear}")
     candidates = [(judge.score(judge.apart(straight, FINE)), straight)]
-    functions = contrast_functions(judge.models, robot.body, judge.torque(straight).argmax(axis=0))
+    functions = contrast_functions(judge.models, robot, judge.torque(straight).argmax(axis=0))
     level, tried = Level(shape, functions), int(np.clip(WORK / functions.curvature.n_instructions(), 1, TRIED))
     for apart, paths, _ in itertools.islice((row for row in drawn if judge.clear(row[2])), tried):
         candidates += _reshaped_legs(level, judge, paths, apart, rng)

@@ -18,6 +18,7 @@ from energy_opt.motion.judge.energy import Energy
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.limits.clearance import ClearanceConstraints
 from energy_opt.motion.move import Move
+from energy_opt.motion.path_dynamics import size_of
 from energy_opt.motion.plan.planner import Planner
 from energy_opt.motion.reshape.clear import REACH, Margins, Places
 from energy_opt.motion.reshape.nodes import NodeFunctions, node_functions
@@ -250,7 +251,9 @@ class MovesPlanner:
         """Functions of the nodes for an objective, built once."""
         if objective not in self._functions:
             settings = self.p.settings
-            built = node_functions(self.p.model, self.robot.body, self.p.limits(), objective, settings.dynamics)
+            built = node_functions(
+                self.p.model, self.robot.body, self.p.limits(), objective, settings.dynamics, size_of(self.robot)
+            )
             self._functions[objective] = NodeFunctions(*compiled(built.as_list(), settings.compile)[0])
         return self._functions[objective]
 

@@ -88,7 +88,7 @@ def test_the_cost_is_the_weighted_square_of_the_difference(ur5):
     b, dry = np.linspace(0.5, 3.0, 6), np.linspace(1.0, 2.0, 6)
     level = PowerModel("ur5", (Standby(power=92.6),))
     models = [level, level.replaced(ViscousFriction(b=b)), level.replaced(CoulombFriction(tau_c=dry))]
-    functions = contrast_functions(models, ur5.body, np.zeros(6, dtype=int))
+    functions = contrast_functions(models, ur5, np.zeros(6, dtype=int))
     z, _, v, _, duration = node(ur5)
     weights = np.array([0.3, 0.2, 0.7])
     cost, _ = functions.value(z, 0.5, parameters_of(models, weights))
@@ -99,7 +99,7 @@ def test_the_cost_is_the_weighted_square_of_the_difference(ur5):
 
 def test_a_lag_shows_by_how_fast_the_power_changes(ur5):
     models = [BASE.replaced(MeterDelay(delay=0.08)), BASE.replaced(MeterDelay(delay=0.02))]
-    functions = contrast_functions(models, ur5.body, np.zeros(6, dtype=int))
+    functions = contrast_functions(models, ur5, np.zeros(6, dtype=int))
     z, q, v, a, duration = node(ur5, 1)
 
     def power(t):  # at constant acceleration, by Pinocchio's torque
@@ -118,7 +118,7 @@ def test_derivatives_of_the_cost(ur5):
         BASE.replaced(CoulombFriction(tau_c=1.0)).replaced(Payload(mass=1.0, com=[0, 0, 0.1])),
         BASE.replaced(MeterFilter(time_constant=0.1)),
     ]
-    functions = contrast_functions(models, ur5.body, np.array([0, 1, 2, 0, 1, 2]))
+    functions = contrast_functions(models, ur5, np.array([0, 1, 2, 0, 1, 2]))
     parameters = parameters_of(models, np.array([1e-3, 2e-3, 3e-3]))
     z, *_ = node(ur5, 2)
     _, slope = functions.cost(z, 0.4, parameters)

@@ -178,9 +178,12 @@ def test_derivatives_of_the_program(panda: Robot, model: PowerModel, general: bo
     law = PathLaw.of(PowerModel("panda", (*model.effects, *rough)), d, 1.3, np.zeros(len(grid.s)))
     assert (law.coefficients is None) == general
     at, several = lift(knots, grid.s), lift(knots, np.array([0.1, 0.52, 0.97]), "abw")
-    shared_by = SharedByStructure(law.model)
+    shared_by = law.shared_by
     places = np.array([1, 7, 20])
-    numbers, values = point_numbers(d, np.zeros(len(grid.s)))[:, places], np.append(law.model.values(7), [1.3, 1.0])
+    numbers, values = (
+        point_numbers(d, np.zeros(len(grid.s)))[:, places],
+        np.append(law.shared_by.model.values(7), [1.3, 1.0]),
+    )
     torque = Symbolic.of(shared_by, 7, Effort(np.ones(7)), numbers, values, np.full((3, 7), 0.02))
     factors = np.random.default_rng(5).normal(size=(3, 3))
     linear = LinearConstraints(at.part(places), *np.random.default_rng(6).normal(size=(3, 3)), np.ones(3))

@@ -139,7 +139,7 @@ class Workshop:
     ) -> Reshaper:
         """The reshaper for a robot, a model's structure, the settings it depends on, and the limits' structure."""
         held = tuple(map(LimitByStructure, limits))
-        built = SharedByStructure(model), robot.body, held, objective, settings.dynamics, settings.compile
+        built = SharedByStructure.on(robot, model), robot.body, held, objective, settings.dynamics, settings.compile
         key = *built, settings.controls, settings.end_acceleration, settings.solver
         if key not in self._reshapers:
             begin = time.perf_counter()
@@ -157,7 +157,7 @@ def _built(
     compile: str,
 ) -> tuple[NodeFunctions, bool]:  # fmt: skip
     """The node functions, which all planners of a process share, and whether they are compiled."""
-    nodes = node_functions(shared.model, body, [by.limit for by in limits], objective, dynamics)
+    nodes = node_functions(shared.model, body, [by.limit for by in limits], objective, dynamics, shared.size)
     functions, done = compiled(nodes.as_list(), compile)
     cost, limited, curvature, value = functions
     return NodeFunctions(cost, limited, curvature, value, nodes.kinked), done

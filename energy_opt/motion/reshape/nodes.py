@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from energy_opt.dynamics import torque_function
-from energy_opt.effects import RigidEffect, Signals, Smooth
+from energy_opt.effects import COBOT, ArmSize, RigidEffect, Signals, Smooth
 from energy_opt.errors import BadInput
 from energy_opt.motion.limits.base import Limit, State
 from energy_opt.motion.move import OBJECTIVES
@@ -106,7 +106,12 @@ def symbolic_torque(model: PowerModel, body: RigidBody, q: ca.SX, v: ca.SX, a: c
 
 
 def node_functions(
-    model: PowerModel, body: RigidBody, limits: Sequence[Limit], objective: str = "energy", dynamics: str = "auto"
+    model: PowerModel,
+    body: RigidBody,
+    limits: Sequence[Limit],
+    objective: str = "energy",
+    dynamics: str = "auto",
+    size: ArmSize = COBOT,
 ) -> NodeFunctions:
     """Build the node functions of a model's and the limits' structure on a robot; values enter as parameters.
 
@@ -117,6 +122,7 @@ def node_functions(
             over time), "power_squared" (integral of sum (tau_m v)^2 over time), "path_length" (integral of |q'|^2 over
             u) or "time" (T).
         dynamics: source of the dynamics, see `dynamics.torque_function`.
+        size: the arm's, for the widths of smoothed kinks.
 
     Raises:
         BadInput: an unknown objective.
@@ -127,7 +133,7 @@ def node_functions(
     x = NodeSymbols.of(n)
     p, v, a, width = model.symbols(n), x.v, x.a, ca.SX.sym("width")
     tau = symbolic_torque(model, body, x.q, v, a, p, dynamics)
-    terms = drive_terms(model, Signals(x.q, v, a, tau, x.t), p, Smooth(width), holds=True)
+    terms = drive_terms(model, Signals(x.q, v, a, tau, x.t), p, Smooth(width, size), holds=True)
     rate = {
         "energy": lambda: x.duration * (terms.power - terms.conservative),
         "torque": lambda: x.duration * ca.dot(terms.tau_m, terms.tau_m),

@@ -261,7 +261,7 @@ class PathLimits:
         shared = np.concatenate([d.model.values(d.robot.n), [unit, WIDTHS[-1]], limit.values])
         numbers = point_numbers(d, np.zeros(len(d.s)))[:, k]
         scale = 1 / (limit.scale * held.tight[k] * held.reserve[k])
-        functions = Symbolic.of(SharedByStructure(d.model), d.robot.n, limit, numbers, shared, scale)
+        functions = Symbolic.of(SharedByStructure.on(d.robot, d.model), d.robot.n, limit, numbers, shared, scale)
         return CurvedConstraints(self.lift.part(k), functions, limit.scale.size, limit.one_sided)
 
 

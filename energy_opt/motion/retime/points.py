@@ -160,7 +160,7 @@ class PathLaw:
         coefficients: (9, M) of the power's monomials; None if the law has other terms, such as kinks.
     """
 
-    model: PowerModel
+    shared_by: SharedByStructure
     joints: int
     numbers: np.ndarray
     unit: float
@@ -171,7 +171,8 @@ class PathLaw:
         """At the points of `dynamics`, which are passed at `time` (M,) [s]; `unit` of squared speed [1/s^2]."""
         numbers, n = point_numbers(dynamics, time), dynamics.robot.n
         shared = np.append(model.values(n), [unit, WIDTHS[0]])
-        return cls(model, n, numbers, unit, compressed(SharedByStructure(model), n, numbers, shared))
+        shared_by = SharedByStructure.on(dynamics.robot, model)
+        return cls(shared_by, n, numbers, unit, compressed(shared_by, n, numbers, shared))
 
     def cost(self, weight: np.ndarray, unit: float, energy: float, time: float, width: float) -> Cost:
         """Sum over points of weight / sqrt(b) (energy P + time).
@@ -182,9 +183,8 @@ class PathLaw:
             width: factor of the widths of smoothed kinks.
         """
         if self.coefficients is None:
-            shared = np.append(self.model.values(self.joints), [unit, width, energy, time])
-            structure = SharedByStructure(self.model)
-            return AnyLaw(structure, self.joints, self.numbers, weight, shared)
+            shared = np.append(self.shared_by.model.values(self.joints), [unit, width, energy, time])
+            return AnyLaw(self.shared_by, self.joints, self.numbers, weight, shared)
         k = energy * self.coefficients * (unit / self.unit) ** DEGREES[:, None]
         k[0] += time
         return Monomials(k, weight)
@@ -195,11 +195,10 @@ class PathLaw:
 
         At z = (a, b) (2, M) in `unit`.
         """
-        shared = np.append(self.model.values(self.joints), [unit, WIDTHS[-1]])
+        shared = np.append(self.shared_by.model.values(self.joints), [unit, WIDTHS[-1]])
         values = np.repeat(shared[:, None], z.shape[1], axis=1)
-        shared_by = SharedByStructure(self.model)
         lines, smooth = (
-            np.array(law_function(shared_by, self.joints, form)(z, self.numbers, values)[0]).ravel()
+            np.array(law_function(self.shared_by, self.joints, form)(z, self.numbers, values)[0]).ravel()
             for form in (Tangents, AlongPath)
         )
         return float((weight / np.sqrt(unit * z[1])) @ (lines - smooth))

@@ -19,7 +19,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from energy_opt.effects import Kinks, Signals
+from energy_opt.effects import COBOT, ArmSize, Kinks, Signals
 from energy_opt.effects.parameter import bearing
 from energy_opt.motion.limits.base import Limit, State
 from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure, offsets
@@ -42,6 +42,7 @@ class AlongPath(Kinks):
     rate: ca.SX
     typical: ca.SX
     width: ca.SX
+    size: ArmSize = COBOT
 
     def direction(self, v: ca.SX, load: ca.SX, level: ca.SX) -> ca.SX:
         """sign(v) of a joint that the path moves; otherwise the direction in which friction carries the load."""
@@ -100,7 +101,7 @@ def _triangle(h: ca.SX) -> ca.SX:
     return ca.vertcat(*(full[i, j] for j in range(h.shape[1]) for i in range(j + 1)))
 
 
-Form = Callable[[ca.SX, ca.SX, ca.SX], AlongPath]  # from rate, typical and width
+Form = Callable[[ca.SX, ca.SX, ca.SX, ArmSize], AlongPath]  # from rate, typical, width and size
 
 
 @dataclass(frozen=True)
@@ -136,7 +137,7 @@ def law(shared_by: SharedByStructure, n: int, form: Form = AlongPath) -> Law:
     rate = ca.sqrt(b)
     tau = inertial * a + centrifugal * b + gravity
     signals = Signals(q, q1 * rate, q1 * a + q2 * b, tau, at[-1])
-    kinks = form(rate, ca.sqrt(unit), width)
+    kinks = form(rate, ca.sqrt(unit), width, shared_by.size)
     drive = drive_terms(shared_by.model, signals, p, kinks, holds=True)
     state = State(signals.q, signals.v, signals.a, drive.tau_m, drive.power, signals.t, drive.powers)
     return Law(z, at, ca.vertcat(p, unit, width), state, kinks)

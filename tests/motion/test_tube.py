@@ -103,6 +103,17 @@ def test_a_closed_path_is_reshaped_within_it_and_keeps_its_shape_without(panda: 
     assert still.status == "solved" and not np.ptp(still.trajectory.position, axis=0).any()
 
 
+def test_in_a_narrow_one_the_answer_is_no_worse_than_the_path_in_its_best_timing(
+    panda: Robot, model: PowerModel
+) -> None:
+    """A converged curve of few control points took a tenth more, and counted as better than any timing."""
+    planner = Planner(panda, model, Settings(tube="0.001rad", **QUICK))
+    asked = Move(START, GOAL, path=through(POINTS), duration=3.0)
+    result, retimed = planner.solve(asked), planner.solve(replace(asked, mode="retime"))
+    assert result.status == "solved" and result.certificate.valid
+    assert result.energy.total <= retimed.energy.total * (1 + 1e-9)
+
+
 @pytest.mark.nightly
 def test_one_too_narrow_to_search_is_answered_all_the_same(panda: Robot, model: PowerModel) -> None:
     """The path itself is within it, in its best timing."""

@@ -167,7 +167,9 @@ def least(
         return next((v for v in sorted(judged, key=rank) if v[1].certificate.valid), None)
 
     best, iterations = valid(), 0
-    beaten = best is not None and (best[0] == "reshape" or not energy_counts)  # a retiming cannot be better
+    # a retiming cannot be better than a curve, except in a tube that is too narrow for its control points
+    freer = best is not None and best[0] == "reshape" and context.settings.tube is None
+    beaten = freer or (best is not None and not energy_counts)
     solution = None if work.retimed is not None or beaten or context.stopped() else work.retiming()
     if solution is not None and _may_win(solution, best):
         repaired = repaired_timing(context, move, solution)

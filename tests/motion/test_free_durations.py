@@ -44,3 +44,15 @@ def test_the_shortest_duration_that_is_named_is_at_most_that_of_the_first_path(t
     with pytest.raises(Infeasible, match="the shortest found") as caught:
         planner.solve(Move([-0.5], [0.6], "reshape", 0.99 * least))
     assert caught.value.shortest_duration == pytest.approx(least, rel=1e-4)
+
+
+def test_a_retiming_without_convexity_works_in_the_shortest_duration() -> None:
+    """It did not converge where there is only one timing, so refusals named 5 % more."""
+    robot = load_robot("panda")
+    planner = Planner(robot, eo.load_model("careful", robot), Settings(compile="never"))
+    start, goal = np.array([0, -0.785, 0, -2.356, 0, 1.571, 0.785]), np.array([1.2, 0.3, 0.4, -1.2, -0.5, 2.2, -0.4])
+    least = planner.minimum_time(Move(start, goal))
+    assert planner.solve(Move(start, goal, "retime", least)).status == "solved"
+    with pytest.raises(Infeasible, match="the shortest duration that works") as caught:
+        planner.solve(Move(start, goal, "retime", 0.9 * least))
+    assert caught.value.shortest_duration == pytest.approx(least, rel=1e-5)

@@ -192,10 +192,13 @@ def _exact(work: Retiming, start: Timing, duration: float) -> _Plan:
                 best = replace(other, bound=best.bound)
     reason = "the search ended at a timing of more energy" if best.converged else best.message
     slowed = _feasible_start(work, start, reason, best.bound)
+    least = duration / (1 + USED_UP)
+    if least <= work.shortest.duration and least <= quickest(work, work.shortest).duration:
+        slowed = replace(slowed, converged=True, message="in the shortest duration there is no other timing")
     if np.isinf(best.energy):
         return slowed
     if all(work.rest) and slowed.energy < best.energy:
-        return replace(slowed, converged=best.converged)
+        return replace(slowed, converged=best.converged or slowed.converged)
     message = "" if best.converged else f"{best.message}, at a timing that holds all limits"
     return replace(best, converged=True, message=message)
 

@@ -1,5 +1,6 @@
 """The search among local optima: one of every valley is compared, and at the move's own duration."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,6 +15,7 @@ from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.plan.candidates import first_line, task_of
 from energy_opt.motion.reshape.curve import Curve, Outcome
 from energy_opt.motion.reshape.layout import Ends, Shape
+from energy_opt.motion.reshape.search import Reshaper
 from energy_opt.motion.reshape.starts import valleys
 from energy_opt.motion.reshape.task import Task, at_most
 from energy_opt.numerics.bspline import Basis
@@ -65,6 +67,23 @@ def test_searches_under_dry_friction_find_what_wide_kinks_lead_to():
         Move(named.start, named.goal, duration=2.0)
     )
     assert result.status == "solved" and result.energy.loss < 17.3
+
+
+def test_a_search_is_not_repeated_from_where_it_led_to_nothing_better(monkeypatch):
+    """The second descent costs less and breaks its limits more. Twenty equal descents took minutes near a least time."""
+    descents = []
+
+    def descended(self, model, guess, *rest, **named):
+        descents.append(guess)
+        first = len(descents) == 1
+        return replace(outcome(1.0 if first else -1.0, 1e-3 if first else 2e-3), converged=False)
+
+    monkeypatch.setattr(Task, "descended", descended)
+    monkeypatch.setattr(Task, "polished", lambda self, level, found: found)
+    reshaper = Reshaper(SimpleNamespace(kinked=False), 1, 12, True, polished=False)
+    monkeypatch.setattr(reshaper, "_level", lambda shape: SimpleNamespace(model=lambda *a: None))
+    found = reshaper.solved(outcome(1.0).curve, TASK)
+    assert len(descents) == 2 and found.broken == 1e-3
 
 
 @pytest.mark.slow

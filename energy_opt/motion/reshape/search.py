@@ -233,9 +233,10 @@ class Reshaper:
             more = task.descended(
                 model, found.curve, ITERATIONS, trust=trust / 4, tolerance=FINE, give=EXACT, stopped=stopped
             )
-            settled = task.cost(found) - task.cost(more) < ROUGH * abs(task.cost(found))
             spent += more.iterations
-            found = replace(min(found, more, key=task.rank), converged=settled)
+            better = min(found, more, key=task.rank)  # if it is the one before, the next descent would be the same
+            settled = better is found or task.cost(found) - task.cost(more) < ROUGH * abs(task.cost(found))
+            found = replace(better, converged=settled)
         found = replace(found, iterations=spent + found.iterations)
         done = found.converged or (found.broken <= FEASIBLE and (self._nodes.kinked or not self._polished))
         if stopped() or done or found.broken > REPAIRABLE or task.open.any or near:

@@ -154,10 +154,8 @@ TINY = 1e-12  # keeps the logarithm of 0 finite
 MOVING_SPEED = 1e-3  # [rad/s] a faster joint counts as moving
 SLIDING_SPEED = 0.01  # [rad/s] smoothing width about standstill: about a hundredth of a cobot's usual joint speed
 LOAD_WIDTH = 0.05  # [N m] smoothing width of the load that friction bears at rest; times `ArmSize.torque`
-USUAL = (
-    150.0,
-    1000.0,
-)  # [N m], [W] largest torque and power of a cobot; a UR3's are 54 N m and 450 W, a UR10's 330 N m and 2,400 W
+# [N m], [W] largest torque and power of a cobot; a UR3's are 54 N m and 450 W, a UR10's 330 N m and 2,400 W
+USUAL = 150.0, 1000.0
 
 
 def bearing(load: ca.SX, level: ca.SX) -> ca.SX:

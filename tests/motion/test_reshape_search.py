@@ -70,7 +70,7 @@ def test_searches_under_dry_friction_find_what_wide_kinks_lead_to():
 
 
 def test_a_search_is_not_repeated_from_where_it_led_to_nothing_better(monkeypatch):
-    """The second descent costs less and breaks its limits more. Twenty equal descents took minutes near a least time."""
+    """The second descent costs less and breaks its limits more. Twenty equal ones took minutes near a least time."""
     descents = []
 
     def descended(self, model, guess, *rest, **named):

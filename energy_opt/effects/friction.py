@@ -90,22 +90,25 @@ class GearEfficiency(TorqueEffect):
     """tau / eta where the motor drives the joint (tau * v > 0), tau * eta where the joint drives the motor.
 
     Both cases in one expression: tau * (c + s * sign(tau * v)) with c = (1/eta + eta)/2 and s = (1/eta - eta)/2.
-    At rest (v = 0) neither side drives; sign(0) = 0 leaves the mean of the two, c.
+    At rest (v = 0) neither side drives, and what the motor holds depends on how the joint came to rest. `rest` says it:
+    "mean" tau c, "free" tau, "driving" tau / eta, "driven" tau eta.
     """
 
     name = "gear_efficiency"
     parameters = (Parameter("eta", "1", 1.0, 0.05, 1.0, "joint", fit=(0.2, 1.0)),)
+    options = {"rest": ("mean", "free", "driving", "driven")}
     convex_in_retiming = False  # as for load friction
     dissipates = True
 
     @classmethod
     def torque(cls, x: Signals, p: SimpleNamespace, k: Kinks) -> ca.SX:
-        """What the motor adds to tau, (n, 1) [N m]: tau (c - 1) + s |tau| sign(v), c and s as above.
+        """What the motor adds to tau, (n, 1) [N m]: tau (c - 1) + s |tau| sign(v); at rest see `rest`.
 
         This uses tau sign(tau v) = |tau| sign(v).
         """
-        mean, half = (1 / p.eta + p.eta) / 2, (1 / p.eta - p.eta) / 2
-        return x.tau * (mean - 1) + half * k.magnitude(x.tau, TORQUE_WIDTH * k.size.torque) * k.sign(x.v, SIGN_WIDTH)
+        mean, half, sign = (1 / p.eta + p.eta) / 2, (1 / p.eta - p.eta) / 2, k.sign(x.v, SIGN_WIDTH)
+        at_rest = {"mean": 0.0, "free": 1 - mean, "driving": half, "driven": -half}[p.rest]
+        return x.tau * (mean - 1 + at_rest * (1 - sign**2)) + half * k.magnitude(x.tau, TORQUE_WIDTH * k.size.torque) * sign
 
 
 class AsymmetricFriction(TorqueEffect):

@@ -117,13 +117,15 @@ class JointLaws:
             found = [plant.value(effect, parameter, joints) for parameter in parameters]
             return [value for value in found if value is not None]
 
-        held = [(law, given(effect, *names)) for effect, (names, law) in DRY.items()]
-        self._dry = [(law, values) for law, values in held if values]
+        dry = [(law, given(effect, *names)) for effect, (names, law) in DRY.items()]
+        self._dry = [(law, values) for law, values in dry if values]
         curve = _curve(plant, joints)
         if curve is not None:
             self._dry.append((lambda v, tau: curve(np.abs(v)), []))
         self._viscous, self._spring = given("viscous_friction", "b"), given("gravity_spring", "stiffness", "rest")
-        self._gear_mean = [(1 / eta + eta) / 2 - 1 for eta in given("gear_efficiency", "eta")]
+        self._gear = given("gear_efficiency", "eta")
+        gear = plant.model.get("gear_efficiency")
+        self._at_rest = "mean" if gear is None else gear.choices["rest"]
         self.specials = tuple(s for s in plant.specials if type(s).added_torque is not Special.added_torque)
 
     def damping(self, v: np.ndarray, tau: np.ndarray) -> np.ndarray | float:
@@ -133,13 +135,17 @@ class JointLaws:
             return viscous
         return sum(law(v, tau, *values) for law, values in self._dry) / np.sqrt(v * v + REST_SPEED**2) + viscous
 
-    def compensated_torque(self, q: np.ndarray, tau: np.ndarray) -> np.ndarray | float:
+    def compensated_torque(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray | float:
         """Known torque (n,) [N m] that the motor must add and the controller compensates: springs and gear losses."""
         out: np.ndarray | float = 0.0
         if self._spring:
             stiffness, rest = self._spring
             out = -stiffness * (q - rest)
-        return out + self._gear_mean[0] * tau if self._gear_mean else out
+        for eta in self._gear:
+            mean = (1 / eta + eta) / 2
+            at_rest = {"mean": mean, "free": 1.0, "driving": 1 / eta, "driven": eta}[self._at_rest]
+            out = out + tau * (mean - 1 + (at_rest - mean) * REST_SPEED**2 / (v * v + REST_SPEED**2))
+        return out
 
     def disturbance_torque(self, q: np.ndarray, v: np.ndarray, travel: np.ndarray) -> np.ndarray | float:
         """Torque (n,) [N m] that the motor must add and the controller does not know: the specials.

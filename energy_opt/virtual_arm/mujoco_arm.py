@@ -185,7 +185,7 @@ class MujocoArm:
             mujoco.mj_step1(m, d)
             goal_v = rest if row == 0 else velocity[row]
             friction = laws.damping(v, tau)
-            known = laws.compensated_torque(q, tau)
+            known = laws.compensated_torque(q, v, tau)
             # u = push - pull v+, v+ the speed at the end of the step
             pull = kd + STEP * kp
             push = kp * (position[row] - q) + kd * goal_v + bias + known + laws.damping(goal_v, tau) * goal_v

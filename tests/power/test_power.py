@@ -33,10 +33,10 @@ def evaluate(model: PowerModel) -> tuple[np.ndarray, float, dict[str, float]]:
     return np.array(tau_m).ravel(), float(power), dict(zip(names, np.array(parts).ravel().tolist(), strict=True))
 
 
-def gear(eta: float) -> np.ndarray:
-    """tau / eta where tau drives the joint, tau * eta where the joint drives; the mean of both at rest."""
+def gear(eta: float, at_rest: float) -> np.ndarray:
+    """tau / eta where tau drives the joint, tau * eta where the joint drives."""
     driving = TAU * V
-    factor = np.where(driving > 0, 1 / eta, np.where(driving < 0, eta, (eta + 1 / eta) / 2))
+    factor = np.where(driving > 0, 1 / eta, np.where(driving < 0, eta, at_rest))
     return TAU * factor
 
 
@@ -53,7 +53,10 @@ def gear(eta: float) -> np.ndarray:
         ({"load_friction": {"mu": 0.1}}, TAU + 0.1 * np.abs(TAU) * SIGN),
         ({"armature": {"inertia": [0.5, 1, 2]}}, TAU + np.array([0.5, 1, 2]) * A),
         ({"gravity_spring": {"stiffness": [9, 0, -4], "rest": REST}}, TAU - np.array([9, 0, -4]) * (Q - REST)),
-        ({"gear_efficiency": {"eta": 0.8}}, gear(0.8)),
+        ({"gear_efficiency": {"eta": 0.8}}, gear(0.8, (0.8 + 1 / 0.8) / 2)),
+        ({"gear_efficiency": {"eta": 0.8, "rest": "free"}}, gear(0.8, 1.0)),
+        ({"gear_efficiency": {"eta": 0.8, "rest": "driving"}}, gear(0.8, 1 / 0.8)),
+        ({"gear_efficiency": {"eta": 0.8, "rest": "driven"}}, gear(0.8, 0.8)),
     ],
 )
 def test_motor_torque(effect: dict[str, dict[str, object]], expected: np.ndarray) -> None:

@@ -88,8 +88,22 @@ def _sizes(low: float, high: float) -> list[float]:
 
 
 def elsewhere(found: Search, f: Fit) -> list[Fit]:
-    """Fits of other laws of negative power and of other lags of the meter, as far as the fit has one."""
-    return [*other_drives(found, f), *other_lags(found, f)]
+    """Fits of other laws of negative power, other lags of the meter and other options, as far as the fit has one."""
+    return [*other_drives(found, f), *other_lags(found, f), *other_options(found, f)]
+
+
+def other_options(found: Search, f: Fit) -> list[Fit]:
+    """Fits with other options of an effect of the fit: some agree to first order, so single steps do not tell them."""
+    out = []
+    for k, c in enumerate(f.charts):
+        if c.term.declared or c.term.kind.stage == "drive" or c.term.kind.free_options:
+            continue
+        for words in c.term.kind.offered(()):
+            term = replace(c.term, options=tuple(f"{key}={word}" for key, word in sorted(words.items())))
+            if words and term != c.term:
+                charts = [*f.charts[:k], replace(c, term=term), *f.charts[k + 1 :]]
+                out.append(found.fitted(charts, list(f.numbers), list(f.free), f.nuisance, f.amounts))
+    return out
 
 
 def other_lags(found: Search, f: Fit) -> list[Fit]:

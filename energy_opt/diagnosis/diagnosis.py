@@ -238,27 +238,33 @@ def _attributions(found: Inference, joints: tuple[str, ...]) -> list[Attribution
 def _covariance(found: Inference) -> Uncertainty | None:
     """Parameter covariance of the written model, and the other models that explain the data equally well.
 
-    Values that the fit leaves as declared keep their covariance, and a model without a new cause keeps its rivals.
+    Values that the fit leaves as declared keep their covariance, and a model without a new cause keeps its rivals. A
+    standby that takes the mean level of the runs (see `written`) has the variance of this mean.
     """
     f, model, last = found.accepted, found.model, found.search.world.declared.uncertainty
     names: list[str] = []
-    slopes = []
+    slopes, size = [], len(f.theta)
     for c, z, place in zip(f.charts, f.numbers, f.places, strict=True):
         effect = model.get(c.term.name)
         assert effect is not None
         names += [f"{effect.name}.{p.name}.{k}" for p in effect.parameters for k in range(effect.values[p.name].size)]
-        block = np.zeros((c.values(z).size, f.count))
+        block = np.zeros((c.values(z).size, size))
         block[:, place] = c.slope(z)
         slopes.append(block)
-    slope = np.vstack(slopes) if slopes else np.zeros((0, f.count))
-    matrix = slope @ f.covariance[: f.count, : f.count] @ slope.T
+    known = set(f.names)
+    if "standby" not in known and model.get("standby") != found.search.world.declared.get("standby"):
+        known.add("standby")
+        names.append("standby.power.0")
+        slopes.append(np.where(np.arange(size) < size - len(f.levels), 0.0, 1 / len(f.levels))[None])
+    slope = np.vstack(slopes) if slopes else np.zeros((0, size))
+    matrix = slope @ f.covariance @ slope.T
     others = tuple(r.full_model(links=False) for r in found.rivals[1:])
     if last is not None:
-        left = {e.name for e in model.effects} - set(f.names)
+        left = {e.name for e in model.effects} - known
         kept = [k for k, name in enumerate(last.names) if name.partition(".")[0] in left]
         names += [last.names[k] for k in kept]
         matrix = block_diag(matrix, last.matrix[np.ix_(kept, kept)])
-        others = others if slopes or others else last.rivals
+        others = others if f.charts or others else last.rivals
     return Uncertainty(tuple(names), (matrix + matrix.T) / 2, others) if names or others else None
 
 

@@ -23,9 +23,11 @@ from energy_opt.diagnosis.data.noise import Noise, Shared, Whitener
 from energy_opt.diagnosis.data.recordings import take_samples
 from energy_opt.diagnosis.joint_side import joint_side
 from energy_opt.diagnosis.report.joint_report import friction_findings
+from energy_opt.diagnosis.verdict import inference
 from energy_opt.effects import CopperLoss, Standby, WindingTemperature
 from energy_opt.errors import BadInput
 from energy_opt.measured import read_set
+from energy_opt.passports.sources import Arm
 from energy_opt.power import PowerModel, load_model
 from energy_opt.power.model import Uncertainty
 
@@ -126,7 +128,24 @@ def test_values_that_are_left_as_declared_keep_their_covariance(repeats, repeate
     last = Uncertainty(("standby.power.0", "copper_loss.r_over_kt2.0"), np.diag([0.04, 1e-6]))
     found = diagnose(repeats, dataclasses.replace(repeated.declared, uncertainty=last)).model.uncertainty
     assert found.names == (*(f"coulomb_friction.tau_c.{k}" for k in range(6)), *last.names)
-    np.testing.assert_array_equal(found.matrix[6:], np.hstack([np.zeros((2, 6)), last.matrix]))
+    np.testing.assert_array_equal(found.matrix[7], np.append(np.zeros(7), 1e-6))
+
+
+def test_a_standby_that_takes_the_level_of_the_runs_has_a_measured_interval(repeats, repeated):
+    model = diagnose(repeats, repeated.declared).model
+    assert model.get("standby") != repeated.declared.get("standby")
+    k = model.uncertainty.names.index("standby.power.0")
+    assert 0 < model.uncertainty.matrix[k, k] ** 0.5 < 1.0
+    assert Arm("", repeats.robot, model, "", {}).number("standby", "power").status == "measured"
+
+
+def test_a_law_stays_claimed_beside_one_that_contains_it_where_more_than_the_noise_is_left(
+    repeats, repeated, monkeypatch
+):
+    """Dry friction that may differ by direction predicts the same readings: it is no sign of an unknown law."""
+    monkeypatch.setattr(inference, "NOISE", 0.9)
+    d = diagnose(repeats, repeated.declared).document
+    assert (d["verdict"], [row["name"] for row in d["effects"]]) == ("partly", ["coulomb_friction"])
 
 
 def test_one_long_recording_has_a_holdout(tmp_path):

@@ -47,7 +47,7 @@ from energy_opt.diagnosis.verdict.claims import (
     widened,
     written,
 )
-from energy_opt.diagnosis.verdict.judge import Judge, by_chance_least, contradicted, scattered
+from energy_opt.diagnosis.verdict.judge import Judge, by_chance_least, contradicted, same_readings, scattered
 from energy_opt.power import PowerModel
 from energy_opt.robot import Limits
 
@@ -192,8 +192,11 @@ def _judged(found: Search, best: Fit, noise: Noise, nothing: Fit, judge: Judge, 
         borne[id(accepted)] = accepted, claims
         # a rival counts only if held-out motions support all of its effects, too
         rivals = tuple(f for f in rivals if borne[id(f)][1] and borne[id(f)][0].names == f.names) or (accepted,)
+        if misspecified and same_readings(rivals):
+            rivals = left_open(found, weigher, rivals, reach)
         accepted, claims = borne[id(rivals[0])]
-        if misspecified and len(rivals) > 1:  # an effect that only some of the sets have may imitate the unknown law
+        # an effect that only some of the sets have may imitate the unknown law
+        if misspecified and not same_readings(rivals):
             shared = set.intersection(*(set(f.names) for f in rivals))
             accepted, claims = _borne_out(found, judge, *claimed(found, only(found, rivals[0], shared)), shaped=False)
             rivals = (accepted,)

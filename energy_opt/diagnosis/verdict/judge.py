@@ -23,6 +23,7 @@ from energy_opt.diagnosis.verdict.claims import CLAIM, Claim, written
 from energy_opt.power import PowerModel
 
 CHANCE = 2.0  # [standard deviations] by which log odds may be below their expectation
+SAME = 0.3  # largest rms difference of two sets' readings that count as the same, over the white noise of a reading
 AGAINST = 0.05  # largest log odds against an effect, as a share of those for it
 
 
@@ -158,6 +159,17 @@ def left_out(f: Fit) -> np.ndarray:
     parameters, so an error within this uncertainty is no evidence against the fit.
     """
     return np.array([density(white - own @ step, own, before) for white, own, before, step in _without_clusters(f)])
+
+
+def same_readings(rivals: Sequence[Fit]) -> bool:
+    """True if all sets predict the same readings as the first, as a law and one that contains it do.
+
+    An unknown law does not tell such sets apart, so they are not a sign that one of them imitates it.
+    """
+    first = rivals[0].prediction.reading
+    weight = rivals[0].world.samples.weight ** 2
+    most = (SAME * rivals[0].world.whiten.noise.white) ** 2
+    return all(np.average((f.prediction.reading - first) ** 2, weights=weight) <= most for f in rivals[1:])
 
 
 def scattered(f: Fit) -> Fit:

@@ -14,6 +14,7 @@ import pytest
 from energy_opt.diagnosis import diagnose
 from energy_opt.diagnosis.data.clusters import clusters
 from energy_opt.diagnosis.data.noise import weighed
+from energy_opt.diagnosis.data.noise import weighted as with_weights
 from energy_opt.diagnosis.data.predict import predict
 from energy_opt.diagnosis.data.recordings import take_samples
 from energy_opt.diagnosis.data.samples import Samples
@@ -133,3 +134,13 @@ def test_of_durations_that_no_dwell_tells_apart_the_middle_one_is_taken(tmp_path
     )  # fmt: skip
     found = diagnose(read_set(made.folder), made.declared)
     assert (found.verdict, [x.name for x in found.effects]) == ("explained", ["idle_hold"])
+
+
+def test_readings_at_the_end_of_a_hold_have_less_weight(tmp_path):
+    """Speeds show the end of a motion, from which the hold lasts, a reading early or late."""
+    made = make_set(tmp_path / "set", "ur5", [IdleHold(power=15.0, duration=0.25)], seed=3)
+    samples = take_samples(read_set(made.folder))
+    weight = with_weights(samples, predict(made.declared, samples), [1] * len(samples.parts)).weight
+    ends = np.flatnonzero((samples.idle[:-1] < 0.25) & (samples.idle[1:] >= 0.25))
+    least = [weight[k - 2 : k + 3].min() for k in ends]
+    assert len(ends) > 5 and np.mean(np.array(least) < 0.2) > 0.8

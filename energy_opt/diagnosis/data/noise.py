@@ -25,6 +25,9 @@ FLOOR = 0.8  # least noise of a fit, over the noise of single readings
 NORMAL_MEDIAN = 0.6745  # median of |x| of a standard normal x
 EDGE, DOUBTED = 2, 0.15  # samples around the start and end of a motion, and their weight
 NEAR, SWITCHED = 8, 3.0  # readings beside the middle of a dwell; step of power there over the noise of single readings
+# change of the power at rest over two readings that is a step, over the noise of single readings; least number of
+# readings between it and a motion, as a late meter shows the end of the motion later
+STEPPED, AFTER = 8.0, 5
 SLACK = 2e-3  # [s] time uncertainty between motion and meter
 # standard deviation of a model's error that all repeats of a motion share, over the noise of a reading: repeats tell no
 # more than four recordings would without it
@@ -184,7 +187,7 @@ def weighted(samples: Samples, now: Prediction, repeats: Sequence[int]) -> Sampl
         variance = (SLACK * slope) ** 2 + open_power[span] ** 2
         own = 1 / np.sqrt(1 + variance / noise**2)
         edges = 1 + np.flatnonzero(np.diff(moving[span]))
-        for k in [*edges, *_switches(samples, span, part, noise)]:
+        for k in [*edges, *_switches(samples, span, part, noise), *_steps(samples, part, noise)]:
             own[max(0, k - EDGE) : k + EDGE] *= DOUBTED
         own = repeated(own, count)
         if grouped:
@@ -220,6 +223,21 @@ def _switches(samples: Samples, span: slice, part: slice, noise: float) -> list[
         if len(levels) == 2 and abs(levels[1] - levels[0]) > SWITCHED * noise:
             out.append(k)
     return out
+
+
+def _steps(samples: Samples, part: slice, noise: float) -> list[int]:
+    """Nodes of a run at rest, well after its last motion, where the power steps, as at the end of a hold.
+
+    Speeds show the end of the motion, from which a hold lasts, a reading early or late.
+    """
+    power, moving = samples.power[part], samples.moving[part]
+    if samples.group > 1 or not moving.any() or moving.all():
+        return []
+    near = np.convolve(moving, np.ones(2 * AFTER + 1), "same") > 0
+    stepped = [
+        k for k in range(1, len(power) - 1) if abs(power[k + 1] - power[k - 1]) > STEPPED * noise and not near[k]
+    ]
+    return [k for k in stepped if k - 1 not in stepped]
 
 
 def _open_power(samples: Samples, now: Prediction) -> np.ndarray:

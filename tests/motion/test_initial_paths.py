@@ -122,6 +122,21 @@ def test_a_planner_finds_the_end_of_a_narrow_burrow(seed: int) -> None:
     assert found.source == "ompl" and burrow.unproven(found.path) is None
 
 
+@pytest.mark.parametrize(("clearance", "least"), [(0.0004, 0.0012), (0.002, 0.006), (0.02, 0.024)])
+def test_poses_of_paths_keep_a_small_clearance_with_a_small_margin(
+    clearance: float, least: float, tmp_path: Path
+) -> None:
+    """They kept 2 mm more at least, which closed the ways of an arm of a fifth of the size."""
+    robot = load_robot("panda")
+    scene = tmp_path / "scene.yaml"
+    scene.write_text("objects: [{name: table, type: box, size: [0.8, 0.8, 0.2], position: [0.8, 0, 0.1]}]")
+    cell = Cell(robot, CellRequest(clearance=clearance, self_collision=False), read_scene(scene))
+    ends = np.array([[0, -0.785, 0, -2.356, 0, 1.571, 0.785], [1.0, -0.785, 0, -2.356, 0, 1.571, 0.785]])
+    room, lowered = Room(cell, ends), np.linspace(ends[0], ends[0] + np.array([0, 1.8, 0, 0, 0, 0, 0]), 8001)
+    first = next(q for q in lowered if not room.clear(q))
+    assert min(d for _, d in cell.distances(first, 0.1)) == pytest.approx(least, abs=3e-4)
+
+
 @pytest.mark.parametrize("clearance", [0.0005, 0.002, 0.05])
 def test_the_check_of_poses_agrees_with_distances(clearance: float, tmp_path: Path) -> None:
     """Distances are the package's own; the check is coal's, which compares bounding boxes first."""
@@ -134,7 +149,8 @@ def test_the_check_of_poses_agrees_with_distances(clearance: float, tmp_path: Pa
     free = poses[np.argsort(-near)[:2]]
     room = Room(cell, free)
     clear = np.array([room.clear(q) for q in poses])
-    margin = clearance + KEPT + min(LOOKED[0] * (clearance + KEPT), LOOKED[1])
+    kept = clearance + min(KEPT, clearance)
+    margin = kept + min(LOOKED[0] * kept, LOOKED[1])
     assert 20 < clear.sum() < 380
     assert clear[near > margin + 1e-4].all() and not clear[near < margin - 1e-4].any()
 

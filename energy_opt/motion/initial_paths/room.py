@@ -18,7 +18,8 @@ from energy_opt.robot.kinematics import Coupling
 STEP = 0.04  # [m] approximate largest motion of the farthest point between checked poses along a line
 WIDEST = 0.12  # [rad] largest motion of a joint between them
 TOOL = 0.2  # [m] reach of the last link beyond its joint
-# [m] clearance of a path beyond what is asked for: smoothing bends it slightly later; in all at most half of an end's
+# [m] most clearance of a path beyond what is asked for, else as much again: smoothing bends it slightly later; in all
+# at most half of an end's
 KEPT = 0.002
 LOOKED = 0.5, 0.002  # share of this clearance, and most [m], that poses keep in addition: room for rounding corners
 MANY = 200  # bodies from which on Pinocchio's check, whose time grows with their square, is the slower one
@@ -46,7 +47,7 @@ class Room:
 
     def __init__(self, cell: Cell, ends: np.ndarray) -> None:
         self._bodies = cell.bodies
-        self._kept = np.maximum(cell.wanted(ends, cell.asked + KEPT), cell.wanted(ends))
+        self._kept = np.maximum(cell.wanted(ends, cell.asked + min(KEPT, cell.asked)), cell.wanted(ends))
         looked = self._kept + np.minimum(LOOKED[0] * self._kept, LOOKED[1])
         for q in ends:  # an end itself must keep the margin
             for p, distance in cell.distances(q, float(looked.max(initial=0.0))):

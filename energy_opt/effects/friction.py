@@ -108,7 +108,8 @@ class GearEfficiency(TorqueEffect):
         """
         mean, half, sign = (1 / p.eta + p.eta) / 2, (1 / p.eta - p.eta) / 2, k.sign(x.v, SIGN_WIDTH)
         at_rest = {"mean": 0.0, "free": 1 - mean, "driving": half, "driven": -half}[p.rest]
-        return x.tau * (mean - 1 + at_rest * (1 - sign**2)) + half * k.magnitude(x.tau, TORQUE_WIDTH * k.size.torque) * sign
+        size = k.magnitude(x.tau, TORQUE_WIDTH * k.size.torque)
+        return x.tau * (mean - 1 + at_rest * (1 - sign**2)) + half * size * sign
 
 
 class AsymmetricFriction(TorqueEffect):

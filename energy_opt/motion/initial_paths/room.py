@@ -18,8 +18,8 @@ from energy_opt.robot.kinematics import Coupling
 STEP = 0.04  # [m] approximate largest motion of the farthest point between checked poses along a line
 WIDEST = 0.12  # [rad] largest motion of a joint between them
 TOOL = 0.2  # [m] reach of the last link beyond its joint
-# [m] clearance of a path beyond what is asked for, but not more than this again: smoothing bends the path slightly later;
-# in all at most half of an end's
+# [m] clearance of a path beyond what is asked for, but not more than this again: smoothing bends it slightly later; in
+# all at most half of an end's
 KEPT = 0.002
 LOOKED = 0.5, 0.002  # share of this clearance, and most [m], that poses keep in addition: room for rounding corners
 MANY = 200  # bodies from which on Pinocchio's check, whose time grows with their square, is the slower one

@@ -181,7 +181,7 @@ def test_a_file_says_by_how_much_its_waits_are_shorter(panda: Robot, model: Powe
     (row,) = write_cycle([Part(far), Part(half)], judge, wanted(["csv"]), tmp_path, 10.0)
     again = read_trajectory(tmp_path / row.file, panda.joints)
     off = np.abs(again.sample(np.linspace(0, again.duration, 20001))[0] - half.position[0]).max(axis=1).min()
-    stated = re.search(r"passes poses of steps at up to ([0-9.e-]+) rad or m", row.text)
+    stated = re.search(r"passes poses of steps at distances of up to ([0-9.e-]+) rad or m", row.text)
     assert row.rate == 10.0 and off > 1e-3 and stated and float(stated[1]) == pytest.approx(off, rel=0.05)
 
 

@@ -33,6 +33,9 @@ SAMPLES = 200  # samples of a first guess
 # control points are often too few for
 NEAR_FASTEST = 1.02
 NONE = "no start of the reshaping led to a trajectory within limits"
+# [rad/s, m/s] if all joints are slower in the mean, widths of kinks are smaller in proportion, down to this share: wide
+# ones round away the friction of moves that take 20 times as long as necessary
+SLOW, NARROWEST = 0.15, 0.1
 SMALL = 1e-2  # [rad, m] smaller moves need no search of a path: inertia and gravity are constant along them
 
 
@@ -179,7 +182,9 @@ def task_of(context: Context, move: Move, reference: float, duration: float | No
     ends = Ends(np.asarray(move.start), np.asarray(move.goal), v_start, v_goal, via)
     counts = duration is not None and context.settings.objective == "energy"
     offset = context.model.constant_power(context.robot.n) if counts else 0.0
-    return Task(ends, context.limits, context.values, durations, offset)
+    along = path_of(move)(np.linspace(0, 1, SAMPLES))
+    speed = np.inf if duration is None else np.abs(np.diff(along, axis=0)).sum(axis=0).max() / duration
+    return Task(ends, context.limits, context.values, durations, offset, float(np.clip(speed / SLOW, NARROWEST, 1.0)))
 
 
 def first_line(move: Move, duration: float) -> Line:

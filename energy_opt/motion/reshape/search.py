@@ -146,7 +146,7 @@ class Reshaper:
             The outcomes, the most promising first, at least one; the starts used; the iterations spent.
         """
         coarse, fine = self.coarse(task.vias), self.fine(task.vias)
-        there, used, spent = replace(task, width=WIDE), 0, 0
+        there, used, spent = replace(task, width=WIDE * task.width), 0, 0
         # solve starts at the next duration of the series, so that nearby durations share them
         if task.fixed:
             there = there.lasting(float(RUNG ** np.ceil(np.log(task.durations[0]) / np.log(RUNG) - 1e-9)))
@@ -170,7 +170,7 @@ class Reshaper:
         guesses = [refined(task.within(o.curve), fine.shape, task.ends) for o in optima]
         guesses += [task.curve(fine.shape, line) for line in lines[1:]]
         compared: list[Outcome] = []
-        rough = replace(task, width=MIDDLE)
+        rough = replace(task, width=MIDDLE * task.width)
         model = rough.model(fine)
         for guess in guesses:
             compared.append(rough.descended(model, guess, TRIAL, trust=TRUST, tolerance=ROUGH, stopped=stopped))
@@ -219,7 +219,7 @@ class Reshaper:
         level = self._level(curve.shape)
         spent = 0
         for width in WIDTHS if self._nodes.kinked and not near else ():
-            there = replace(task, width=width)
+            there = replace(task, width=width * task.width)
             rough = there.descended(
                 there.model(level), curve, ROUGHLY, trust=TRUST / 4, tolerance=ROUGH / 3, stopped=stopped
             )

@@ -25,6 +25,7 @@ from energy_opt.numerics.hulls import Hulls
 from energy_opt.robot.kinematics import Poses, cross, into
 
 LENGTH = 0.1  # [m] unit of constraints, so that they are of order one
+OVERLAP = 2e-5  # [m] pieces that are nearer than this count as overlapping: ends of moves are farther from all bodies
 MOST = 2  # most pieces of a pair of bodies at a place, the nearest ones: more make steps slow
 VERTICES = 3  # most vertices of a near pair with a constraint
 BESIDE, ABOVE = 0.02, 0.02  # [m] least distance between these vertices; largest height over the lowest one
@@ -41,12 +42,12 @@ class Near:
 
     Args:
         bodies: the bodies and pairs.
-        free: (K, n) poses that are known to be free, and wanted: (P,) [m] the clearance there. Pairs of pieces that are
-            nearer at these poses are left out: a body that is not convex lies within its pieces, and no plane separates
-            it there. The proof of clearance still covers them.
+        free: (K, n) poses that are known to be free. Pairs of pieces that overlap at these poses are left out: a body
+            that is not convex lies within its pieces, and no plane separates it there. The proof of clearance still
+            covers them.
     """
 
-    def __init__(self, bodies: Bodies, free: np.ndarray | None = None, wanted: np.ndarray | None = None) -> None:
+    def __init__(self, bodies: Bodies, free: np.ndarray | None = None) -> None:
         self.bodies = bodies
         pieces = [(i, piece) for i, body in enumerate(bodies.all) for piece in body.solid.pieces]
         self.body = np.array([i for i, _ in pieces], dtype=int)
@@ -67,15 +68,14 @@ class Near:
         self.pair, self.a, self.b = np.array(triples, dtype=int).reshape(-1, 3).T
         self._measures: dict[int, Gauge] = {}
         self._kept = np.zeros(0), np.zeros((0, 0, 3))
-        if free is not None and wanted is not None:
-            self._pass_over(free, wanted)
+        if free is not None:
+            self._pass_over(free)
 
-    def _pass_over(self, free: np.ndarray, wanted: np.ndarray) -> None:
-        """Leave out pairs of pieces that are nearer than wanted (P,) [m] at poses free (K, n); see the class."""
-        at, reach = np.linspace(0, 1, len(free)), float(wanted.max(initial=0.0))
+    def _pass_over(self, free: np.ndarray) -> None:
+        """Leave out pairs of pieces that overlap at poses free (K, n); see the class."""
+        at = np.linspace(0, 1, len(free))
         while True:  # of each pair of bodies, `MOST` pairs of pieces are measured
-            _, number, distance, _, _ = self.measured(at, free, reach)
-            hidden = number[distance < wanted[self.pair[number]]]
+            _, hidden, _, _, _ = self.measured(at, free, OVERLAP)
             if not len(hidden):
                 return
             seen = np.setdiff1d(np.arange(len(self.pair)), hidden)

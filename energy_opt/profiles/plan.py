@@ -206,7 +206,7 @@ class MovesPlanner:
                 break
             if proof is not None and not proof.proven:
                 assert self.p.cell is not None
-                margins = margins or Margins(self.p.cell, np.stack([move.start, move.goal]))
+                margins = margins or Margins(self.p.cell, np.stack([move.start, move.goal]), self._near_bodies)
                 places = places or Places.evenly(len(margins.wanted))
                 places.learn(proof, chain.duration)
             elif not converged:

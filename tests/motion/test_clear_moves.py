@@ -99,6 +99,16 @@ def test_ends_beside_a_table_cost_little_more(panda: Robot, model: PowerModel) -
     assert max(losses) < 1.1 * min(losses)
 
 
+def test_links_that_are_near_at_an_end_have_constraints() -> None:
+    """At the goal, a wrist link is 3.5 mm from the forearm, and its hull 1.2 mm: all searches were blind to both links,
+    and the first path's timing took 16.9 J.
+    """
+    start = [-1.8787, 3.3684, -1.1712, -2.4181, -1.1318, -2.0317]
+    goal = [1.2851, -2.9022, 1.4941, 2.7002, -3.7486, 0.3126]
+    result = eo.optimize("ur10e", "source-method-2", start=start, goal=goal, duration=4.893, starts=4)
+    assert result.chosen == "reshape" and result.energy.loss < 10
+
+
 def test_a_move_that_would_fold_the_arm_into_itself_keeps_clear(planner: Planner, panda: Robot) -> None:
     move = Move(START, GOAL, duration=2.0)
     planner = planner.around(None)

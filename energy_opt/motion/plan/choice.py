@@ -283,7 +283,9 @@ def _closed_warning(context: Context, move: Move, timing: Timing | None) -> list
     moves = timing is not None and timing.path.moves
     if move.mode != "reshape" or not moves or not is_at_rest(move, context.settings):
         return []
-    return ["the path ends where it begins: its shape is kept, as standing still would cost least; --tube lets it change"]
+    return [
+        "the path ends where it begins: its shape is kept, as standing still would cost least; --tube lets it change"
+    ]
 
 
 def _warnings(context: Context) -> list[str]:

@@ -52,7 +52,7 @@ def nearly_clear(context: Context, move: Move, curve: Curve) -> bool:
     u = (np.arange(PLACES) + 0.5) / PLACES
     ends = np.stack([move.start, move.goal])
     wanted = context.cell.wanted(ends)
-    near = Near(context.cell.bodies, ends, wanted)
+    near = Near(context.cell.bodies, ends)
     _, number, distance, _, _ = near.measured(u, curve.position(u), context.cell.asked + NEARLY)
     return bool((distance > wanted[near.pair[number]] - NEARLY).all())
 

@@ -78,19 +78,24 @@ class Places:
 class Margins:
     """The distances that pairs of bodies keep along a move between two poses `ends` (2, n).
 
+    They count between convex pieces, as `near` measures them, which are up to some millimetres nearer than the bodies.
+
     Attributes:
-        wanted: [m] (P,) what is to be proven. dense: [m] (P,) what is kept at many places before a proof.
+        wanted: [m] (P,) what is to be proven.
         tight: (P,) whether a pair is so near at an end that it cannot keep the full margin there.
     """
 
-    def __init__(self, cell: Cell, ends: np.ndarray) -> None:
-        self.wanted = cell.wanted(ends)
+    def __init__(self, cell: Cell, ends: np.ndarray, near: Near) -> None:
+        self.wanted, reach = cell.wanted(ends), 2 * (cell.asked + MARGIN + MOST)
         self._at_ends = np.full((2, len(self.wanted)), np.inf)  # [m] distances that each pair can keep at the ends
         for held, q in zip(self._at_ends, ends, strict=True):
-            for pair, distance in cell.distances(q, 2 * (cell.asked + MARGIN + MOST)):
-                held[pair] = self.wanted[pair] + END_SHARE * (distance - self.wanted[pair])
+            pieces = np.full(len(self.wanted), np.inf)
+            _, number, measured, _, _ = near.measured(np.zeros(1), q[None], reach)
+            np.minimum.at(pieces, near.pair[number], measured)
+            for pair, distance in cell.distances(q, reach):
+                held[pair] = min(pieces[pair], distance) - (1 - END_SHARE) * (distance - self.wanted[pair])
         room = self._at_ends.min(axis=0) - self.wanted
-        self.dense, self.tight = self.wanted + np.clip(HALF * room, 0.0, HAIR), room < MARGIN
+        self._dense, self.tight = self.wanted + np.clip(HALF * room, 0.0, HAIR), room < MARGIN
 
     def at(self, places: Places) -> np.ndarray:
         """The margin (K, P) [m] of every pair: the full one, but less near an end where bodies are nearer."""
@@ -100,6 +105,15 @@ class Margins:
             low = np.flatnonzero(held < full)
             share = np.clip(from_end / RAMP, 0, 1)[:, None]
             out[:, low] = np.minimum(out[:, low], held[low] + share * (full - held)[low])
+        return out
+
+    def dense(self, u: np.ndarray, pair: np.ndarray) -> np.ndarray:
+        """What pairs of bodies (M,) keep [m] at places u (M,) before a proof: less than `at`."""
+        out = self._dense[pair]
+        for held, from_end in zip(self._at_ends, (u, 1 - u), strict=True):
+            low = np.flatnonzero(held[pair] < out)
+            at_end, share = held[pair[low]], np.clip(from_end[low] / RAMP, 0, 1)
+            out[low] = np.minimum(out[low], at_end + share * (self.wanted[pair[low]] + MARGIN - at_end))
         return out
 
 
@@ -118,9 +132,9 @@ class ClearSearch:
     ) -> None:
         self.cell, self.joints, self.level, self.task, self.stopped = cell, joints, level, task, stopped
         ends = np.stack([task.ends.start, task.ends.goal])
-        self.margins = Margins(cell, ends)
+        self.near, self._many = (Near(cell.bodies, ends) for _ in range(2))
+        self.margins = Margins(cell, ends, self.near)
         self.wanted = self.margins.wanted
-        self.near, self._many = (Near(cell.bodies, ends, self.wanted) for _ in range(2))
         self.scale = scale
         self._model = task.model(level).scaled(scale)
         self.iterations = 0
@@ -212,7 +226,7 @@ class ClearSearch:
             # look densely before the proof, which takes longer: places where bodies are too near join the constraints
             curve = self.curve_of(now)
             k, number, distance, _, _ = self._many.measured(dense, curve.position(dense), self.cell.asked + HAIR)
-            bad = distance < self.margins.dense[self.near.pair[number]]
+            bad = distance < self.margins.dense(dense[k], self.near.pair[number])
             if bad.any():
                 pairs = self.near.pair[number[bad]]
                 if not places.look(dense[k[bad]]) or turn > 1:

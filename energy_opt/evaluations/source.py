@@ -112,11 +112,11 @@ def _recorded(name: str, samples: Samples, load: Load | None = None) -> Recorded
 def load(path: Path, joints: Sequence[str], prefix: str = "", following: Iterable[str] = ()) -> Recorded:
     """The motion in a file, for the robot's `joints`; in the file their names begin with `prefix`.
 
-    Args:
-        following: joints that follow those of the robot, so that their motion counts.
-
     The folder, the JSON result or a motion's file of a solved move or job also state the loads over time, and where
     brakes hold.
+
+    Args:
+        following: joints that follow those of the robot, so that their motion counts.
 
     Raises:
         BadInput: no motion can be read; names the place.

@@ -110,7 +110,7 @@ def _written(
 
 def missed_words(cycle: Trajectory, poses: Sequence[np.ndarray]) -> str:
     """How far a cycle as one motion stays from poses (n,) that it passes or stops at; "" if nearer than `MISSED`."""
-    far = max((cycle.distance_to(pose) for pose in poses), default=0.0)
+    far = max(cycle.distances_to(poses), default=0.0)
     said = f"the motion passes poses of steps at distances of up to {far:.2g} rad or m; stops with a wait reach theirs"
     return said if far > MISSED else ""
 

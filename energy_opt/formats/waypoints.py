@@ -100,7 +100,7 @@ class Samples:
         others = [name for name, moving in zip(self.joints, moves, strict=True) if moving and name not in known]
         if others:
             names = ", ".join(others[:12]) + (", ..." if len(others) > 12 else "")
-            note = f"{self.where}: {names} also moves; the arm has no such joint, or it is locked: this does not count"
+            note = f"{self.where}: motion of {names} does not count: the arm has no such joint, or it is locked"
             chosen["notes"] = (*self.notes, note)
         return replace(self, joints=tuple(joints), **chosen)
 

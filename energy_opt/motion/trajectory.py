@@ -6,6 +6,7 @@ these three are continuous and every judged value can be recomputed from the fil
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -175,12 +176,16 @@ class Trajectory:
             new[[0, -1]] = old[[0, -1]]
         return Trajectory(self.joints, time, q, v, a)
 
-    def distance_to(self, position: np.ndarray) -> float:
-        """The largest difference [rad, m] of a joint from a position (n,), where the motion is nearest to it."""
-        q = self.sample_denser(NEARER)[0]
-        step, off = np.diff(q, axis=0), position - q[:-1]
-        share = (off * step).sum(axis=1) / np.maximum((step**2).sum(axis=1), np.finfo(float).tiny)
-        return float(np.abs(off - np.clip(share, 0, 1)[:, None] * step).max(axis=1).min())
+    def distances_to(self, positions: Sequence[np.ndarray]) -> list[float]:
+        """The largest difference [rad, m] of a joint from each position (n,), where the motion is nearest to it."""
+        q, out = self.sample_denser(NEARER)[0], []
+        step = np.diff(q, axis=0)
+        length = np.maximum((step**2).sum(axis=1), np.finfo(float).tiny)
+        for position in positions:
+            off = position - q[:-1]
+            share = np.clip((off * step).sum(axis=1) / length, 0, 1)
+            out.append(float(np.abs(off - share[:, None] * step).max(axis=1).min()))
+        return out
 
     def averaged(self, width: float) -> Trajectory:
         """The mean of the curve over the last `width` s, at rest before and after: `width` s longer.

@@ -88,7 +88,8 @@ def _optimum(context: Context, move: Move, motion: Trajectory, open_: Open) -> S
     if context.cell is None:
         best = reshaper.solved(curve, task, context.stopped, near=not open_.any)
         return (motion, move.via) if best.broken > FEASIBLE else _settled(context, best.curve, task)
-    scale = 1 / max(abs(level.excess(curve, task.parameters, task.limits)[0] - task.offset * curve.duration), 1e-6)
+    cost, _ = level.excess(curve, task.parameters, task.limits, task.width)
+    scale = 1 / max(abs(cost - task.offset * curve.duration), 1e-6)
     search = ClearSearch(context.cell, context.robot.joints, level, task, scale, context.stopped)
     found = search.descent(curve, ITERATIONS, FIRST, SETTLED)
     return _settled(context, search.curve_of(found), task)

@@ -87,19 +87,21 @@ class Level:
             rates.append(self._value(1)(z, np.full((count, 1), 0.5), values)[0][: len(block), 0] / duration)
         return np.concatenate(rates)
 
-    def excess(self, curve: Curve, parameters: np.ndarray, limits: Sequence[Limit]) -> tuple[float, float]:
+    def excess(
+        self, curve: Curve, parameters: np.ndarray, limits: Sequence[Limit], width: float = 1.0
+    ) -> tuple[float, float]:
         """Cost of a curve, and its worst excess over a limit as a share of the bound.
 
         Numeric constraints of limits count, clearance from bodies does not.
         """
-        cost, excess = self.excesses(curve.points[None], curve.duration, parameters, limits)
+        cost, excess = self.excesses(curve.points[None], curve.duration, parameters, limits, width)
         return float(cost[0]), float(excess[0])
 
     def excesses(
-        self, points: np.ndarray, duration: float, parameters: np.ndarray, limits: Sequence[Limit]
+        self, points: np.ndarray, duration: float, parameters: np.ndarray, limits: Sequence[Limit], width: float = 1.0
     ) -> tuple[np.ndarray, np.ndarray]:
         """The same (C,) for curves with control points (C, controls, n) that all take `duration` s."""
-        costs, shares = self._shares(points, duration, parameters, limits)
+        costs, shares = self._shares(points, duration, parameters, limits, width)
         q = self.shape.matrices[0] @ points
         placed = [[limit.excess_at(x) for limit in limits] for x in q]
         return costs, np.column_stack([*(x.max(axis=(1, 2)) - 1 for x in shares.values()), placed]).max(axis=1)

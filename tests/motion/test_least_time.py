@@ -17,11 +17,11 @@ def solved(robot: eo.Robot, number: int, **options: Any) -> eo.Result:
     return eo.optimize(robot, "source-method-2", start=move.start, goal=move.goal, **known, **options)
 
 
-@pytest.mark.parametrize("number", [0, 1])
+@pytest.mark.parametrize(("name", "number"), [("ur5e", 0), ("ur5e", 1), ("panda", 0), ("panda", 3)])
 @pytest.mark.parametrize("longer", [1.0, 1.0005])
-def test_other_joints_save_while_the_slowest_one_is_at_its_limits(number: int, longer: float) -> None:
-    """48 control points do not follow its limits: the answer was the straight line, not converged."""
-    robot = eo.load_robot("ur5e")
+def test_other_joints_save_while_the_slowest_one_is_at_its_limits(name: str, number: int, longer: float) -> None:
+    """No spline follows its limits: the answer was the straight line, not converged."""
+    robot = eo.load_robot(name)
     fastest = solved(robot, number, mode="retime", objective="time").baseline("toppra")
     near = solved(robot, number, duration=longer * fastest.duration)
     beyond = solved(robot, number, duration=1.01 * fastest.duration)

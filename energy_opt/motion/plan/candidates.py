@@ -15,6 +15,7 @@ from energy_opt.errors import Infeasible
 from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.move import Move
+from energy_opt.motion.plan.busy_joints import with_busy_joints
 from energy_opt.motion.plan.context import Context, path_of
 from energy_opt.motion.plan.refusals import never_held, too_short
 from energy_opt.motion.reshape.curve import Curve, Outcome
@@ -29,8 +30,7 @@ REPAIRS = 10  # most times that limits are tightened after the judge finds a vio
 LONGEST = 30.0  # upper bound of a free duration, as a multiple of the fastest timing of the first path
 SHORTEST = 0.2  # lower bound of a free duration, as a multiple of the same
 SAMPLES = 200  # samples of a first guess
-# times the least time of the first path: in less, the slowest joint is at a limit nearly all the time, which the usual
-# control points are often too few for
+# times the least time of the first path: in less, some joint is at a limit nearly all the time
 NEAR_FASTEST = 1.02
 NONE = "no start of the reshaping led to a trajectory within limits"
 # [rad/s, m/s] if all joints are slower in the mean, widths of kinks are smaller in proportion, down to this share: wide
@@ -228,22 +228,23 @@ def reshaped(
     answer = reshaper.search(task, lines, settings.starts, settings.seed, context.stopped, kept, worth)
     if not answer.wanted:
         return Candidate(None, answer.iterations, starts=answer.starts, outcome=answer.optima[0], optima=answer.optima)
-    # without a feasible start: from the first path's timing, from the fastest move, and directly from that timing
+    # without a feasible start: near the least time, joints that need it keep the first path's timing; else from that
+    # timing, from the fastest move, and directly from that timing
     best, spent, starts = answer.best, answer.iterations, answer.starts
     line = retimed() if best is None and not context.stopped() else None
-    near = settings.objective == "energy" and timing is not None and task.durations[1] < NEAR_FASTEST * timing.duration
-    near = near and line is not None
-    if near and settings.end_acceleration == "zero":  # free ones are tried next
-        return Candidate(None, spent, False, NONE, starts)
+    fast = timing is not None and task.durations[1] < NEAR_FASTEST * timing.duration
+    if line is not None and fast and settings.objective == "energy":
+        if settings.end_acceleration == "zero":  # free ones are tried next
+            return Candidate(None, spent, False, NONE, starts)
+        mixed, more = with_busy_joints(context, reshaper, task, answer.optima[0].curve, line.trajectory)
+        return Candidate(mixed, spent + more, mixed is not None, NONE if mixed is None else "", starts)
     if line is not None:  # this timing holds the limits, so search from it
-        reshaper = context.finer.reshaper("energy") if near else reshaper
-        guesses = [*(lines if near else ()), Line.of(line.trajectory)]
-        again = reshaper.search(task, guesses, 1, settings.seed, context.stopped, kept if near else None)
+        again = reshaper.search(task, [Line.of(line.trajectory)], 1, settings.seed, context.stopped)
         best, spent, starts = again.best, spent + again.iterations, starts + again.starts
-    if best is None and not near and not context.stopped():
+    if best is None and not context.stopped():
         best, more = _from_the_fastest(context, move, task, lines, line is not None, reference, timing)
         spent += more
-    if best is None and line is not None and not near and not context.stopped():  # few control points did not suffice
+    if best is None and line is not None and not context.stopped():  # few control points did not suffice
         last = reshaper.from_line(Line.of(line.trajectory), task)
         best, spent, starts = last if last.broken <= FEASIBLE else None, spent + last.iterations, starts + 1
     if best is None:
@@ -259,8 +260,7 @@ def reshaped(
     if not certificate.valid:
         return Candidate(None, spent, False, broken("reshaped", certificate), starts)
     message = "" if best.converged else f"{best.why}; {certificate.tightest}"
-    # curves at other durations continue with the usual control points
-    return Candidate(trajectory, spent, best.converged, message, starts, None if near else best, answer.optima)
+    return Candidate(trajectory, spent, best.converged, message, starts, best, answer.optima)
 
 
 def repaired(

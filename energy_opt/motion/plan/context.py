@@ -34,8 +34,6 @@ from energy_opt.numerics.compile import compiled
 from energy_opt.power import PowerModel
 from energy_opt.robot import RigidBody, Robot
 
-FINEST = 300  # control points per joint near the least time
-
 
 @dataclass(frozen=True)
 class Judged:
@@ -199,11 +197,6 @@ class Context:
     def freed(self) -> Context:
         """The context with free accelerations at a move's ends."""
         return replace(self, settings=replace(self.settings, end_acceleration="free"))
-
-    @property
-    def finer(self) -> Context:
-        """The context with at least FINEST control points per joint."""
-        return replace(self, settings=replace(self.settings, controls=max(FINEST, self.settings.controls)))
 
     def reshaper(self, objective: str) -> Reshaper:
         """The reshaper that minimises `objective`."""

@@ -96,7 +96,8 @@ def _found(
             say(f"{value} is not in the current folder; {path} is read")
         return path
 
-    kinds = {name: spelled.kind for name, (_, spelled) in options_of(request).items() if name != "out"}
+    apart = ("out", "folder")  # found otherwise
+    kinds = {name: spelled.kind for name, (_, spelled) in options_of(request).items() if name not in apart}
     out = dict(document)
     for name in [name for name in document if name in kinds]:
         value, named = document[name], kinds[name] is Path

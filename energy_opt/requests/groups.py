@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from energy_opt.errors import BadInput
@@ -63,9 +62,8 @@ class RobotGroup(Request):
     """robot and model"""
 
     limits: str | PathLike[str] | None = option(
-        None, "joint limits in MoveIt's joint_limits.yaml (published ones, else the URDF's)", "FILE", kind=Path,
-        main=True,
-    )  # fmt: skip
+        None, "joint limits in MoveIt's joint_limits.yaml (published ones, else the URDF's)", "FILE", main=True
+    )
     lock: Mapping[str, float] | Sequence[str] = option(
         (), "hold a joint at a position [rad, m] (repeatable)", "JOINT=VALUE[,…]", many=True
     )
@@ -190,11 +188,9 @@ class PoseGroup(Request):
 class ConditionGroup(Request):
     """conditions"""
 
-    max_power: float | None = option(None, "largest electrical power of the arm [W] (none)", "W", kind=float)
-    tool_speed: float | None = option(None, "largest speed of the tool's origin [m/s] (none)", "V", kind=float)
-    tool_acceleration: float | None = option(
-        None, "largest acceleration of the tool's origin [m/s^2] (none)", "A", kind=float
-    )
+    max_power: float | None = option(None, "largest electrical power of the arm [W] (none)", "W")
+    tool_speed: float | None = option(None, "largest speed of the tool's origin [m/s] (none)", "V")
+    tool_acceleration: float | None = option(None, "largest acceleration of the tool's origin [m/s^2] (none)", "A")
     keep: str | Sequence[str] = option(
         (), "keep the tool upright[:DEG] (5), in its start orientation[:DEG] (2), or on a line[:MM] (1) (repeatable)",
         "WHAT", many=True,
@@ -231,17 +227,17 @@ class SolvingGroup(Request):
     solver: str = option(
         "ipopt", "sqp: the search alone; ipopt: IPOPT continues if it does not converge (ipopt)", "NAME"
     )
-    starts: int | None = option(None, "largest number of starting points with --mode reshape (24)", "N", kind=int)
+    starts: int | None = option(None, "largest number of starting points with --mode reshape (24)", "N")
     initial_paths: int | None = option(
-        None, "number of collision-free initial paths (1; 0 if a --path without collision is given)", "N", kind=int,
+        None, "number of collision-free initial paths (1; 0 if a --path without collision is given)", "N",
         aliases=("--ways",),
     )  # fmt: skip
-    controls: int | None = option(None, "control points per joint with --mode reshape (48)", "N", kind=int)
+    controls: int | None = option(None, "control points per joint with --mode reshape (48)", "N")
     end_acceleration: str = option("zero", "acceleration at both ends: zero, or free with reshape (zero)", "KIND")
     compile: str = option("auto", "compile the model's functions to machine code: auto, always or never (auto)", "WHEN")
     objective: str = option("energy", "minimise energy, torque, power_squared, path_length or time (energy)", "NAME")
     verify_samples: int | None = option(
-        None, "number of samples of the certificate (10 between two samples of the trajectory)", "N", kind=int
+        None, "number of samples of the certificate (10 between two samples of the trajectory)", "N"
     )
     dynamics: str = option(
         "auto", "symbolic dynamics: compact (own), pinocchio (its CasADi build), or auto (auto)", "SOURCE"
@@ -252,7 +248,7 @@ class SolvingGroup(Request):
 class SeedGroup(Request):
     """output"""
 
-    seed: int = option(0, "seed of all random choices (0)", "N", kind=int)
+    seed: int = option(0, "seed of all random choices (0)", "N")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -260,7 +256,7 @@ class DeadlineGroup(Request):
     """solving"""
 
     deadline: float | None = option(
-        None, "after S seconds, end the search for each motion and take its best proven answer (never)", "S", kind=float
+        None, "after S seconds, end the search for each motion and take its best proven answer (never)", "S"
     )
 
 
@@ -268,26 +264,26 @@ class DeadlineGroup(Request):
 class CellGroup(Request):
     """body and cell"""
 
-    self_collision: bool | None = option(True, "keep the arm clear of itself (on)", "on|off", kind=bool)
-    srdf: str | PathLike[str] | None = option(None, "SRDF: links that may touch (known robots' own)", "FILE", kind=Path)
-    package_dir: Sequence[str | PathLike[str]] = option((), "folder of package:// names", "DIR", kind=Path, many=True)
+    self_collision: bool | None = option(True, "keep the arm clear of itself (on)", "on|off")
+    srdf: str | PathLike[str] | None = option(None, "SRDF: links that may touch (known robots' own)", "FILE")
+    package_dir: Sequence[str | PathLike[str]] = option((), "folder of package:// names", "DIR", many=True)
     scene: str | PathLike[str] | None = option(
-        None, "scene: MoveIt PlanningScene, .scene text, or short YAML (none)", "FILE", kind=Path, main=True
+        None, "scene: MoveIt PlanningScene, .scene text, or short YAML (none)", "FILE", main=True
     )
     base: str | Sequence[float] | None = option(
         None, "pose of the robot's base in the scene's frame [m, rad] (the scene's frame itself)", "X,Y,Z,R,P,Y"
     )
     floor: float | None = option(
-        None, "height of a floor in the scene's frame [m]; all below it is solid (none)", "Z", kind=float, main=True
+        None, "height of a floor in the scene's frame [m]; all below it is solid (none)", "Z", main=True
     )
-    clearance: float | None = option(None, "smallest distance from all bodies [m] (0.002)", "M", kind=float)
+    clearance: float | None = option(None, "smallest distance from all bodies [m] (0.002)", "M")
     tool: str | None = option(None, "the tool: a frame, and its origin there [m] (the last joint's)", "FRAME[,X,Y,Z]")
     payload_size: str | Sequence[float] | None = option(
         None, "edges of a box around the payload's centre of mass [m] (the payload is a point)", "X,Y,Z"
     )
     planner: str | None = option("auto", "planner of the initial path; not used by this verb", "NAME", hidden=True)
-    allow_outside: bool = option(False, "allow a file to name files outside of its own folder", kind=bool)
-    allow_large: bool = option(False, "also read files and meshes above the usual size limits", kind=bool)
+    allow_outside: bool = option(False, "allow a file to name files outside of its own folder")
+    allow_large: bool = option(False, "also read files and meshes above the usual size limits")
     cell: CellRequest | None = option(None, "all options of body and cell as one object", internal=True, written=False)
 
     def __post_init__(self) -> None:
@@ -321,16 +317,16 @@ class WriteGroup(Request):
         (), "also write the motion as csv, yaml, json, mcap, follow-joint-trajectory, urscript or franka (repeatable)",
         "FORMAT", many=True, main=True,
     )  # fmt: skip
-    rate: float | None = option(None, "samples per second in the files of --write [Hz] (by format)", "HZ", kind=float)
+    rate: float | None = option(None, "samples per second in the files of --write [Hz] (by format)", "HZ")
 
 
 @dataclass(frozen=True, kw_only=True)
 class WorthGroup(Request):
     """saving in a year"""
 
-    cycles_per_year: float | None = option(None, "cycles in a year: also state the saving in a year", "N", kind=float)
-    price: float | None = option(None, "price of one kWh, in any currency", "PER_KWH", kind=float)
-    co2: float | None = option(None, "carbon dioxide of one kWh [kg]", "KG_PER_KWH", kind=float)
+    cycles_per_year: float | None = option(None, "cycles in a year: also state the saving in a year", "N")
+    price: float | None = option(None, "price of one kWh, in any currency", "PER_KWH")
+    co2: float | None = option(None, "carbon dioxide of one kWh [kg]", "KG_PER_KWH")
     per_year: PerYear | None = option(None, "the last three as one object", internal=True, written=False)
 
     def __post_init__(self) -> None:

@@ -8,23 +8,8 @@ from os import PathLike
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from energy_opt.errors import BadInput
-from energy_opt.requests.groups import (
-    MODEL,
-    ROBOT,
-    ConditionGroup,
-    DeadlineGroup,
-    MoveGroup,
-    PayloadGroup,
-    PlannedCellGroup,
-    PoseGroup,
-    PrefixGroup,
-    RobotGroup,
-    RobustGroup,
-    SeedGroup,
-    SolvingGroup,
-    WorthGroup,
-    WriteGroup,
-)
+from energy_opt.requests import groups
+from energy_opt.requests.groups import MODEL, ROBOT
 from energy_opt.requests.option import option
 
 if TYPE_CHECKING:
@@ -38,8 +23,9 @@ OF_A_MOVE = ("start", "goal", "path", "payload", "model", "limits", "scene", "se
 
 @dataclass(frozen=True)
 class MoveRequest(
-    WorthGroup, PlannedCellGroup, SeedGroup, DeadlineGroup, SolvingGroup, ConditionGroup, PoseGroup, MoveGroup,
-    RobustGroup, PayloadGroup, PrefixGroup, RobotGroup,
+    groups.WorthGroup, groups.PlannedCellGroup, groups.SeedGroup, groups.DeadlineGroup, groups.SolvingGroup,
+    groups.ConditionGroup, groups.PoseGroup, groups.MoveGroup, groups.RobustGroup, groups.PayloadGroup,
+    groups.PrefixGroup, groups.RobotGroup,
 ):  # fmt: skip
     """One move: what `optimize` and `tradeoff` have in common."""
 
@@ -70,7 +56,7 @@ class MoveRequest(
 
 
 @dataclass(frozen=True)
-class OptimizeRequest(WriteGroup, MoveRequest):
+class OptimizeRequest(groups.WriteGroup, MoveRequest):
     """One move to minimum energy."""
 
     verb = "optimize"
@@ -79,13 +65,13 @@ class OptimizeRequest(WriteGroup, MoveRequest):
     always: ClassVar[tuple[str, ...]] = (*OF_A_MOVE, "mode", "duration", "max_duration")
 
     _: KW_ONLY
-    duration: float | None = option(None, "exact duration [s] (free)", "T", kind=float, main=True)
-    max_duration: float | None = option(None, "longest duration [s] (free)", "T", kind=float, main=True)
+    duration: float | None = option(None, "exact duration [s] (free)", "T", main=True)
+    max_duration: float | None = option(None, "longest duration [s] (free)", "T", main=True)
     standard: str | None = option(
         None, "write standard joint moves (a speed and an acceleration each) instead of a free trajectory", "moves",
         flag="--as", choices=("moves",),
     )  # fmt: skip
-    vias: int | None = option(None, "largest number of via points that --as moves may add (0)", "K", kind=int)
+    vias: int | None = option(None, "largest number of via points that --as moves may add (0)", "K")
 
 
 @dataclass(frozen=True)
@@ -103,33 +89,23 @@ class TradeoffRequest(MoveRequest):
     durations: str | Sequence[float] | np.ndarray | None = option(
         None, "durations of the points [s] (20 points, chosen by the program)", "FIRST:LAST:COUNT", main=True
     )
-    duration: float | None = option(None, "one point, at this duration [s]", "T", kind=float)
+    duration: float | None = option(None, "one point, at this duration [s]", "T")
     max_duration: float | None = option(
-        None, "longest duration of the front [s] (chosen by the program)", "T", kind=float, main=True
+        None, "longest duration of the front [s] (chosen by the program)", "T", main=True
     )
     cycle: float | None = option(
-        None, "also state the energy over a cycle of T seconds, including the wait (no cycle)", "T", kind=float,
-        main=True,
-    )  # fmt: skip
-    idle_power: float | None = option(
-        None, "power overhead while the arm waits [W] (the model's standby)", "W", kind=float
+        None, "also state the energy over a cycle of T seconds, including the wait (no cycle)", "T", main=True
     )
-    resume: bool = option(False, "with JOB.toml: continue an earlier run into the same --out", kind=bool, written=False)
+    idle_power: float | None = option(None, "power overhead while the arm waits [W] (the model's standby)", "W")
+    resume: bool = option(False, "with JOB.toml: continue an earlier run into the same --out", written=False)
     folder: str | PathLike[str] | None = option(None, "where the files are that the job names", internal=True)
 
 
 @dataclass(frozen=True)
 class JobRequest(
-    WorthGroup,
-    PlannedCellGroup,
-    SeedGroup,
-    DeadlineGroup,
-    WriteGroup,
-    RobustGroup,
-    PayloadGroup,
-    PrefixGroup,
-    RobotGroup,
-):
+    groups.WorthGroup, groups.PlannedCellGroup, groups.SeedGroup, groups.DeadlineGroup, groups.WriteGroup,
+    groups.RobustGroup, groups.PayloadGroup, groups.PrefixGroup, groups.RobotGroup,
+):  # fmt: skip
     """A cycle of moves and waits."""
 
     verb = "job"
@@ -146,19 +122,19 @@ class JobRequest(
         (), f"{MODEL} (the mean of source-method-2 and careful; repeatable)", "MODEL", many=True, main=True
     )
     _: KW_ONLY
-    starts: int | None = option(None, "largest number of starting points of each move (24)", "N", kind=int, main=True)
+    starts: int | None = option(None, "largest number of starting points of each move (24)", "N", main=True)
     compile: str = option("auto", "compile the model's functions to machine code: auto, always or never (auto)", "WHEN")
     jitter: float | None = option(
-        None, "how early or late each of several robots may be [s] (the job's, 0.02)", "S", kind=float, main=True
+        None, "how early or late each of several robots may be [s] (the job's, 0.02)", "S", main=True
     )
-    resume: bool = option(
-        False, "one robot: continue an earlier run into the same --out", kind=bool, main=True, written=False
-    )
+    resume: bool = option(False, "one robot: continue an earlier run into the same --out", main=True, written=False)
     folder: str | PathLike[str] | None = option(None, "where the files are that the job names", internal=True)
 
 
 @dataclass(frozen=True)
-class PlaceRequest(PlannedCellGroup, SeedGroup, RobustGroup, PrefixGroup, RobotGroup):
+class PlaceRequest(
+    groups.PlannedCellGroup, groups.SeedGroup, groups.RobustGroup, groups.PrefixGroup, groups.RobotGroup
+):
     """The base pose that makes a job cheapest."""
 
     verb = "place"
@@ -183,9 +159,9 @@ class PlaceRequest(PlannedCellGroup, SeedGroup, RobustGroup, PrefixGroup, RobotG
     robot: AnyRobot | None = option(
         None, "robot instead of the one in the job file: a name or a URDF", "NAME_OR_URDF", main=True
     )
-    looked_at: int = option(120, "number of placements to estimate (120)", "N", kind=int)
-    seeds: int = option(3, "number of the best estimates to solve (3)", "N", kind=int)
-    steps: int = option(5, "largest number of further rough solves from the best one (5)", "N", kind=int)
-    starts: int | None = option(None, "largest number of starting points of each move (24)", "N", kind=int)
+    looked_at: int = option(120, "number of placements to estimate (120)", "N")
+    seeds: int = option(3, "number of the best estimates to solve (3)", "N")
+    steps: int = option(5, "largest number of further rough solves from the best one (5)", "N")
+    starts: int | None = option(None, "largest number of starting points of each move (24)", "N")
     compile: str = option("auto", "compile the model's functions to machine code: auto, always or never (auto)", "WHEN")
     folder: str | PathLike[str] | None = option(None, "where the files are that the job names", internal=True)

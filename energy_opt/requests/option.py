@@ -8,8 +8,9 @@ JSON schema.
 from __future__ import annotations
 
 import operator
+import re
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import MISSING, Field, dataclass, field, fields
+from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from numbers import Real
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -33,7 +34,7 @@ class Option:
     Attributes:
         help: one sentence, with the unit and the default.
         metavar: what the value is called; for a positional argument, its name.
-        kind: float, int, bool, Path, or str for what is parsed later (numbers, names, poses).
+        kind: float, int, bool, Path, or str for what is parsed later (numbers, names, poses); as the field's type says.
         many: it may be given several times, and is a tuple; several: it may, and is a tuple if it is.
         place: how many of a positional argument there are: "1", "?", "*" or "+"; empty where it has a flag.
         nargs: how many words an option takes where that is not one.
@@ -74,7 +75,12 @@ def option(default: Any, help: str, metavar: str = "", **more: Any) -> Any:
 
 def options_of(request: type[Request]) -> dict[str, tuple[Field[Any], Option]]:
     """The fields of a request and how each is spelled, by name."""
-    return {f.name: (f, f.metadata["option"]) for f in fields(request) if "option" in f.metadata}
+    out = {}
+    for f in (f for f in fields(request) if "option" in f.metadata):
+        words = set(re.findall(r"\w+", str(f.type))) - {"None", "Sequence"}
+        alone = {"float": float, "int": int, "bool": bool}.get(words.pop(), str) if len(words) == 1 else str
+        out[f.name] = f, replace(f.metadata["option"], kind=Path if words == {"str", "PathLike"} else alone)
+    return out
 
 
 def flag_of(name: str, spelled: Option) -> str:

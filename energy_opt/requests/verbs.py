@@ -5,22 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from energy_opt.requests.groups import (
-    MODEL,
-    ROBOT,
-    CellGroup,
-    DeadlineGroup,
-    PayloadGroup,
-    PlannedCellGroup,
-    PrefixGroup,
-    RobotGroup,
-    SeedGroup,
-    WorthGroup,
-    WriteGroup,
-)
+from energy_opt.requests import groups
+from energy_opt.requests.groups import MODEL, ROBOT
 from energy_opt.requests.option import Request, option
 
 if TYPE_CHECKING:
@@ -29,7 +17,9 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class BenchRequest(WorthGroup, PlannedCellGroup, DeadlineGroup, PayloadGroup, RobotGroup):
+class BenchRequest(
+    groups.WorthGroup, groups.PlannedCellGroup, groups.DeadlineGroup, groups.PayloadGroup, groups.RobotGroup
+):
     """A batch of moves, in parallel, resumable."""
 
     verb = "bench"
@@ -37,58 +27,51 @@ class BenchRequest(WorthGroup, PlannedCellGroup, DeadlineGroup, PayloadGroup, Ro
     report = printed = True
 
     suite: str | PathLike[str] | None = option(
-        None, "file of the suite (`energy-opt --example suite` prints one)", "SUITE.toml", kind=Path, place="?"
+        None, "file of the suite (`energy-opt --example suite` prints one)", "SUITE.toml", place="?"
     )
-    out: str | PathLike[str] | None = option(None, "folder of results (bench_<suite>)", "DIR", kind=Path, main=True)
+    out: str | PathLike[str] | None = option(None, "folder of results (bench_<suite>)", "DIR", main=True)
     _: KW_ONLY
-    jobs: int | None = option(None, "number of processes on this machine (one per free core)", "N", kind=int, main=True)
-    resume: bool = option(False, "continue an earlier run into the same --out", kind=bool, main=True)
-    force: bool = option(
-        False, "overwrite the results of another suite, or of another version of it", kind=bool, main=True
-    )
+    jobs: int | None = option(None, "number of processes on this machine (one per free core)", "N", main=True)
+    resume: bool = option(False, "continue an earlier run into the same --out", main=True)
+    force: bool = option(False, "overwrite the results of another suite, or of another version of it", main=True)
     scheduler: str | None = option(
         None, "compute on a Dask cluster, such as tcp://host:8786 (none)", "ADDRESS", main=True
     )
     compare: Sequence[str | PathLike[str]] | None = option(
-        None, "compare two results: which moves got better or worse", "OLD NEW", kind=Path, many=True, nargs=2,
-        main=True,
-    )  # fmt: skip
+        None, "compare two results: which moves got better or worse", "OLD NEW", many=True, nargs=2, main=True
+    )
     robot: AnyRobot | None = option(None, "robot of every move (the suite's)", "NAME_OR_URDF", main=True)
     model: AnyModel | None = option(None, f"{MODEL} (the suite's)", "MODEL", main=True)
-    seed: int | None = option(None, "seed of random moves and of the solver's starts (the suite's)", "N", kind=int)
+    seed: int | None = option(None, "seed of random moves and of the solver's starts (the suite's)", "N")
     compile: str = option("auto", "compile the model's functions to machine code: auto, always or never (auto)", "WHEN")
-    self_collision: bool | None = option(None, "keep the arm clear of itself (the suite's)", "on|off", kind=bool)
+    self_collision: bool | None = option(None, "keep the arm clear of itself (the suite's)", "on|off")
     planner: str | None = option(None, "planner of the initial path: auto, none or ompl (the suite's)", "NAME")
     overrides: Mapping[str, Any] | None = option(None, "entries in place of every table's own", internal=True)
 
 
 @dataclass(frozen=True)
-class IdentifyRequest(CellGroup, SeedGroup, PayloadGroup, RobotGroup):
+class IdentifyRequest(groups.CellGroup, groups.SeedGroup, groups.PayloadGroup, groups.RobotGroup):
     """The source paper's two methods, from static poses."""
 
     verb = "identify"
     summary = "overhead and winding losses from static poses: the source paper's two methods"
     results, report, answer = "identify", True, "identify.json"
 
-    set: str | PathLike[str] | None = option(
-        None, "the measured set: a folder with a log.toml", "DIR", kind=Path, place="?"
-    )
+    set: str | PathLike[str] | None = option(None, "the measured set: a folder with a log.toml", "DIR", place="?")
     robot: AnyRobot | None = option(None, f"{ROBOT} (the one that log.toml names)", "NAME_OR_URDF", main=True)
     _: KW_ONLY
-    suggest: int | None = option(
-        None, "propose the N static poses that determine the losses best", "N", kind=int, main=True
-    )
+    suggest: int | None = option(None, "propose the N static poses that determine the losses best", "N", main=True)
 
 
 @dataclass(frozen=True)
-class DiagnoseRequest(PlannedCellGroup, SeedGroup, PayloadGroup, RobotGroup):
+class DiagnoseRequest(groups.PlannedCellGroup, groups.SeedGroup, groups.PayloadGroup, groups.RobotGroup):
     """Which effect a power model lacks, from measured data."""
 
     verb = "diagnose"
     summary = "find from measured data which effect a power model lacks"
     results, report, answer = "diagnosis", True, "diagnosis.json"
 
-    set: str | PathLike[str] = option(..., "the measured set: a folder with a log.toml", "DIR", kind=Path, place="1")
+    set: str | PathLike[str] = option(..., "the measured set: a folder with a log.toml", "DIR", place="1")
     model: AnyModel | None = option(
         None,
         "the declared model: a file or a name (the set's own declared.toml, else mechanical power plus fitted standby "
@@ -98,21 +81,21 @@ class DiagnoseRequest(PlannedCellGroup, SeedGroup, PayloadGroup, RobotGroup):
     robot: AnyRobot | None = option(None, f"{ROBOT} (the one that log.toml names)", "NAME_OR_URDF", main=True)
     tolerance: float = option(
         3.0, "largest error of a motion's energy with which the model is good enough for planning [%] (3)", "PERCENT",
-        kind=float, main=True,
+        main=True,
     )  # fmt: skip
 
 
 @dataclass(frozen=True)
-class ImportRequest(RobotGroup):
+class ImportRequest(groups.RobotGroup):
     """Convert a lab's logs to a measured set."""
 
     verb = "import"
     summary = "make a measured set from a lab's logs; columns and units are guessed"
 
     files: Sequence[str | PathLike[str]] | str = option(
-        ..., "tables of joints and of power meters, or bags, in any order", "FILE", kind=Path, place="+"
+        ..., "tables of joints and of power meters, or bags, in any order", "FILE", place="+"
     )
-    out: str | PathLike[str] = option(..., "folder of the measured set to write", "SET", kind=Path, main=True)
+    out: str | PathLike[str] = option(..., "folder of the measured set to write", "SET", main=True)
     robot: AnyRobot | None = option(None, f"{ROBOT} (found from columns and torques)", "NAME_OR_URDF", main=True)
     _: KW_ONLY
     time: str | None = option(None, "column of time stamps (found by its header)", "COLUMN[:UNIT]", main=True)
@@ -124,49 +107,47 @@ class ImportRequest(RobotGroup):
         (), "column of a joint's position (found by its header; repeatable)", "JOINT=COLUMN[:UNIT]", many=True,
         main=True,
     )  # fmt: skip
-    force: bool = option(False, "replace a set that exists already", kind=bool, main=True)
+    force: bool = option(False, "replace a set that exists already", main=True)
 
 
 @dataclass(frozen=True)
-class SimulateRequest(CellGroup, SeedGroup, PayloadGroup, PrefixGroup, RobotGroup):
+class SimulateRequest(groups.CellGroup, groups.SeedGroup, groups.PayloadGroup, groups.PrefixGroup, groups.RobotGroup):
     """Trajectories played on a virtual arm, and the measured set of it."""
 
     verb = "simulate"
     summary = "play trajectories on a virtual arm and write a measured set"
 
     trajectories: Sequence[str | PathLike[str]] | str = option(
-        ..., "trajectories to play, in this order", "TRAJECTORY", kind=Path, place="+"
+        ..., "trajectories to play, in this order", "TRAJECTORY", place="+"
     )
-    plant: str | PathLike[str] = option(
-        ..., "model file: the true effects of the virtual arm", "MODEL.toml", kind=Path, main=True
-    )
-    out: str | PathLike[str] = option(
-        "simulated", "folder of the measured set (simulated)", "DIR", kind=Path, main=True
-    )
+    plant: str | PathLike[str] = option(..., "model file: the true effects of the virtual arm", "MODEL.toml", main=True)
+    out: str | PathLike[str] = option("simulated", "folder of the measured set (simulated)", "DIR", main=True)
     robot: AnyRobot | None = option(None, f"{ROBOT} (the plant file's)", "NAME_OR_URDF", main=True)
     model: AnyModel | None = option(
         None, "declared model to put into the set: a file or a name (none)", "DECLARED.toml", main=True
     )
     _: KW_ONLY
-    repeat: int = option(1, "play all trajectories N times (1)", "N", kind=int, main=True)
-    rest: float = option(0.3, "time at rest before and after each trajectory [s] (0.3)", "S", kind=float)
+    repeat: int = option(1, "play all trajectories N times (1)", "N", main=True)
+    rest: float = option(0.3, "time at rest before and after each trajectory [s] (0.3)", "S")
     static: float = option(
-        0.0, "also record S seconds at rest at the start of each trajectory (0: none)", "S", kind=float, main=True
+        0.0, "also record S seconds at rest at the start of each trajectory (0: none)", "S", main=True
     )
-    noise: float = option(0.6, "standard deviation of the meter's noise [W] (0.6)", "W", kind=float, main=True)
-    rate: float = option(125.0, "encoder samples per second [Hz] (125)", "HZ", kind=float)
+    noise: float = option(0.6, "standard deviation of the meter's noise [W] (0.6)", "W", main=True)
+    rate: float = option(125.0, "encoder samples per second [Hz] (125)", "HZ")
     meter_rate: float | None = option(
-        None, "the meter has its own file and clock, with this many readings per second [Hz] (none)", "HZ", kind=float
+        None, "the meter has its own file and clock, with this many readings per second [Hz] (none)", "HZ"
     )
-    resolution: float = option(0.02, "resolution of the meter [W] (0.02)", "W", kind=float)
-    encoder: float = option(2e-5, "resolution of the encoders [rad] (2e-5)", "RAD", kind=float)
-    jitter: float = option(0.0, "standard deviation of the sampling times [s] (0)", "S", kind=float)
+    resolution: float = option(0.02, "resolution of the meter [W] (0.02)", "W")
+    encoder: float = option(2e-5, "resolution of the encoders [rad] (2e-5)", "RAD")
+    jitter: float = option(0.0, "standard deviation of the sampling times [s] (0)", "S")
     log: Sequence[str] = option((), "further signals to log: velocity, effort", "SIGNAL", nargs="*", many=True)
-    force: bool = option(False, "overwrite the results of another request in DIR", kind=bool, main=True)
+    force: bool = option(False, "overwrite the results of another request in DIR", main=True)
 
 
 @dataclass(frozen=True)
-class EvaluateRequest(CellGroup, SeedGroup, WriteGroup, PayloadGroup, PrefixGroup, RobotGroup):
+class EvaluateRequest(
+    groups.CellGroup, groups.SeedGroup, groups.WriteGroup, groups.PayloadGroup, groups.PrefixGroup, groups.RobotGroup
+):
     """Given motions: energy under models, limits, clearance, baselines."""
 
     verb = "evaluate"
@@ -196,7 +177,7 @@ class EvaluateRequest(CellGroup, SeedGroup, WriteGroup, PayloadGroup, PrefixGrou
 
 
 @dataclass(frozen=True)
-class PassportRequest(RobotGroup):
+class PassportRequest(groups.RobotGroup):
     """An arm's electrical passport from its models; several side by side."""
 
     verb = "passport"
@@ -219,15 +200,13 @@ class PassportRequest(RobotGroup):
 
 
 @dataclass(frozen=True)
-class CheckRequest(CellGroup, PayloadGroup, PrefixGroup, RobotGroup):
+class CheckRequest(groups.CellGroup, groups.PayloadGroup, groups.PrefixGroup, groups.RobotGroup):
     """Whether logs, trajectories, models, limits, suites, scenes, jobs and URDFs are usable."""
 
     verb = "check"
     summary = "check whether logs, trajectories, models and other files are usable"
 
-    files: Sequence[str | PathLike[str]] | str = option(
-        ..., "files and folders to check", "FILE_OR_DIR", kind=Path, place="+"
-    )
+    files: Sequence[str | PathLike[str]] | str = option(..., "files and folders to check", "FILE_OR_DIR", place="+")
     robot: AnyRobot | None = option(
         None, "robot whose joints and limits a trajectory or limits file is checked against", "NAME_OR_URDF", main=True
     )

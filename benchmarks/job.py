@@ -62,7 +62,7 @@ def grid(result: JobResult) -> float:
     step = STEP * sum(a.trajectory.duration for _, a in moving) / len(moving)
     best = {0: 0.0}  # by how many steps are used beyond the result's own durations, the least energy
     for leg, answer in moving:
-        scorer = result.scorer(leg.step)
+        scorer = result.scorers.of(leg.step)
         found: dict[int, float] = {}
         for k in range(-AROUND, AROUND + 1):
             duration = answer.trajectory.duration + k * step
@@ -87,7 +87,7 @@ def single_solves(result: JobResult) -> tuple[float, float]:
         if step.wait is not None:
             continue
         begin = time.process_time()
-        model = result.scorer(step).model
+        model = result.scorers.of(step).model
         planner = Planner(job.robot, model, SETTINGS, cell=Cell(job.robot, CellRequest()))
         move = Move(step.start, step.goal, "reshape")
         move = replace(move, duration=max(durations[k], 1.05 * planner.minimum_time(move)))

@@ -124,16 +124,8 @@ def _times(pairs: Sequence[tuple[Row, Row]]) -> list[dict[str, Any]]:
         p_value = float(binomtest(slower, len(ratios)).pvalue)  # if slower and faster were equally likely
         beyond = abs(math.log(median)) > math.log(1 + TIME_NOISE) and p_value < SIGNIFICANCE
         verdict = "same" if not beyond else "worse" if median > 1 else "better"
-        out.append(
-            {
-                "robot": robot,
-                "mode": mode,
-                "moves": len(ratios),
-                "ratio": median,
-                "p_value": p_value,
-                "verdict": verdict,
-            }
-        )
+        row = {"robot": robot, "mode": mode, "moves": len(ratios), "ratio": median}
+        out.append({**row, "p_value": p_value, "verdict": verdict})
     return out
 
 

@@ -18,37 +18,13 @@ from energy_opt.folders import files_of_earlier_runs, no_folder_in_the_way, no_f
 # Column: type. Energies in J, durations and seconds in s, savings in percent against "scaled" (the same duration);
 # energy_<baseline> is the total of a baseline, loss_<baseline> its loss; max_violation a fraction of the bound.
 MOST_RECORDS, MOST_BYTES = 10**6, 2 * 10**8  # largest results.parquet that is read
+TEXTS = "suite robot move mode status error objective model payload timing optimality key"
+ALL = """suite robot move mode status
+duration energy_total energy_standby energy_stored energy_loss energy_toppra loss_toppra duration_toppra energy_scaled
+loss_scaled saving_total_percent saving_loss_percent max_violation iterations build_seconds solve_seconds error
+objective model payload timing minimum_time optimality gap_percent key"""
 COLUMNS: dict[str, str] = {
-    "suite": "string",
-    "robot": "string",
-    "move": "string",
-    "mode": "string",
-    "status": "string",
-    "duration": "double",
-    "energy_total": "double",
-    "energy_standby": "double",
-    "energy_stored": "double",
-    "energy_loss": "double",
-    "energy_toppra": "double",
-    "loss_toppra": "double",
-    "duration_toppra": "double",
-    "energy_scaled": "double",
-    "loss_scaled": "double",
-    "saving_total_percent": "double",
-    "saving_loss_percent": "double",
-    "max_violation": "double",
-    "iterations": "int64",
-    "build_seconds": "double",
-    "solve_seconds": "double",
-    "error": "string",
-    "objective": "string",
-    "model": "string",
-    "payload": "string",
-    "timing": "string",
-    "minimum_time": "double",
-    "optimality": "string",
-    "gap_percent": "double",
-    "key": "string",
+    name: "string" if name in TEXTS.split() else "int64" if name == "iterations" else "double" for name in ALL.split()
 }
 TIMES = ("build_seconds", "solve_seconds")  # the columns that differ from run to run
 IDENTITY = ("suite", "robot", "move", "mode", "timing", "payload", "model", "objective")

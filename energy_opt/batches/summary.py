@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.batches.records import IDENTITY, Row
+from energy_opt.batches.records import IDENTITY, TIMES, Row
 from energy_opt.motion.result import ROUNDING
 from energy_opt.power.per_year import PerYear, per_year_words
 from energy_opt.reports.charts import Chart
@@ -23,6 +23,7 @@ from energy_opt.reports.page import Report
 PACKAGES = ("energy-opt", "casadi", "pin", "toppra", "numpy", "scipy")
 WORST = 5  # most records in a list of the worst
 DEFECT = 1e-6  # share of a bound: a larger excess is a violation
+OF_SAVINGS = ("robot", "mode", "objective", "model", "payload", "timing")  # columns by which savings are grouped
 
 
 def distribution(values: Iterable[float | None]) -> dict[str, float | int | None]:
@@ -77,15 +78,14 @@ def summarize(
 
 def _savings(solved: Sequence[Row]) -> list[dict[str, Any]]:
     """Distributions of savings [%] and losses [J] by robot, mode, objective, model, payload and timing."""
-    names = ("robot", "mode", "objective", "model", "payload", "timing")
     return [
         {
-            **dict(zip(names, key, strict=True)),
+            **dict(zip(OF_SAVINGS, key, strict=True)),
             "loss_percent": distribution(row["saving_loss_percent"] for row in group),
             "total_percent": distribution(row["saving_total_percent"] for row in group),
             "loss_joules": sum(row["energy_loss"] for row in group),
         }
-        for key, group in grouped(solved, names).items()
+        for key, group in grouped(solved, OF_SAVINGS).items()
     ]
 
 
@@ -104,19 +104,10 @@ def _proxies(solved: Sequence[Row]) -> list[dict[str, Any]]:
             if other["energy_loss"] > ROUNDING * abs(other["energy_total"])
         ]
         joules = [row["energy_total"] - other["energy_total"] for row, other in pairs]
-        quantiles = distribution(more)
-        out.append(
-            {
-                **dict(zip(names, key, strict=True)),
-                "pairs": len(pairs),
-                "more_loss_percent": {
-                    "mean": quantiles["mean"],
-                    "median": quantiles["median"],
-                    "most": quantiles["best"],
-                },
-                "more_joules_mean": float(np.mean(joules)) if joules else None,
-            }
-        )
+        quantiles, of = distribution(more), {"mean": "mean", "median": "median", "most": "best"}
+        row = {"pairs": len(pairs), "more_loss_percent": {name: quantiles[which] for name, which in of.items()}}
+        row["more_joules_mean"] = float(np.mean(joules)) if joules else None
+        out.append({**dict(zip(names, key, strict=True)), **row})
     return out
 
 
@@ -124,8 +115,7 @@ def _times(records: Sequence[Row]) -> list[dict[str, Any]]:
     """Solve and build times [s] by robot and mode."""
     out = []
     for (robot, mode), group in grouped(records, ("robot", "mode")).items():
-        solve = [row["solve_seconds"] for row in group if row["solve_seconds"] is not None]
-        build = [row["build_seconds"] for row in group if row["build_seconds"] is not None]
+        build, solve = ([row[name] for row in group if row[name] is not None] for name in TIMES)
         if not solve:
             continue
         quantiles = distribution(solve)
@@ -194,7 +184,7 @@ def table(summary: Mapping[str, Any], out: Path) -> str:
         lines.append("loss saved against the same path at the same duration [%]:")
         lines.append(f"  {'':44s} {'moves':>6} {'mean':>7} {'worst':>7} {'median':>7} {'best':>7}")
     for row in summary["savings"]:
-        label = " ".join(str(row[n]) for n in ("robot", "mode", "objective", "model", "payload", "timing") if row[n])
+        label = " ".join(str(row[n]) for n in OF_SAVINGS if row[n])
         found = row["loss_percent"]
         numbers = " ".join(
             f"{found[name]:7.2f}" if found[name] is not None else f"{'-':>7}"
@@ -260,15 +250,8 @@ def write_report(path: Path, records: Sequence[Row], summary: dict[str, Any]) ->
     if summary["times"]:
         report.table(_heads(summary["times"][0]), [list(row.values()) for row in summary["times"]])
     run = summary["run"]
-    report.facts(
-        {
-            "processes": run["jobs"],
-            "scheduler": run["scheduler"],
-            "moves of this run": run["moves"],
-            "took [s]": run["seconds"],
-            "moves per second": run["moves_per_second"],
-        }
-    )
+    named = {"processes": "jobs", "scheduler": "scheduler", "moves of this run": "moves", "took [s]": "seconds"}
+    report.facts({name: run[key] for name, key in {**named, "moves per second": "moves_per_second"}.items()})
     _certificates_shown(report, summary["certificates"])
     report.section("Machine")
     machine = summary["machine"]
@@ -300,12 +283,11 @@ def _savings_shown(report: Report, savings: Sequence[dict[str, Any]], records: S
         report.text("None: no move was solved.")
         return
     report.text("Against the same path at the same duration, timed by TOPP-RA and slowed evenly.")
-    names = ("robot", "mode", "objective", "model", "payload", "timing")
     quantiles = ("mean", "worst", "p10", "median", "p90", "best")
     report.table(
-        [*_heads(names), "moves", *(f"loss {q} [%]" for q in quantiles), "total mean [%]"],
+        [*_heads(OF_SAVINGS), "moves", *(f"loss {q} [%]" for q in quantiles), "total mean [%]"],
         [
-            [row[name] for name in names]
+            [row[name] for name in OF_SAVINGS]
             + [row["loss_percent"]["count"], *(row["loss_percent"][q] for q in quantiles), row["total_percent"]["mean"]]
             for row in savings
         ],
@@ -328,7 +310,5 @@ def _certificates_shown(report: Report, certificates: dict[str, Any]) -> None:
         f"{certificates['judged']} trajectories judged, {certificates['violated']} beyond a limit. "
         "A violation is a fraction of its bound; at or below zero is inside."
     )
-    worst = certificates["worst"]
-    if worst:
-        names = (*NAMED, "status", "max_violation")
-        report.table(_heads(names), [[row[name] for name in names] for row in worst])
+    names = (*NAMED, "status", "max_violation")
+    report.table(_heads(names), [[row[name] for name in names] for row in certificates["worst"]])

@@ -13,7 +13,7 @@ from energy_opt.batches.suite import Suite, load_suite
 from energy_opt.batches.tables import CellTable
 from energy_opt.errors import BadInput
 from energy_opt.front.desk import Desk, verb
-from energy_opt.front.given import cell_of, payload_from
+from energy_opt.front.given import cell_of, of_another_arm, payload_from
 from energy_opt.power import PowerModel
 from energy_opt.requests.verbs import BenchRequest
 from energy_opt.results import Listing
@@ -69,12 +69,8 @@ bench = verb(BenchRequest, run)
 def _models_of_other_robots(suite: Suite) -> list[str]:
     """A warning for each model that was written for another robot than the one that it is used for."""
     pairs = {(task.model, task.robot.name): task for task in suite.tasks}.values()
-    return [
-        f"warning: {name}: a model of {model.robot}, used for {task.robot.name}"
-        for task in pairs
-        for name, model in task.powers()
-        if not model.is_of(task.robot.name)
-    ]
+    said = [of_another_arm(name, model, task.robot) for task in pairs for name, model in task.powers()]
+    return [warning for warning in said if warning]
 
 
 def overrides_of(request: BenchRequest) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from energy_opt.folders import faults_of_results
 from energy_opt.formats import read
 from energy_opt.formats.messages import trajectories
 from energy_opt.front.desk import Desk, verb
-from energy_opt.front.given import carried, cell_of, model_from, robot_of
+from energy_opt.front.given import cell_of, model_from, on_arm, robot_of
 from energy_opt.jobs.file import load_job
 from energy_opt.jobs.legs import wrong_frames
 from energy_opt.measured import inspect_set
@@ -66,8 +66,7 @@ class Checked(Found):
             {"file": name, "usable": not found, "faults": found, "remarks": self.remarks.get(name, [])}
             for name, found in self.faults.items()
         ]
-        lines = [fault for found in self.faults.values() for fault in found]
-        failed = {"status": BadInput.status, "message": "\n".join(lines)} if lines else {}
+        failed = {} if self.usable else {"status": BadInput.status, "message": "\n".join(self._lines)}
         return {"usable": self.usable, **failed, "files": records}
 
     def text(self, out: Path) -> str:
@@ -76,8 +75,11 @@ class Checked(Found):
 
     def __str__(self) -> str:
         """A line for each fault, and for every file that is usable."""
-        faults = [fault for found in self.faults.values() for fault in found]
-        return "\n".join([*faults, *self.text(Path()).splitlines()])
+        return "\n".join([*self._lines, *self.text(Path()).splitlines()])
+
+    @property
+    def _lines(self) -> list[str]:
+        return [fault for found in self.faults.values() for fault in found]
 
 
 def run(request: CheckRequest, desk: Desk) -> Checked:
@@ -209,11 +211,7 @@ def _trajectory(file: Path, request: CheckRequest, notes: list[str]) -> list[str
     if samples.time is None:
         return []
     trajectory = samples.trajectory()
-    model = model_from(request.model, robot)
-    if request.payload is not None:
-        model = model.for_move(carried(request.payload, robot))
-    model = model if request.base is None else model.standing(*cell_of(request).base[3:5])
-    model.check(robot.n)
+    model = on_arm(model_from(request.model, robot), request, robot)
     certificate = certify(trajectory, Scorer(robot, model), joint_limits(robot.limits))
     faults = _touches(file, request, robot, trajectory, notes)
     for found in certificate.found:

@@ -18,7 +18,7 @@ from energy_opt.errors import BadInput
 from energy_opt.folders import written_whole
 from energy_opt.formats import table
 from energy_opt.front.desk import Desk, verb
-from energy_opt.front.given import carried, cell_of, model_from, request_of_set, robot_of, robot_of_set
+from energy_opt.front.given import cell_of, model_from, on_arm, request_of_set, robot_of, robot_of_set
 from energy_opt.front.moves import documents
 from energy_opt.measured import MeasuredSet, read_set
 from energy_opt.motion.plan.robust_models import Rival
@@ -82,10 +82,7 @@ def run(request: DiagnoseRequest, desk: Desk) -> Diagnosed:
         show.stage("reading", 0.0, 1.0)
         measured = read_set(folder, robot, allow_outside=request.allow_outside, meter=False)
     declared, given, words = _declared(request, measured)
-    if request.payload is not None:
-        declared = declared.for_move(carried(request.payload, robot))
-    if request.base is not None:
-        declared = declared.standing(*request.base[3:5])
+    declared = on_arm(declared, request, robot)
     asked = request_of_set(request, robot, model=documents([Rival("declared", declared)])[0])
     surroundings = cell_of(request)  # for the motion to record next
     if not 0 < request.tolerance <= 100:

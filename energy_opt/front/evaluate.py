@@ -124,9 +124,10 @@ def run(request: EvaluateRequest, desk: Desk) -> Answers:
     read = [_motions(given, robot, request.joint_prefix) for given in files]
     motions = [_on_base(motion, cell_of(request).base) for of_file in read for motion in of_file]
     found = tuple(evaluated(robot, motion, rivals, cell, request.payload is not None) for motion in motions)
+    names = tuple("trajectory" if isinstance(each, Trajectory) else str(each) for each in files)
     asked = replace(
-        request, files=tuple(map(_name, files)), robot=named_robot(robot, request.robot or robot),
-        model=documents(rivals), payload=payload_document(request.payload),
+        request, files=names, robot=named_robot(robot, request.robot or robot), model=documents(rivals),
+        payload=payload_document(request.payload),
     )  # fmt: skip
     desk.take(ANSWER, asked)
     answers = desk.keep(Answers(robot=robot, request=asked, stamp=desk.stamp, found=found))
@@ -161,10 +162,6 @@ def robot_of_files(files: Sequence[AnyMotion], prefix: str = "") -> str:
     if not matching:
         raise BadInput(f"joints {', '.join(names)} are not those of a known robot; give --robot")
     return matching[0]
-
-
-def _name(given: AnyMotion) -> str:
-    return "trajectory" if isinstance(given, Trajectory) else str(given)
 
 
 def _motions(given: AnyMotion, robot: Robot, prefix: str) -> list[Recorded]:

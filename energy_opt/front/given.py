@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from energy_opt.batches.task import RobotSource
 from energy_opt.cell.request import CellRequest
 from energy_opt.effects import Payload
 from energy_opt.errors import BadInput, suggest
@@ -27,7 +28,8 @@ from energy_opt.power.model import model_from_document
 from energy_opt.power.variants import of_joints
 from energy_opt.requests.groups import CellGroup, RobotGroup
 from energy_opt.requests.verbs import DiagnoseRequest, IdentifyRequest
-from energy_opt.robot import Robot, load_robot
+from energy_opt.robot import Robot, known_robots, load_robot
+from energy_opt.robot.srdf import semantics
 
 if TYPE_CHECKING:
     from energy_opt.requests.groups import AnyModel, AnyRobot
@@ -60,8 +62,6 @@ def robot_of(request: RobotGroup, given: str | None = None) -> Robot:
 def named_robot(robot: Robot, given: Any) -> str:
     """Name to load a robot by: the given word, the name of a given `Robot`, or its URDF."""
     if isinstance(given, Robot) or given is None:
-        from energy_opt.robot import known_robots
-
         return robot.name if robot.name in known_robots() else str(robot.urdf)
     return str(given)
 
@@ -88,7 +88,7 @@ def model_from(given: AnyModel | None, robot: Robot) -> PowerModel:
     return model
 
 
-def of_another_robot(name: str, model: PowerModel, robot: Robot) -> str:
+def of_another_arm(name: str, model: PowerModel, robot: Robot | RobotSource) -> str:
     """A warning, one line, if a model was written for another robot; else empty."""
     return "" if model.is_of(robot.name) else f"warning: {name}: a model of {model.robot}, used for {robot.name}"
 
@@ -133,6 +133,17 @@ def carried(given: Any, robot: Robot) -> Payload:
             f"grams? then {mass / 1000:g} kg)"
         )
     return payload
+
+
+def on_arm(model: PowerModel, request: Any, robot: Robot) -> PowerModel:
+    """The model with the payload and the tilt of the base that a request states, if it states them.
+
+    Raises:
+        BadInput: as `carried`; or the base is tilted, and the model states another tilt.
+    """
+    payload, base = getattr(request, "payload", None), getattr(request, "base", None)
+    model = model if payload is None else model.for_move(carried(payload, robot))
+    return model if base is None else model.standing(*base[3:5])
 
 
 def payload_from(given: Any) -> Payload:
@@ -206,8 +217,6 @@ def positions(given: Any, robot: Robot, name: str, srdf: Path | None = None) -> 
         word = given.strip()
         if not word or any(c in word for c in ",=") or _NUMBER.match(word):
             return _in_words(given, robot.joints, f"--{name}")
-        from energy_opt.robot.srdf import semantics
-
         try:
             return semantics(robot, srdf).pose(word, robot.joints)
         except BadInput as error:

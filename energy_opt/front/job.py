@@ -25,6 +25,7 @@ from energy_opt.requests.moves import JobRequest
 from energy_opt.robot import Robot
 
 WORKCELL = "energy-opt/job/2"
+NONE: Shares = MappingProxyType({})
 OF_ONE_ROBOT = ("robot", "payload", "base")  # options of one robot, which are refused in a job of several
 
 
@@ -52,23 +53,19 @@ def run(request: JobRequest, desk: Desk) -> JobAnswer:
         with desk.stating(JOB, robot=job.robot.name, cycle_time=job.cycle_time, request=document):
             first = run_posed(job, mean_of(rivals), settings, answers=answers, **usual)
 
-            def planned(model: PowerModel, shares: Shares) -> JobResult:
-                return replace(run_job(first.job, model, settings, room=shares, **usual), choice=first.choice)
+            def under(model: PowerModel, held: Shares = NONE, result: JobResult | None = None) -> JobResult:
+                """The job planned under a model, or `result` of it, with a margin for samples that break limits."""
 
-            def roomy(result: JobResult, model: PowerModel, held: Shares = MappingProxyType({})) -> JobResult:
-                def again(shares: Shares) -> JobResult:
+                def planned(shares: Shares) -> JobResult:
                     both = {name: shares.get(name, 1.0) * held.get(name, 1.0) for name in {*shares, *held}}
-                    return planned(model, both)
+                    return replace(run_job(first.job, model, settings, room=both, **usual), choice=first.choice)
 
-                return job_files.with_room(result, formats, request.rate, again)
+                return job_files.with_room(result or planned(NONE), formats, request.rate, planned)
 
-            def under(model: PowerModel, shares: Shares = MappingProxyType({})) -> JobResult:
-                return roomy(planned(model, shares), model, shares)
-
-            result = roomy(first, mean_of(rivals))
+            result = under(mean_of(rivals), result=first)
             if kind is not None:
                 result = held(result, rivals, under)
-                result = efforts_held(result, rivals, lambda shares: under(mean_of(rivals), shares))
+                result = efforts_held(result, rivals, partial(under, mean_of(rivals)))
         if kind is None:
             result = compared(result, with_careful(rivals, job.robot))
             result = replace(result, warnings=(*result.warnings, *said(result.models, "the cycle")))

@@ -10,7 +10,7 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.front.desk import Desk
-from energy_opt.front.given import DEFAULT, carried, model_from, of_another_robot, several
+from energy_opt.front.given import DEFAULT, model_from, of_another_arm, on_arm, several
 from energy_opt.motion import Result
 from energy_opt.motion.judge.energy import COARSER, Scorer
 from energy_opt.motion.plan.robust import Kind
@@ -107,11 +107,11 @@ DRAW = "draw "  # prefix of a draw's name, before its number
 
 def members(rivals: Sequence[Rival]) -> list[PowerModel]:
     """The models themselves, without draws of their parameters."""
-    return [rival.model for rival in rivals if not rival.name.startswith("draw ")]
+    return [rival.model for rival in rivals if not rival.name.startswith(DRAW)]
 
 
 def rivals_from(
-    models: Sequence[AnyModel], robust: str | None, robot: Robot, payload: Any = None
+    models: Sequence[AnyModel], robust: str | None, robot: Robot, request: Any = None
 ) -> tuple[list[Rival], Kind | None]:
     """The models to plan under, and how to combine them.
 
@@ -119,8 +119,8 @@ def rivals_from(
     `robust`: the model, draws from its covariance, and the rivals of its file.
 
     Args:
-        models: names, files, documents or models. robust: "mean", "worst" or None. robot: the arm. payload: carried by
-            the arm in all models.
+        models: names, files, documents or models. robust: "mean", "worst" or None. robot: the arm. request: states
+            the payload and the tilt of the base in all models.
 
     Returns:
         The models; results are stated under the first. And "mean", "worst", or None to plan under the first alone.
@@ -133,10 +133,7 @@ def rivals_from(
     names: list[Any] = list(models) or [DEFAULT, CAREFUL]
     rivals = []
     for number, given in enumerate(names, start=1):
-        model = model_from(given, robot)
-        if payload is not None:
-            model = model.for_move(carried(payload, robot))
-        rivals.append(Rival(_name(given, number), model))
+        rivals.append(Rival(_name(given, number), on_arm(model_from(given, robot), request, robot)))
     if len(rivals) == 1 and robust is None:
         return rivals, None
     if len(rivals) == 1:  # a plan that holds under the uncertainty of the model's own data
@@ -153,13 +150,9 @@ def rivals_of(request: Any, robot: Robot, desk: Desk) -> tuple[list[Rival], Kind
     Raises:
         BadInput: as `rivals_from`; or the base is tilted, and a model states another tilt.
     """
-    rivals, kind = rivals_from(
-        several(request.model), getattr(request, "robust", None), robot, getattr(request, "payload", None)
-    )
-    if request.base is not None:
-        rivals = [replace(rival, model=rival.model.standing(*request.base[3:5])) for rival in rivals]
+    rivals, kind = rivals_from(several(request.model), getattr(request, "robust", None), robot, request)
     for rival in rivals:
-        if said := of_another_robot(rival.name, rival.model, robot):
+        if said := of_another_arm(rival.name, rival.model, robot):
             desk.say(said)
     return rivals, kind
 

@@ -14,6 +14,9 @@ import numpy as np
 
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput
+from energy_opt.formats import read
+from energy_opt.formats.close_waypoints import past
+from energy_opt.formats.recording import path_of
 from energy_opt.front.given import named_robot, payload_document, positions
 from energy_opt.motion import Move, Settings, Trajectory
 from energy_opt.motion.path import JointPath, of_trajectory
@@ -42,12 +45,7 @@ def path_from(given: Any, robot: Robot, prefix: str = "", say: Say = lambda _: N
     Raises:
         BadInput: of another number of joints, or not finite.
     """
-    from energy_opt.formats.close_waypoints import past
-    from energy_opt.formats.recording import path_of
-
     if isinstance(given, (str, PathLike)):
-        from energy_opt.formats import read
-
         table = read(Path(given)).of(robot.joints, prefix, robot.followers)
         warnings = refuse_degrees(robot, table.position, table.where)
         inside, moved = onto_limits(robot, table.position, table.where)

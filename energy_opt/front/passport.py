@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from energy_opt.front.desk import Desk, verb
-from energy_opt.front.given import of_another_robot, robot_of, several
+from energy_opt.front.given import of_another_arm, robot_of, several
 from energy_opt.passports.sheet import Passport
 from energy_opt.passports.sheet import passport as passport_of
 from energy_opt.power.model import model_from_document
@@ -31,7 +31,7 @@ def run(request: PassportRequest, desk: Desk) -> Passport:
     document = desk.take(ANSWER, replace(request, robot=robot), contents=plain(states))
     result = desk.keep(replace(found, request=document))
     for arm in found.arms:
-        if said := of_another_robot(arm.label, arm.model, arm.robot):
+        if said := of_another_arm(arm.label, arm.model, arm.robot):
             desk.say(said)
     desk.say(str(result) + ("" if desk.out is None else f"\nwritten: {desk.out}"))
     return result

@@ -15,14 +15,14 @@ from energy_opt.folders import no_other_verb, take_folder, written_whole
 from energy_opt.formats import read_trajectory
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import (
-    carried,
     cell_of,
     model_from,
     named_robot,
-    of_another_robot,
+    of_another_arm,
+    on_arm,
     payload_document,
     robot_of,
-)  # fmt: skip
+)
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power.variants import of_joints
 from energy_opt.requests.verbs import SimulateRequest
@@ -84,15 +84,11 @@ def run(request: SimulateRequest, desk: Desk) -> Simulation:
         raise BadInput(f"--seed {request.seed}: expected 0 or more")
     file, out = Path(request.plant), Path(request.out)
     plant = load_plant(file)
-    if request.base is not None:
-        plant = replace(plant, model=plant.model.standing(*request.base[3:5]))
     named = None if request.robot is not None else robot_named(plant.model.robot, file.parent, request.allow_outside)
     robot = robot_of(request, named)
-    if said := of_another_robot(str(request.plant), plant.model, robot):
+    if said := of_another_arm(str(request.plant), plant.model, robot):
         desk.say(said)
-    plant = replace(plant, model=of_joints(plant.model, robot))
-    if request.payload is not None:
-        plant = replace(plant, model=plant.model.for_move(carried(request.payload, robot)))
+    plant = replace(plant, model=on_arm(of_joints(plant.model, robot), request, robot))
     declared = None if request.model is None else model_from(request.model, robot)
     same = {name: getattr(request, name) for name in ("rate", "meter_rate", "noise", "jitter", "rest")}
     resolutions = {"power_resolution": request.resolution, "position_resolution": request.encoder}

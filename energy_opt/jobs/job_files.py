@@ -38,7 +38,7 @@ def whole_cycle(result: JobResult) -> Trajectory:
 def judging_of(result: JobResult) -> CycleJudging:
     """The judge of a job's cycle: every part under the payload and in the scene of its steps."""
     steps = ((piece.trajectory.duration, result.job.steps[piece.at]) for piece in result.pieces)
-    return CycleJudging.of((seconds, result.scorer(step), result.cells.of(step)) for seconds, step in steps)
+    return CycleJudging.of((seconds, result.scorers.of(step), result.cells.of(step)) for seconds, step in steps)
 
 
 def with_room(
@@ -158,7 +158,7 @@ def split(piece: Piece, result: JobResult) -> list[Piece]:
     if len(piece.steps) < 2:
         return [piece]
     steps = [result.job.steps[k] for k in piece.steps]
-    parts = divided(piece.trajectory, piece.energy, steps, result.scorer(steps[0]))
+    parts = divided(piece.trajectory, piece.energy, steps, result.scorers.of(steps[0]))
     return [
         replace(piece, name=step.name, steps=(k,), trajectory=part, energy=energy)
         for k, step, (part, energy) in zip(piece.steps, steps, parts, strict=True)
@@ -187,7 +187,7 @@ def power_of(result: JobResult) -> tuple[np.ndarray, np.ndarray]:
         t = piece.trajectory
         power = np.full(len(t.time), piece.energy / max(t.duration, 1e-9))
         if not piece.waits:
-            filled = result.scorer(result.job.steps[piece.at]).filled(t, piece.past).power
+            filled = result.scorers.of(result.job.steps[piece.at]).filled(t, piece.past).power
             power = power if filled is None else filled
         times.append(at + t.time - t.time[0])
         powers.append(power)

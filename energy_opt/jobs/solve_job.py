@@ -26,11 +26,10 @@ from energy_opt.jobs.cycle import (
     energy_of,
     standing_power,
 )
-from energy_opt.jobs.file import Job, Step
+from energy_opt.jobs.file import Job
 from energy_opt.jobs.legs import Leg, legs_of, slope_of_slowing
 from energy_opt.jobs.reshare import BEFORE, reshared
 from energy_opt.jobs.work import Answers, Cells, Worker
-from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.move import Settings
 from energy_opt.motion.plan.planner import Planner
 from energy_opt.motion.timing.spline_timing import Timing
@@ -79,10 +78,6 @@ class JobResult:
     def pieces(self) -> tuple[Piece, ...]:
         """Motions and waits in order; their durations add up to the cycle."""
         return assembled(self.job, self.scorers, self.plan)
-
-    def scorer(self, step: Step) -> Scorer:
-        """The scorer under a step's payload."""
-        return self.scorers.of(step)
 
     @property
     def energy(self) -> float:

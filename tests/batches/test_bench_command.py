@@ -135,7 +135,7 @@ def test_workers_do_not_run_the_users_script_again(tmp_path):
     assert (done.stdout.splitlines(), done.stderr) == (["once", "{'infeasible'}"], "")
 
 
-def test_a_model_of_another_robot_is_named(tmp_path, capsys):
+def test_a_model_of_another_arm_is_named(tmp_path, capsys):
     """Its values were used without a word; optimize warns."""
     head, _, moves = SUITE.partition("[[moves]]")
     (tmp_path / "suite.toml").write_text(

@@ -79,7 +79,7 @@ payload = 0.0
 """
     job = load_job(written(tmp_path, text), lambda name: panda)
     result = run_job(job, source_method_2())
-    scorers = [result.scorer(step) for step in job.steps]
+    scorers = [result.scorers.of(step) for step in job.steps]
 
     def energy(k: int, duration: float) -> float:
         step = job.steps[k]

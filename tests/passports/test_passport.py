@@ -209,7 +209,7 @@ def test_levels_of_power_at_rest_are_found_in_a_log_and_shown(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(("robot", "warned"), [("ur10", True), ("ur5", False)])
-def test_a_model_of_another_robot_is_named(tmp_path, capsys, robot, warned):
+def test_a_model_of_another_arm_is_named(tmp_path, capsys, robot, warned):
     model().save(tmp_path / "mine.toml")
     assert main(["passport", str(tmp_path / "mine.toml"), "--robot", robot, "--out", str(tmp_path / "out")]) == 0
     shown = capsys.readouterr()

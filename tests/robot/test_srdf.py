@@ -70,7 +70,7 @@ def test_known_robots_bring_pairs_and_poses(panda: Robot, ur5: Robot) -> None:
         positions("0.5", panda, "goal")
 
 
-def test_the_srdf_of_another_robot_is_refused(tmp_path: Path) -> None:
+def test_the_srdf_of_another_arm_is_refused(tmp_path: Path) -> None:
     file = written(tmp_path, "r.srdf", SRDF)
     with pytest.raises(BadInput, match=r"none of its links \(a, b, c, …\) is a link of panda \(.*panda_link"):
         semantics(load_robot("panda"), file)

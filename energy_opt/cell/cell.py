@@ -22,10 +22,9 @@ from energy_opt.cell.request import CLEARANCE, CellRequest
 from energy_opt.cell.scene import TOOL, PlacedShape, Scene, out_of_scale
 from energy_opt.cell.solids import GJK_ERROR, Solid, mesh, primitive
 from energy_opt.errors import BadInput
-from energy_opt.robot import Robot
+from energy_opt.robot import Robot, tool_of
 from energy_opt.robot.kinematics import Kinematics, pose_of
 from energy_opt.robot.srdf import semantics
-from energy_opt.robot.tool import tool_of
 
 PAYLOAD = "payload"
 # instants at which a given motion's distances are measured; up to this multiple of the asked clearance

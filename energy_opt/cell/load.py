@@ -10,10 +10,9 @@ from energy_opt.cell.scene import Scene
 from energy_opt.cell.scene_files import read_scene
 from energy_opt.errors import BadInput
 from energy_opt.power.assumptions import default_assumptions, grouped
-from energy_opt.robot import Robot
+from energy_opt.robot import Robot, tool_of
 from energy_opt.robot.kinematics import pose_of
 from energy_opt.robot.limits import postures
-from energy_opt.robot.tool import tool_of
 
 
 def own_body(robot: Robot) -> Cell | None:

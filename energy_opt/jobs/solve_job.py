@@ -30,8 +30,7 @@ from energy_opt.jobs.file import Job
 from energy_opt.jobs.legs import Leg, legs_of, slope_of_slowing
 from energy_opt.jobs.reshare import BEFORE, reshared
 from energy_opt.jobs.work import Answers, Cells, Worker
-from energy_opt.motion.move import Settings
-from energy_opt.motion.plan.planner import Planner
+from energy_opt.motion import Planner, Settings
 from energy_opt.motion.timing.spline_timing import Timing
 from energy_opt.power import PowerModel
 from energy_opt.power.assumptions import Assumption

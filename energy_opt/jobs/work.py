@@ -21,13 +21,12 @@ from energy_opt.jobs.allocate import Front
 from energy_opt.jobs.cycle import Answer, Scorers
 from energy_opt.jobs.file import Job, Step
 from energy_opt.jobs.legs import Leg, Load, front_of
-from energy_opt.motion.move import Settings
+from energy_opt.motion import Settings, Trajectory
 from energy_opt.motion.path import JointPath, of_trajectory
 from energy_opt.motion.plan.first_path import check_free
 from energy_opt.motion.plan.neighbour import Neighbours
 from energy_opt.motion.plan.planner import Planner, Shares
 from energy_opt.motion.timing.spline_timing import Timing
-from energy_opt.motion.trajectory import Trajectory
 from energy_opt.poses.freedom import is_free
 from energy_opt.power import PowerModel
 

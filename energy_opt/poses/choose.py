@@ -19,10 +19,8 @@ import numpy as np
 
 from energy_opt.cell.cell import Cell, Contact
 from energy_opt.errors import BadInput, Infeasible
+from energy_opt.motion import Move, Result, Trajectory
 from energy_opt.motion.judge.energy import Scorer
-from energy_opt.motion.move import Move
-from energy_opt.motion.result import Result
-from energy_opt.motion.trajectory import Trajectory
 from energy_opt.poses.chosen import Candidate, Chosen, Settle, Settling
 from energy_opt.poses.estimate import curves, fastest
 from energy_opt.poses.freedom import directions, has_freedom, improved

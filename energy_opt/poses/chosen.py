@@ -12,11 +12,9 @@ from functools import partial
 import numpy as np
 
 from energy_opt.cell.cell import Cell
+from energy_opt.motion import Move, Result, Trajectory
 from energy_opt.motion.judge.energy import Scorer
-from energy_opt.motion.move import Move
 from energy_opt.motion.reshape.open import Open
-from energy_opt.motion.result import Result
-from energy_opt.motion.trajectory import Trajectory
 from energy_opt.poses.freedom import WIDE, Bent, PosedGoal, has_freedom, inside, is_free, used
 from energy_opt.poses.inverse import ToolKinematics
 from energy_opt.poses.pose import Pose

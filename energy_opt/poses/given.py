@@ -24,8 +24,7 @@ from energy_opt.cell.scene import Scene
 from energy_opt.errors import BadInput, suggest
 from energy_opt.files import inside, read_yaml_documents
 from energy_opt.poses.pose import FORM, Freedom, Pose, pose_error, pose_from
-from energy_opt.robot import Robot
-from energy_opt.robot.tool import tool_of
+from energy_opt.robot import Robot, tool_of
 
 WORLD = ("world", "map", "scene")  # names of the scene's own frame
 KEYS = ("pose", "free", "tolerance", "frame")

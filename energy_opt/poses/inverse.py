@@ -18,9 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from energy_opt.poses.pose import EXACT, Pose, about, free_values, pose_error
-from energy_opt.robot import Robot
+from energy_opt.robot import Robot, tool_of
 from energy_opt.robot.kinematics import Kinematics
-from energy_opt.robot.tool import tool_of
 
 STARTS = 320
 STEPS = 40

@@ -7,11 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from energy_opt.errors import Infeasible
-from energy_opt.motion.move import Move
-from energy_opt.motion.plan.planner import Planner
+from energy_opt.motion import Move, Planner, Result
 from energy_opt.motion.plan.robust import RobustPlanner
 from energy_opt.motion.plan.robust_models import SAME
-from energy_opt.motion.result import Result
 from energy_opt.profiles.plan import MORE, MOST_VIAS, MovesPlanner, StandardMoves, as_result
 
 

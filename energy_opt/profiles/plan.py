@@ -13,17 +13,14 @@ import numpy as np
 
 from energy_opt.cell.planes import Near
 from energy_opt.errors import BadInput, Infeasible, at_least
+from energy_opt.motion import Move, Planner, Result, Trajectory
 from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.judge.energy import Energy
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.limits.clearance import ClearanceConstraints
-from energy_opt.motion.move import Move
 from energy_opt.motion.path_dynamics import size_of
-from energy_opt.motion.plan.planner import Planner
 from energy_opt.motion.reshape.clear import REACH, Margins, Places
 from energy_opt.motion.reshape.nodes import NodeFunctions, node_functions
-from energy_opt.motion.result import Result
-from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics import ipopt
 from energy_opt.numerics.compile import compiled
 from energy_opt.profiles.chain import Chain

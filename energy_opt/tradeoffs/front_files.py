@@ -17,10 +17,9 @@ from energy_opt.errors import Infeasible, at_least
 from energy_opt.files import write_json, write_text
 from energy_opt.folders import written_whole
 from energy_opt.formats import table as rows
-from energy_opt.motion import Move
+from energy_opt.motion import Move, Trajectory
 from energy_opt.motion.plan.neighbour import Optimum
 from energy_opt.motion.plan.robust import RobustPlanner
-from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power.per_year import per_year_words
 from energy_opt.reports.page import Report
 from energy_opt.requests.moves import TradeoffRequest

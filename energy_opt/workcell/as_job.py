@@ -19,8 +19,7 @@ from energy_opt.jobs.legs import wrong_frames
 from energy_opt.poses.given import poses_of_request
 from energy_opt.poses.pose import Pose
 from energy_opt.power.known import load_model
-from energy_opt.robot import Robot, robot_named
-from energy_opt.robot.tool import tool_of
+from energy_opt.robot import Robot, robot_named, tool_of
 from energy_opt.workcell.curves import ring_of
 from energy_opt.workcell.file import PoseTable, RobotTable, StepTable, WorkCell, load_workcell, step_name
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from energy_opt import formats
 from energy_opt.cell.cell import Cell
-from energy_opt.cell.load import load_cell, own_body
+from energy_opt.cell.load import load_cell
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.files import write_json
 from energy_opt.folders import written_whole
@@ -34,7 +34,6 @@ from energy_opt.poses.pose import Pose
 from energy_opt.power.assumptions import assumptions_line, until
 from energy_opt.power.model import model_from_document
 from energy_opt.power.per_year import per_year_words
-from energy_opt.reports.motion import drawn
 from energy_opt.reports.optimize import page
 from energy_opt.reports.words import clearance_words, energy_records, goals_words, input_words, limits_words
 from energy_opt.requests.moves import OptimizeRequest
@@ -114,9 +113,8 @@ class Answer(Result, Answered):
                 own.pop(Path(row.file).name, None)
             document = {**found.document(), "written": [*own.values(), *found.written]}
             motions = {b.name: b.trajectory for b in self.baselines}
-            bodies, scene = drawn(self.cell or own_body(self.arm))
             lost = _lost(self, self.arm, document)
-            report = page(document, self.trajectory, motions, self.arm, bodies, scene, lost)
+            report = page(document, self.trajectory, motions, self.arm, self.cell, lost)
             report.write(aside / "report.html", aside / "plot.png")
             write_json(aside / ANSWER, document)
         return found

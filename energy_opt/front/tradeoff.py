@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.cell.load import load_cell, own_body
+from energy_opt.cell.load import load_cell
 from energy_opt.errors import BadInput
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, robot_of
@@ -25,7 +25,6 @@ from energy_opt.power import PowerModel
 from energy_opt.power.assumptions import Assumption, assumptions
 from energy_opt.power.assumptions import assumptions_line as assumed
 from energy_opt.power.per_year import PerYear
-from energy_opt.reports.motion import drawn
 from energy_opt.reports.tradeoff import page
 from energy_opt.requests.moves import TradeoffRequest
 from energy_opt.robot import Robot
@@ -92,8 +91,7 @@ def run(request: TradeoffRequest, desk: Desk) -> Tradeoff:
             front = stated(planner, move, front, cycle)
         found = {**document_of(planner, rivals, move, front, cycle, document, worth), **goals}
         found["warnings"] = [*found["warnings"], *notes]
-        bodies, scene = drawn(mean.cell or own_body(robot))
-        report = partial(page, motions=motions_of(front), robot=robot, bodies=bodies, scene=scene)
+        report = partial(page, motions=motions_of(front), robot=robot, cell=mean.cell)
         answer = desk.keep(Tradeoff(found, asked, report, text, robot, front, move))
     desk.report((), assumed([Assumption(**row) for row in found["assumptions"]]), found["warnings"])
     if "message" in found:

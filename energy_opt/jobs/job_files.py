@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from energy_opt import formats
-from energy_opt.cell.load import own_body
 from energy_opt.files import plain, write_json
 from energy_opt.formats import Format, controller_files
 from energy_opt.formats.controller_files import Shares, Written, unchanged
@@ -27,7 +26,6 @@ from energy_opt.poses.given import pose_document
 from energy_opt.power.per_year import PerYear
 from energy_opt.reports.job import page
 from energy_opt.reports.job import table as table
-from energy_opt.reports.motion import drawn
 
 
 def whole_cycle(result: JobResult) -> Trajectory:
@@ -234,7 +232,6 @@ def write(
     missed = missed_words(cycle, [step.goal for step in result.job.steps])
     for fault in ([] if own.valid else [str(own)]) + ([missed] if missed else []):
         found["warnings"].append(f"cycle.csv: {fault}")
-    bodies, scene = drawn(result.cell or own_body(result.job.robot))
-    page(found, cycle, result.job.robot, bodies, scene, power_of(result)).write(Path(out) / "report.html")
+    page(found, cycle, result.job.robot, result.cell, power_of(result)).write(Path(out) / "report.html")
     write_json(Path(out) / "job.json", found)
     return found

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from energy_opt.cell.cell import Cell
 from energy_opt.power.per_year import per_year_words
 from energy_opt.reports.charts import Block, Chart, Line
-from energy_opt.reports.motion import Motion, Played, Solid, player
+from energy_opt.reports.motion import Motion, Played, player
 from energy_opt.reports.optimize import assumed, motion_charts
 from energy_opt.reports.page import Report
 from energy_opt.reports.words import yearly
@@ -25,15 +26,14 @@ def page(
     document: Mapping[str, Any],
     cycle: Motion,
     robot: Robot,
-    bodies: Sequence[Solid] = (),
-    scene: Sequence[Solid] = (),
+    cell: Cell | None = None,
     power: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Report:
     """The report of a job.json.
 
     Args:
         cycle: the whole cycle as one motion.
-        bodies, scene: bodies for drawing the moving arm.
+        cell: bodies for drawing the moving arm; None: the arm's own.
         power: over the cycle, time (N,) [s] and power (N,) [W].
     """
     report = Report(f"{document['robot']}: a cycle of {document['cycle_time']:.4g} s")
@@ -44,7 +44,7 @@ def page(
     steps = document["steps"]
     names = [f"{k}. {row['name']}" for k, row in enumerate(steps, start=1)]
     phases = [(row["start"], name) for name, row in zip(names, steps, strict=True)]
-    report.player(player(robot, [Played("result", cycle)], bodies, scene, phases=phases))
+    report.player(player(robot, [Played("result", cycle)], cell, phases=phases))
     drawn = [] if power is None else [Line("power", *power)]
     report.section("Timeline").charts(
         Chart("Motion of the arm", "time [s]", "", timed=True, blocks=timeline(steps)),

@@ -11,6 +11,7 @@ from scipy.spatial import ConvexHull
 
 from energy_opt.cell.bodies import Body
 from energy_opt.cell.cell import Cell
+from energy_opt.cell.load import own_body
 from energy_opt.cell.solids import LARGE, Piece
 from energy_opt.reports.charts import rounded
 from energy_opt.robot import Link, Robot
@@ -80,19 +81,18 @@ class Played:
 def player(
     robot: Robot,
     motions: Sequence[Played],
-    bodies: Sequence[Solid],
-    scene: Sequence[Solid] = (),
+    cell: Cell | None = None,
     closest: Closest | None = None,
     phases: Sequence[tuple[float, str]] = (),
 ) -> dict[str, Any] | None:
     """Data for the page's player; None if the robot has no bodies to draw.
 
     Args:
-        bodies: of the robot; scene: in the base frame (their joint is ignored).
+        cell: the robot among the bodies around it; None: the robot alone.
         closest: marked, and a time to jump to.
         phases: start [s] and name of each phase, shown while it plays.
     """
-    links, shown = robot.body.tree(), []
+    links, shown, (bodies, scene) = robot.body.tree(), [], drawn(cell or own_body(robot))
     for played in motions:
         t = played.trajectory
         time = np.linspace(t.time[0], t.time[-1], FRAMES)

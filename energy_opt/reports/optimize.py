@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from energy_opt.cell.cell import Cell
 from energy_opt.power.assumptions import Assumption, grouped
 from energy_opt.reports.charts import Chart, Line
-from energy_opt.reports.motion import Closest, Motion, Played, Solid, player
+from energy_opt.reports.motion import Closest, Motion, Played, player
 from energy_opt.reports.page import Report
 from energy_opt.reports.words import clearance_words, energy_records, goals_words, input_words, limits_words, yearly
 from energy_opt.robot import Robot
@@ -22,8 +23,7 @@ def page(
     result: Motion,
     baselines: Mapping[str, Motion],
     robot: Robot,
-    bodies: Sequence[Solid] = (),
-    scene: Sequence[Solid] = (),
+    cell: Cell | None = None,
     lost: Mapping[str, Mapping[str, np.ndarray]] | None = None,
 ) -> Report:
     """The report of a result.json and the trajectories that belong to it.
@@ -31,7 +31,7 @@ def page(
     Args:
         document: the content of result.json.
         baselines: trajectories by name; "scaled" is drawn beside the result.
-        bodies, scene: bodies for drawing the moving arm.
+        cell: bodies for drawing the moving arm; None: the arm's own.
         lost: loss by each effect at each joint (n,) [J], by motion.
     """
     report = Report(f"{document['robot']}: {document['mode']} in {document['duration']:.4g} s")
@@ -43,7 +43,7 @@ def page(
         report.warning(f"{document['status']}: {document['message']}")
     beside = {name: motion for name, motion in baselines.items() if name == BESIDE}
     motions = [Played("result", result), *(Played(name, motion, ghost=True) for name, motion in beside.items())]
-    report.player(player(robot, motions, bodies, scene, _closest(document)))
+    report.player(player(robot, motions, cell, _closest(document)))
     report.section("Motion").charts(*motion_charts(result, beside, robot))
     _energy(report, document)
     standby = document["energy"]["standby"] / document["duration"]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from energy_opt.cell.cell import Cell
 from energy_opt.reports.charts import Chart, Line
-from energy_opt.reports.motion import Motion, Played, Solid, player
+from energy_opt.reports.motion import Motion, Played, player
 from energy_opt.reports.optimize import assumed
 from energy_opt.reports.page import Report
 from energy_opt.reports.words import yearly
@@ -16,17 +17,13 @@ from energy_opt.robot import Robot
 
 
 def page(
-    document: Mapping[str, Any],
-    motions: Mapping[float, Motion],
-    robot: Robot,
-    bodies: Sequence[Solid] = (),
-    scene: Sequence[Solid] = (),
+    document: Mapping[str, Any], motions: Mapping[float, Motion], robot: Robot, cell: Cell | None = None
 ) -> Report:
     """The report of a tradeoff.json.
 
     Args:
         motions: trajectories by duration [s].
-        bodies, scene: bodies for drawing the moving arm.
+        cell: bodies for drawing the moving arm; None: the arm's own.
     """
     report = Report(f"{document['robot']}: energy against duration, {document['mode']}")
     best = document["minimum"]
@@ -63,7 +60,7 @@ def page(
     chosen = min(motions, key=lambda d: abs(d - best["duration"])) if best is not None and motions else None
     played = [Played(f"{d:.4g} s", motion, shown=d == chosen) for d, motion in sorted(motions.items())]
     if played:
-        report.section("Motion at any point of the front").player(player(robot, played, bodies, scene))
+        report.section("Motion at any point of the front").player(player(robot, played, cell))
     columns = {"total [J]": "total", "loss [J]": "loss", "saved against evenly slowed [J]": "saving_joules"}
     report.models("The front's minimum under other models", document.get("models"), columns)
     assumed(report, document)

@@ -25,7 +25,7 @@ from energy_opt.errors import BadInput
 from energy_opt.motion.limits.tube import Tube
 from energy_opt.motion.path import through
 from energy_opt.motion.trajectory import Trajectory
-from energy_opt.reports.motion import Played, drawn, player
+from energy_opt.reports.motion import Played, player
 from energy_opt.robot import PointMass, Robot, tool_of
 
 
@@ -215,7 +215,7 @@ def test_rows_over_planes_have_the_derivatives_of_their_values(cell: Cell) -> No
 def test_the_page_plays_all_joints(cell: Cell) -> None:
     time, still = np.linspace(0, 1, 5), np.zeros((5, 5))
     t = Trajectory(cell.robot.joints, time, START + time[:, None] * (GOAL - START), still, still)
-    shown = player(cell.robot, [Played("result", t)], drawn(cell)[0])
+    shown = player(cell.robot, [Played("result", t)], cell)
     assert shown is not None and len(shown["tree"]) == 9
     first, last = shown["motions"][0]["position"][0], shown["motions"][0]["position"][-1]
     assert first == [0.0] * 9 and last == [1.2, 0.5, -0.5, 0.4, -0.4, 1.0, 0.03, -0.03, 0.5]

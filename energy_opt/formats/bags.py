@@ -210,10 +210,8 @@ def _library() -> SimpleNamespace:
 
 
 LARGEST_PART = 64 * 10**6  # [bytes] largest chunk or message; recorders write chunks of 1 to 16 MB
-LEAST, RATIO = (
-    256 * 10**6,
-    20,
-)  # a bag may unpack to LEAST bytes or RATIO times its size; joint states pack 3 to 10 fold
+# A bag may unpack to LEAST bytes or RATIO times its size; joint states pack 3 to 10 fold.
+LEAST, RATIO = 256 * 10**6, 20
 
 
 class Budget:

@@ -28,35 +28,21 @@ SAMPLES = 2  # least samples over which it is spread, if the cycle is sampled at
 def write_cycle(
     parts: Sequence[Part],
     judge: CycleJudging,
-    formats: Sequence[Format],
+    form: Format,
     out: Path,
     rate: float | None = None,
     prefix: str = "",
     stem: str = "trajectory",
-) -> list[Written]:
-    """Write a cycle in several formats into a folder; each file is read back and judged.
+) -> Written:
+    """Write a cycle in a format into a folder; the file is read back and judged.
 
     Args:
         rate: samples per second; None for the judged samples. A cycle keeps its time: where samples at a rate break a
             limit, the lowest of the usual rates that holds is taken.
-        prefix: of the joints' names in the files.
-        stem: of the files' names.
+        prefix: of the joints' names in the file.
+        stem: of the file's name.
     """
-    cycle = joined([part.trajectory for part in parts])
-    return [_written(form, parts, cycle, judge, out, rate, prefix, stem) for form in formats]
-
-
-def _written(
-    form: Format, parts: Sequence[Part], cycle: Trajectory, judge: CycleJudging, out: Path, rate: float | None,
-    prefix: str, stem: str,
-) -> Written:  # fmt: skip
-    """Write a cycle in one format, read it back and judge it.
-
-    Args:
-        form: the format. parts: motions and waits. cycle: all of them as one motion. judge: judges the cycle. out: a
-            folder. rate: [Hz] or None. prefix: of joint names. stem: of the file's name.
-    """
-    robot = judge.scorer.robot
+    robot, cycle = judge.scorer.robot, joined([part.trajectory for part in parts])
 
     def named(trajectory: Trajectory) -> Trajectory:
         return replace(trajectory, joints=tuple(prefix + joint for joint in trajectory.joints))
@@ -79,7 +65,7 @@ def _written(
         if row.valid or rate is None:
             return row
         why = broken(judge.of_parts(_each_at(parts, rate)), rate)
-        again = _written(form, parts, cycle, judge, out, None, prefix, stem)
+        again = write_cycle(parts, judge, form, out, None, prefix, stem)
         return replace(again, text=f"{again.text}; {why}")
     carried, rests = _carried(parts), any(part.waits for part in parts)
     ends = [part.trajectory.position[-1] for part in parts]

@@ -188,18 +188,6 @@ def message(trajectory: Trajectory) -> dict[str, Any]:
     return {"header": header, "joint_names": list(trajectory.joints), "points": points}
 
 
-def goal(trajectory: Trajectory) -> dict[str, Any]:
-    """A trajectory as a goal of control_msgs/FollowJointTrajectory; the controller's own tolerances hold."""
-    return {
-        "trajectory": message(trajectory),
-        "path_tolerance": [],
-        "component_path_tolerance": [],
-        "goal_tolerance": [],
-        "component_goal_tolerance": [],
-        "goal_time_tolerance": {"sec": 0, "nanosec": 0},
-    }
-
-
 def write_yaml(trajectory: Trajectory, path: Path) -> None:
     """Write trajectory_msgs/JointTrajectory as YAML; every digit, times to the nanosecond."""
     write_text(path, "\n".join(_yaml(message(trajectory))) + "\n")
@@ -211,8 +199,13 @@ def write_json_file(trajectory: Trajectory, path: Path) -> None:
 
 
 def write_goal(trajectory: Trajectory, path: Path) -> None:
-    """Write a FollowJointTrajectory goal as YAML, ready for `ros2 action send_goal`."""
-    write_text(path, "\n".join(_yaml(goal(trajectory))) + "\n")
+    """Write a control_msgs/FollowJointTrajectory goal as YAML, ready for `ros2 action send_goal`.
+
+    The controller's own tolerances hold.
+    """
+    fields = ("path_tolerance", "component_path_tolerance", "goal_tolerance", "component_goal_tolerance")
+    goal = {"trajectory": message(trajectory), **{field: [] for field in fields}}
+    write_text(path, "\n".join(_yaml({**goal, "goal_time_tolerance": {"sec": 0, "nanosec": 0}})) + "\n")
 
 
 def _yaml(value: Mapping[str, Any], indent: str = "") -> Iterator[str]:

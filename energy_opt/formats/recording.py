@@ -43,7 +43,9 @@ def motion_of(samples: Samples) -> tuple[Trajectory, tuple[str, ...]]:
     """
     samples, repaired = as_moved(samples)
     read = samples.trajectory()
-    if not read.velocity.any() or (samples.planned and not (_is_rounded(samples) and _contradicts(read))):
+    # with few digits, the differences of close positions are coarse
+    rounded = np.abs(samples.position - np.round(samples.position, MOST_DIGITS)).max() < 1e-9
+    if not read.velocity.any() or (samples.planned and not (rounded and _contradicts(read))):
         return read, repaired
     given = samples
     samples, read, dropped = _agreeing(samples, read)
@@ -113,11 +115,6 @@ def _agreeing(samples: Samples, read: Trajectory) -> tuple[Samples, Trajectory, 
         f"{samples.where}: {' and '.join(dropped)} contradict the positions (noise, delay, rounding?) and are not used"
     )
     return samples, read, (note,)
-
-
-def _is_rounded(samples: Samples) -> bool:
-    """Whether positions have so few digits that the differences of close ones are coarse."""
-    return bool(np.abs(samples.position - np.round(samples.position, MOST_DIGITS)).max() < 1e-9)
 
 
 def _contradicts(t: Trajectory) -> bool:

@@ -100,7 +100,10 @@ class Answers(Answered):
         with written_whole(out, ANSWER) as aside:
             for number, each in enumerate(self.found, start=1):
                 stem = "trajectory" if len(self.found) == 1 else f"trajectory_{number:02d}"
-                records += write_cycle(each.parts, each.judge, formats, aside, asked.rate, asked.joint_prefix, stem)
+                for form in formats:
+                    records.append(
+                        write_cycle(each.parts, each.judge, form, aside, asked.rate, asked.joint_prefix, stem)
+                    )
             kept = replace(self, files=tuple(records))
             write_json(aside / ANSWER, kept.document())
         return kept

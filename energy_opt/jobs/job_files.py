@@ -69,7 +69,8 @@ def write_programs(
         result: the solved job. formats: of the files. out: the folder. rate: [Hz] of samples; None: those of the plan.
         prefix: of the joints' names.
     """
-    return write_cycle(result.pieces, judging_of(result), formats, out, rate, prefix)
+    judge = judging_of(result)
+    return [write_cycle(result.pieces, judge, form, out, rate, prefix) for form in formats]
 
 
 FORMAT = "energy-opt/job-result/1"

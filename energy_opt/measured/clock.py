@@ -161,17 +161,15 @@ def align(
     fewer = [_thinned(stamps, window, power) for window in windows]
     scores = np.array([[evidence(motion, s - d, w, p)[0] for d in DELAYS] for s, w, p in fewer])
     at = int(shows_means(scores, float(np.median(windows[-1])))[0]) if len(windows) > 1 else 0
-    found = [_search(motion, stamps, window, power, given) for window in windows] if seek else [None]
-    best = max((k for k, one in enumerate(found) if one is not None), key=lambda k: _score(found[k]), default=None)
-    if best is None:
-        return None, at, scores
-    clock, score = found[best] or (None, 0.0)
+    found = [_search(motion, stamps, window, power, given) for window in windows] if seek else [(None, -np.inf)]
+    best = max(range(len(found)), key=lambda k: found[k][1])
+    clock, score = found[best]
     if clock is None or clock.explained < GOOD:
         return None, at, scores
     largest = abs(clock.offset) + abs(clock.drift) * float(stamps[-1] - stamps[0]) / 2
     if given and (score - scores[:, 0].max() < SURE or largest < LEAST):
         return None, at, scores
-    return clock, best, np.tile(np.array([[_score(one)] for one in found]), (1, len(DELAYS)))
+    return clock, best, np.tile(np.array([[score] for _, score in found]), (1, len(DELAYS)))
 
 
 def shows_means(scores: np.ndarray, interval: float) -> tuple[bool, bool]:
@@ -193,15 +191,10 @@ def shows_means(scores: np.ndarray, interval: float) -> tuple[bool, bool]:
     return bool(abs(late - interval / 2) < 0.2 * interval), False
 
 
-def _score(found: tuple[Clock, float] | None) -> float:
-    """Log likelihood of a found clock; -inf if there is none."""
-    return -np.inf if found is None else found[1]
-
-
 def _search(
     motion: Activity, stamps: np.ndarray, window: np.ndarray, power: np.ndarray, given: bool
-) -> tuple[Clock, float] | None:
-    """The clock with the best fit, and its log likelihood. None if no offset leaves enough readings within the motion.
+) -> tuple[Clock | None, float]:
+    """The clock with the best fit, and its log likelihood; None and -inf if no offset leaves enough readings within.
 
     Offsets are first scanned on a grid. Then Nelder-Mead refines offset and drift. The drift is kept if it improves the
     log likelihood by more than 5 + log(M) / 2 (the Bayesian information criterion with a margin).
@@ -219,7 +212,7 @@ def _search(
         offsets = np.append(offsets[np.abs(offsets) > step / 2], 0.0)
     scores = np.array([evidence(motion, stamps + x, window, power)[0] for x in offsets])
     if not np.isfinite(scores).any():
-        return None
+        return None, -np.inf
     best = float(offsets[int(np.argmax(scores))])
 
     def loss(x: np.ndarray) -> float:

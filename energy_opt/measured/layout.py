@@ -51,11 +51,6 @@ def is_number(cell: str) -> bool:
     return _NUMBER.fullmatch(cell) is not None  # decimal commas; numbers too large for a float
 
 
-def _is_comment(row: str) -> bool:
-    """Whether a row is a remark of the recorder or its user."""
-    return _COMMENT.match(row.encode(errors="replace")) is not None
-
-
 def _without_comments(content: Any, begin: int) -> tuple[Any, int]:
     """The bytes of a file with empty lines in place of comments from `begin` on, and how many those are."""
     if content.find(b"#", begin) < 0 and content.find(b"%", begin) < 0:
@@ -200,7 +195,8 @@ def layout_of(path: Path, given: Csv | None = None) -> Layout:
     at = _header(path, cells)
     names = tuple(re.sub(r"^[#%]\s*(?=\w)", "", name.strip()) for name in cells[at])
     _no_nul(path, content, delimiter, names)
-    body = [k for k in range(at + 1, len(text_lines)) if text_lines[k].strip() and not _is_comment(text_lines[k])]
+    remark = [_COMMENT.match(row.encode(errors="replace")) is not None for row in text_lines]
+    body = [k for k in range(at + 1, len(text_lines)) if text_lines[k].strip() and not remark[k]]
     units: tuple[str, ...] = ()
     if body and _is_unit_row(cells[body[0]]):
         units = tuple(cell.strip() for cell in cells[body[0]])

@@ -15,19 +15,13 @@ from functools import cache, lru_cache
 
 from energy_opt.robot import Robot, known_robots
 
+DEGREE = math.pi / 180
 # Factors to SI units, by kind of quantity; the first unit of each is SI's.
 UNITS: dict[str, dict[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
-    "position": {"rad": 1.0, "deg": math.pi / 180, "rev": 2 * math.pi, "m": 1.0, "mm": 1e-3},
-    "velocity": {
-        "rad/s": 1.0,
-        "deg/s": math.pi / 180,
-        "rpm": math.pi / 30,
-        "rev/s": 2 * math.pi,
-        "m/s": 1.0,
-        "mm/s": 1e-3,
-    },
-    "acceleration": {"rad/s^2": 1.0, "deg/s^2": math.pi / 180, "m/s^2": 1.0, "mm/s^2": 1e-3},
+    "position": {"rad": 1.0, "deg": DEGREE, "rev": 2 * math.pi, "m": 1.0, "mm": 1e-3},
+    "velocity": {"rad/s": 1.0, "deg/s": DEGREE, "rpm": math.pi / 30, "rev/s": 2 * math.pi, "m/s": 1.0, "mm/s": 1e-3},
+    "acceleration": {"rad/s^2": 1.0, "deg/s^2": DEGREE, "m/s^2": 1.0, "mm/s^2": 1e-3},
     "effort": {"N m": 1.0, "Nm": 1.0, "mN m": 1e-3, "N": 1.0},
     "current": {"A": 1.0, "mA": 1e-3},
     "voltage": {"V": 1.0, "mV": 1e-3, "kV": 1e3},

@@ -92,7 +92,7 @@ def write_programs(
         written = [unchanged(file, FORMATS["csv"], cycle, judge(cycle))]
         for form in forms.get(arm.name, ()):
             if form.name != "csv" or rate is not None:
-                written += write_cycle(parts, judge, [form], out, rate, prefix, stem)
+                written.append(write_cycle(parts, judge, form, out, rate, prefix, stem))
         files += [replace(one, about={"robot": arm.name, "starts_at": motion.begin}) for one in written]
     return files
 

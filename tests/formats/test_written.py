@@ -14,7 +14,7 @@ from urscript_arm import Controller
 
 import energy_opt as eo
 from energy_opt.cli.main import main
-from energy_opt.formats import read_trajectory, write
+from energy_opt.formats import FORMATS, read_trajectory, write
 from energy_opt.formats.controller_files import wanted
 from energy_opt.formats.controller_program import Part, standing
 from energy_opt.formats.controller_program import joined as joined_parts
@@ -166,19 +166,19 @@ def test_a_file_says_by_how_much_its_waits_are_shorter(panda: Robot, model: Powe
     back = replace(there, position=rows[0][::-1], velocity=-rows[1], acceleration=rows[2][::-1])
     parts = [Part(there), Part(standing(panda.joints, START + way, 0.4), waits=True), Part(back)]
     judge = CycleJudging.of([(4.0, Scorer(panda, model), None)])
-    (row,) = write_cycle(parts, judge, wanted(["csv"]), tmp_path, 25.0)
+    row = write_cycle(parts, judge, FORMATS["csv"], tmp_path, 25.0)
     assert row.valid and row.rate == 25.0
     again = read_trajectory(tmp_path / row.file, panda.joints)
     still = again.time[np.abs(again.position - (START + way)).max(axis=1) < 1e-9]
     stated = re.search(r"waits are up to ([0-9.]+) ms shorter", row.text)
     assert stated and 0.4 - float(stated[1]) / 1e3 <= still[-1] - still[0] + 1e-6 < 0.39
     on = replace(there, position=there.position + way)
-    (row,) = write_cycle([Part(there), Part(on)], judge, wanted(["csv"]), tmp_path, 25.0)  # no wait, no word about it
+    row = write_cycle([Part(there), Part(on)], judge, FORMATS["csv"], tmp_path, 25.0)  # no wait, no word about it
     assert row.rate is not None and "shorter" not in row.text and "passes poses" not in row.text
     # it turns there without a wait: in the mean of both motions it turns before
     far, half = (Trajectory(panda.joints, there.time, end + k * (rows[0] - START), k * rows[1], k * rows[2])
                  for k, end in ((3.0, START), (-1.5, START + 3 * way)))  # fmt: skip
-    (row,) = write_cycle([Part(far), Part(half)], judge, wanted(["csv"]), tmp_path, 10.0)
+    row = write_cycle([Part(far), Part(half)], judge, FORMATS["csv"], tmp_path, 10.0)
     again = read_trajectory(tmp_path / row.file, panda.joints)
     off = np.abs(again.sample(np.linspace(0, again.duration, 20001))[0] - half.position[0]).max(axis=1).min()
     stated = re.search(r"passes poses of steps at distances of up to ([0-9.e-]+) rad or m", row.text)

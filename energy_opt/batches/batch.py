@@ -139,10 +139,8 @@ def run_batch(
             "command": request.get("command"),
         }
         log.info("writing results.parquet, report.html and summary.json")
-        summary = {
-            **summarize(suite.name, found, len(wanted), run, worth),
-            **({"request": plain(request)} if request else {}),
-        }
+        asked = {"request": plain(request)} if request else {}
+        summary = {**summarize(suite.name, found, len(wanted), run, worth), **asked}
         write_parquet(Path(out) / "results.parquet", found)
         write_report(Path(out) / "report.html", found, summary)
         write_json(Path(out) / "summary.json", summary)

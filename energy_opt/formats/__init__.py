@@ -36,27 +36,19 @@ class Format:
     others: tuple[str, ...] = ()
 
 
+MESSAGE, GOAL = "trajectory_msgs/JointTrajectory", "control_msgs/FollowJointTrajectory goal"
 FORMATS: dict[str, Format] = {
     f.name: f
     for f in (
         Format("csv", ".csv", "table: time, <joint>.position, ...", table.read, table.write),
-        Format(
-            "yaml", ".yaml", "trajectory_msgs/JointTrajectory", messages.read_yaml, messages.write_yaml, (".yml",)
-        ),
-        Format(
-            "json", ".json", "trajectory_msgs/JointTrajectory", messages.read_json_file, messages.write_json_file
-        ),
-        Format(
-            "follow-joint-trajectory", ".goal.yaml", "control_msgs/FollowJointTrajectory goal",
-            messages.read_yaml, messages.write_goal,
-        ),
-        Format(
-            "mcap", ".mcap", "bag with a trajectory_msgs/JointTrajectory", bags.read, bags.write_mcap, bags.SUFFIXES[1:]
-        ),
+        Format("yaml", ".yaml", MESSAGE, messages.read_yaml, messages.write_yaml, (".yml",)),
+        Format("json", ".json", MESSAGE, messages.read_json_file, messages.write_json_file),
+        Format("follow-joint-trajectory", ".goal.yaml", GOAL, messages.read_yaml, messages.write_goal),
+        Format("mcap", ".mcap", f"bag with a {MESSAGE}", bags.read, bags.write_mcap, bags.SUFFIXES[1:]),
         Format("urscript", ".script", "program for Universal Robots", urscript.read, urscript.write),
         Format("franka", ".franka.csv", "joint positions for libfranka", franka.read, franka.write),
     )
-}  # fmt: skip
+}
 
 
 def read(path: str | Path) -> Samples:

@@ -70,18 +70,16 @@ def joined(trajectories: Sequence[Trajectory]) -> Trajectory:
     return Trajectory(trajectories[0].joints, whole(np.concatenate(times)), q, v, a)
 
 
-def load_of(robot: Robot, model: PowerModel) -> Load | None:
-    """Payload of a model, with its centre in the frame that programs use; None without a payload."""
+def load_of(model: PowerModel) -> Load | None:
+    """Payload of a model, with its centre in the last joint's frame; None without a payload."""
     payload = model.get("payload")
-    if payload is None:
-        return None
-    return in_tool(robot, (float(payload.values["mass"][0]), *payload.values["com"].tolist()))
+    return None if payload is None else (float(payload.values["mass"][0]), *payload.values["com"].tolist())
 
 
-def in_tool(robot: Robot, load: Load) -> Load:
+def in_tool(robot: Robot, load: Load | None) -> Load | None:
     """A payload with its centre in the frame of the link `tool0`, which controllers use; unchanged without it."""
     found = robot.body.link_frames().get("tool0")
-    if found is None:
+    if found is None or load is None:
         return load
     mass, *centre = load
     x, y, z = (np.linalg.inv(found[1]) @ [*centre, 1.0])[:3].tolist()

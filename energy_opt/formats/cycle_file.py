@@ -51,11 +51,7 @@ def write_cycle(
         loads = [part.payload for part in parts if part.payload is not None]
         carries = any(load[0] > 0 for load in loads)
         followed = [
-            replace(
-                part,
-                trajectory=named(part.trajectory),
-                payload=in_tool(robot, part.payload) if carries and part.payload is not None else None,
-            )
+            replace(part, trajectory=named(part.trajectory), payload=in_tool(robot, part.payload) if carries else None)
             for part in (parts if rate is None else _each_at(parts, rate))
         ]
         got = Sampled(cycle, rate)

@@ -8,7 +8,7 @@ from pathlib import Path
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.formats import FORMATS, Format, controller_files
 from energy_opt.formats.controller_files import Shares, Written, wanted
-from energy_opt.formats.controller_program import load_of
+from energy_opt.formats.controller_program import in_tool, load_of
 from energy_opt.formats.judging import Judging
 from energy_opt.formats.resample import check_rate
 from energy_opt.motion import Move, Planner, Result
@@ -145,7 +145,7 @@ class Controllers:
             scripts = FORMATS["urscript"] in formats
             records += movej.write(moves, robot, judge, out, ["moves.yaml", *(["trajectory.script"] * scripts)])
             formats = [form for form in formats if form.name != "urscript"]
-        payload = load_of(robot, self.planner.model)
+        payload = in_tool(robot, load_of(self.planner.model))
         return records + controller_files.write(
             result.trajectory, judge, formats, out, request.rate, request.joint_prefix, payload
         )

@@ -12,6 +12,7 @@ from energy_opt.errors import BadInput, at_least
 from energy_opt.files import plain, read_toml
 from energy_opt.folders import written_whole
 from energy_opt.formats.controller_files import Written
+from energy_opt.formats.controller_program import load_of
 from energy_opt.front.desk import Answered, Desk
 from energy_opt.front.given import cell_of, named_robot, payload_document, robot_of
 from energy_opt.front.models import members, rivals_of
@@ -65,16 +66,13 @@ def loaded(request: Asked, job: Job, rivals: list[Rival], desk: Desk) -> Job:
     """The job with the payload of the request or of the models' first, unless the job states its own."""
     if getattr(request, "payload", None) is None and "payload" in content_of(request)[0]:
         return job
-    carried = [model.get("payload") for model in members(rivals)]
+    carried = [load_of(model) for model in members(rivals)]
     if len(set(carried)) > 1:
         desk.say(
             "warning: the payloads of the models differ; a job has one at a time: that of the first model is used for "
             "all, unless the job or --payload states it"
         )
-    if carried[0] is None:
-        return job
-    mass, (x, y, z) = float(carried[0].values["mass"][0]), carried[0].values["com"].tolist()
-    return job_from(request, (mass, x, y, z), job.robot)
+    return job if carried[0] is None else job_from(request, carried[0], job.robot)
 
 
 def resolved_job(request: Asked, robot: Robot, rivals: list[Rival], kind: Kind | None, **known: Any) -> Asked:

@@ -151,17 +151,9 @@ def legs_of(steps: Sequence[Step]) -> list[Leg]:
         part.append(k)
         if step.stop:
             joined = [steps[i] for i in part]
-            out.append(
-                Leg(
-                    tuple(part),
-                    tuple(s.name for s in joined),
-                    np.vstack([joined[0].start, *(s.goal for s in joined)]),
-                    "reshape" if any(s.mode == "reshape" for s in joined) else "retime",
-                    step.least,
-                    step.most,
-                    step,
-                )
-            )
+            names, points = tuple(s.name for s in joined), np.vstack([joined[0].start, *(s.goal for s in joined)])
+            mode = "reshape" if any(s.mode == "reshape" for s in joined) else "retime"
+            out.append(Leg(tuple(part), names, points, mode, step.least, step.most, step))
             part = []
     return out
 

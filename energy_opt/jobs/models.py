@@ -150,10 +150,8 @@ def stated(result: JobResult, rivals: Sequence[Rival]) -> JobResult:
     held = [_efforts(replace(result, plan=p), rivals[1:]).max() <= HELD for p in (plan, slowed or plan)]
     if costly and slowed is not None and held != [True, False]:
         plan = slowed
-        warnings = (
-            *warnings,
-            f"no cycle was found that takes less energy than the evenly slowed one under {costly[0][1].name!r} too",
-        )
+        said = f"no cycle was found that takes less energy than the evenly slowed one under {costly[0][1].name!r} too"
+        warnings = (*warnings, said)
     totals = [row["total"] for row in compared(replace(result, plan=plan), rivals).models]
     robust = {"kind": "mean", "total": sum(totals) / len(totals), "lower_bound": result.bound}
     scorers = Scorers(job.robot, rivals[0].model)

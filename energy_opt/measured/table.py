@@ -140,12 +140,10 @@ class Table:
             ragged.append((row.number, row.actual_columns))
             return "skip"
 
-        source = pa.BufferReader(pa.py_buffer(self.layout.content)[self.layout.first :])
+        names = [f"c{k}" for k in range(len(self.header))]
         table = arrow.read_csv(
-            source,
-            read_options=arrow.ReadOptions(
-                use_threads=False, block_size=BLOCK, column_names=[f"c{k}" for k in range(len(self.header))]
-            ),
+            pa.BufferReader(pa.py_buffer(self.layout.content)[self.layout.first :]),
+            read_options=arrow.ReadOptions(use_threads=False, block_size=BLOCK, column_names=names),
             parse_options=arrow.ParseOptions(delimiter=self.layout.delimiter, invalid_row_handler=note),
             convert_options=arrow.ConvertOptions(
                 column_types=kinds,

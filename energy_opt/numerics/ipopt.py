@@ -156,26 +156,11 @@ def solve(
         {"triu_hess_gamma_x_x": hess},
         lambda x, p, f, g: [problem.hessian(x, float(f[0]), g)],
     )
-    solver = ca.nlpsol(
-        "ipopt",
-        "ipopt",
-        nlp,
-        {
-            **OPTIONS,
-            **{f"ipopt.{key}": value for key, value in options.items()},
-            "grad_f": grad_f,
-            "jac_g": jac_g,
-            "hess_lag": hess_lag,
-        },
-    )
+    given = {**OPTIONS, **{f"ipopt.{key}": value for key, value in options.items()}}
+    solver = ca.nlpsol("ipopt", "ipopt", nlp, {**given, "grad_f": grad_f, "jac_g": jac_g, "hess_lag": hess_lag})
     r = solver(x0=x0, lbx=bounds[0], ubx=bounds[1], lbg=row_bounds[0], ubg=row_bounds[1])
     stats = solver.stats()
     if str(stats["return_status"]) in STUCK and not CAREFUL.keys() <= options.keys():
         return solve(problem, x0, bounds, row_bounds, {**options, **CAREFUL})
-    return Answer(
-        np.clip(_array(r["x"]), *bounds),
-        _array(r["lam_g"]),
-        bool(stats["success"]),
-        str(stats["return_status"]),
-        int(stats["iter_count"]),
-    )
+    ended = bool(stats["success"]), str(stats["return_status"]), int(stats["iter_count"])
+    return Answer(np.clip(_array(r["x"]), *bounds), _array(r["lam_g"]), *ended)

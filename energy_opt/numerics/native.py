@@ -48,10 +48,8 @@ class Matrix(ctypes.Structure):
 class Bounds(ctypes.Structure):
     """The indices of finite bounds."""
 
-    _fields_ = [("size", ctypes.c_int64), ("lows", ctypes.c_int64), ("highs", ctypes.c_int64)] + [
-        ("low", ctypes.c_void_p),
-        ("high", ctypes.c_void_p),
-    ]
+    _fields_ = [(name, ctypes.c_int64) for name in ("size", "lows", "highs")]
+    _fields_ += [(name, ctypes.c_void_p) for name in ("low", "high")]
 
 
 class Clouds(ctypes.Structure):

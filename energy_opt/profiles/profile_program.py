@@ -125,11 +125,8 @@ class Program:
         self._count = z.shape[1]
         linear = [*(rest - APART for rest in symbols.rests), *(ramps[i] - 2 * rises[i] - APART for i in range(k + 2))]
         peaks = [change / (ramps[i] - rises[i]) for i, change in enumerate(symbols.changes)]
-        largest = {
-            1: symbols.lines,
-            2: peaks,
-            3: [peak / rises[i] for i, peak in enumerate(peaks)],
-        }  # the largest values of each derivative
+        # the largest values of each derivative
+        largest = {1: symbols.lines, 2: peaks, 3: [peak / rises[i] for i, peak in enumerate(peaks)]}
         shares = [_bounded(y, limit.bound) for limit in limits if limit.order for y in largest[limit.order]]
         same = [ramps[0] - ramps[1], rises[0] - rises[1]] if k == 0 else []  # one move has one acceleration
         share = ca.vertcat(*shares)

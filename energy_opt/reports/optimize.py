@@ -143,22 +143,12 @@ def motion_charts(result: Motion, beside: Mapping[str, Motion], robot: Robot) ->
         has = np.isfinite(bound)
         if values is None or not has.any():
             continue
-        charts.append(
-            Chart(
-                f"{_title(name, slides)}, as a share of its limit",
-                "time [s]",
-                f"{name} / limit [1]",
-                _joints(robot, t, np.where(has, values / np.where(has, bound, 1.0), np.nan)),
-                {"limit": 1.0, "-limit": -1.0},
-                timed=True,
-                pictured=name != "acceleration",
-            )
-        )
-    power = [
-        Line(name, m.time - m.time[0], m.power)
-        for name, m in {**beside, "result": result}.items()
-        if m.power is not None
-    ]
+        title, marks = f"{_title(name, slides)}, as a share of its limit", {"limit": 1.0, "-limit": -1.0}
+        lines = _joints(robot, t, np.where(has, values / np.where(has, bound, 1.0), np.nan))
+        shown = name != "acceleration"
+        charts.append(Chart(title, "time [s]", f"{name} / limit [1]", lines, marks, timed=True, pictured=shown))
+    both = {**beside, "result": result}
+    power = [Line(name, m.time - m.time[0], m.power) for name, m in both.items() if m.power is not None]
     charts.append(Chart("Electrical power", "time [s]", "power [W]", power, timed=True, pictured=True))
     return charts
 
@@ -225,15 +215,11 @@ def assumed(report: Report, document: Mapping[str, Any]) -> None:
     if records and share is not None:
         report.text(f"The plan saves as long as dry friction is below {100 * share:.2g} % of the effort limits.")
     if far := document.get("travel"):
+        joints = [f"{row['step']}: {row['joint']}" if "step" in row else row["joint"] for row in far]
+        lengths = [[round(row[key], 5) for key in ("path", "straight")] for row in far]  # hundredths of a mrad or mm
         report.section("Joints that travel more than 1.5 times the distance to their goal").table(
             ["joint", "travels [rad, m]", "distance to the goal [rad, m]"],
-            [
-                [
-                    f"{row['step']}: {row['joint']}" if "step" in row else row["joint"],
-                    *(round(row[key], 5) for key in ("path", "straight")),  # hundredths of a mrad or mm
-                ]
-                for row in far
-            ],
+            [[joint, *both] for joint, both in zip(joints, lengths, strict=True)],
         )
 
 

@@ -45,17 +45,10 @@ def page(
         inside = [p for p in points if p.get("cycle")]
         over = np.array([p["cycle"]["energy_total"] for p in inside], dtype=float)
         at = np.array([p["duration"] for p in inside])
-        least = cycle["minimum"]
-        charts.append(
-            Chart(
-                f"Energy over the cycle of {cycle['length']:g} s, waiting included",
-                "duration of the move [s]",
-                "energy [J]",
-                [Line("cycle", at, over, "dots")],
-                marks={} if least is None else {"least over the cycle": (least["duration"], least["energy_total"])},
-                pictured=True,
-            )
-        )
+        least, title = cycle["minimum"], f"Energy over the cycle of {cycle['length']:g} s, waiting included"
+        marks = {} if least is None else {"least over the cycle": (least["duration"], least["energy_total"])}
+        lines = [Line("cycle", at, over, "dots")]
+        charts.append(Chart(title, "duration of the move [s]", "energy [J]", lines, marks=marks, pictured=True))
     report.charts(*charts)
     chosen = min(motions, key=lambda d: abs(d - best["duration"])) if best is not None and motions else None
     played = [Played(f"{d:.4g} s", motion, shown=d == chosen) for d, motion in sorted(motions.items())]

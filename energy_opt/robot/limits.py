@@ -218,10 +218,9 @@ class JointTable(Table):
     @classmethod
     def _without_disabled(cls, row: dict[str, Any]) -> dict[str, Any]:
         """Leave out numbers whose `has_...` is false."""
-        off = [kind for kind in ("position", *KINDS, "deceleration") if row.get(f"has_{kind}_limits") is False]
-        return {
-            key: value for key, value in row.items() if key not in [f"{m}_{kind}" for kind in off for m in EXTREMES]
-        }
+        kinds = [kind for kind in ("position", *KINDS, "deceleration") if row.get(f"has_{kind}_limits") is False]
+        off = [f"{extreme}_{kind}" for kind in kinds for extreme in EXTREMES]
+        return {key: value for key, value in row.items() if key not in off}
 
     @model_validator(mode="after")
     def _check_numbers_given(self) -> Self:

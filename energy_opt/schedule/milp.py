@@ -95,10 +95,8 @@ class Program:
         solver.run()
         info = solver.getInfo()
         if info.primal_solution_status != highspy.SolutionStatus.kSolutionStatusFeasible:
-            impossible = solver.getModelStatus() in (
-                highspy.HighsModelStatus.kInfeasible,
-                highspy.HighsModelStatus.kUnboundedOrInfeasible,
-            )
+            known = highspy.HighsModelStatus
+            impossible = solver.getModelStatus() in (known.kInfeasible, known.kUnboundedOrInfeasible)
             return Solution(None, np.inf, impossible)
         mixed = bool(solver.getLp().integrality_)
         bound = info.mip_dual_bound if mixed else info.objective_function_value

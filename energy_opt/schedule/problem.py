@@ -165,12 +165,9 @@ class Problem:
         def at(step: tuple[int, int]) -> tuple[int, int]:
             return step[0], place[step[0]][step[1]]
 
-        return Problem(
-            self.cycle_time,
-            rings,
-            tuple(replace(lag, begin=at(lag.begin), end=at(lag.end)) for lag in self.lags),
-            tuple(replace(e, first=moved(e.first), second=moved(e.second)) for e in self.exclusions),
-        )
+        lags = tuple(replace(lag, begin=at(lag.begin), end=at(lag.end)) for lag in self.lags)
+        exclusions = tuple(replace(e, first=moved(e.first), second=moved(e.second)) for e in self.exclusions)
+        return Problem(self.cycle_time, rings, lags, exclusions)
 
     def describe(self, constraint: Lag | Exclusion) -> str:
         """A lag or an exclusion in words."""

@@ -194,15 +194,8 @@ def identify(robot: str, poses: Sequence[Pose]) -> Identification:
             f"the poses do not vary enough: r_over_kt2 lies in [{low:.3g}, {high:.3g}] W/(N m)^2, "
             "which holds 0; `energy-opt identify --suggest N` proposes better poses"
         )
-    line = {
-        "standby": standby,
-        "r_over_kt2": r,
-        "ci95": {
-            "standby": [float(standby - half[0]), float(standby + half[0])],
-            "r_over_kt2": [low, high],
-        },
-        "r_squared": float(fit.rvalue**2),
-    }
+    ci95 = {"standby": [float(standby - half[0]), float(standby + half[0])], "r_over_kt2": [low, high]}
+    line = {"standby": standby, "r_over_kt2": r, "ci95": ci95, "r_squared": float(fit.rvalue**2)}
     words = [f"{count} different poses; repeats of a pose count as one"] if count < len(poses) else []
     if half[1] >= 0.5 * r:
         words.append(f"r_over_kt2 is known to {100 * half[1] / r:.0f} % only: the poses vary little")

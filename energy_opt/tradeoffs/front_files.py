@@ -251,10 +251,5 @@ def stated(robust: RobustPlanner, move: Move, front: Front, cycle: Cycle | None)
     if in_cycle is not None and in_cycle.status == "solved":
         known_in_cycle = [in_cycle, *(point for point in solved if point.waiting is not None)]
         in_cycle = min(known_in_cycle, key=lambda point: point.cycle_total)
-    stated_optima: dict[str, Any] = {
-        "minimum": minimum,
-        "fastest": quickest,
-        "cycle_minimum": in_cycle,
-        "cycle_fastest": at_once,
-    }
-    return replace(front, points=points, **stated_optima)
+    best = replace(front, points=points, minimum=minimum, fastest=quickest)
+    return replace(best, cycle_minimum=in_cycle, cycle_fastest=at_once)

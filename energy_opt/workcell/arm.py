@@ -12,9 +12,8 @@ import numpy as np
 
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
-from energy_opt.effects import Payload
 from energy_opt.errors import BadInput, Infeasible, at_least
-from energy_opt.formats.controller_program import standing
+from energy_opt.formats.controller_program import load_of, standing
 from energy_opt.jobs.cycle import Answer, standing_power
 from energy_opt.jobs.file import Job, Step
 from energy_opt.jobs.legs import Leg, legs_of
@@ -77,10 +76,9 @@ class Arm:
         self._read = partial(job_of, cell, path=path, allow_outside=request.allow_outside, named=named)
         self.job: Job = self._read(self.table, load)
         model = model_of(table.model, self.job.robot).standing(table.base[3], table.base[4])
-        carried = model.get(Payload.name)
+        carried = load_of(model)
         if carried is not None and "payload" not in table.model_fields_set:  # the model's, as in a job of one robot
-            load_of_model = (float(carried.values["mass"][0]), *carried.values["com"].tolist())
-            steps = explicit_steps(table.model_copy(update={"payload": load_of_model}))
+            steps = explicit_steps(table.model_copy(update={"payload": carried}))
             self.table = self.table.model_copy(update={"step": steps})
             self.job = self._read(self.table, lambda _: self.job.robot)
         if self.job.open:

@@ -21,7 +21,7 @@ from energy_opt.cell.bodies import Bodies, Body, Scenery
 from energy_opt.cell.cell import TOUCHING, Cell
 from energy_opt.cell.curve import MotionCurve, Spans
 from energy_opt.cell.proof import prove
-from energy_opt.robot.kinematics import Follows, Kinematics, Link
+from energy_opt.robot.kinematics import Kinematics, Link
 from energy_opt.workcell.motion import Part, PeriodicMotion
 
 SHORTEST = 2e-4  # [s] shorter intervals of lateness are not halved again
@@ -117,15 +117,12 @@ def placed_links(cell: Cell, shift: int) -> list[Link]:
     """The links of an arm fixed at its base's pose, numbered from `shift` on."""
     out = []
     for link in cell.robot.body.tree():
-        follows = link.follows
-        out.append(
-            replace(
-                link,
-                parent=link.parent if link.parent < 0 else link.parent + shift,
-                placement=cell.request.base_pose @ link.placement if link.parent < 0 else link.placement,
-                follows=None if follows is None else Follows(follows.leader + shift, follows.ratio, follows.offset),
-            )
-        )
+        follows = None if link.follows is None else replace(link.follows, leader=link.follows.leader + shift)
+        if link.parent < 0:
+            link = replace(link, placement=cell.request.base_pose @ link.placement)
+        else:
+            link = replace(link, parent=link.parent + shift)
+        out.append(replace(link, follows=follows))
     return out
 
 

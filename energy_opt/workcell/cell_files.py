@@ -84,7 +84,8 @@ def write_programs(
             continue
         ring = result.schedule.problem.rings[r]
         modes = dict(zip((step.name for step in ring.steps), result.schedule.modes[r], strict=True))
-        parts, judge = _parts(arm, motion, modes), _judging(arm, motion)
+        parts, of = _parts(arm, motion, modes), arm.worker.scorers.of
+        judge = CycleJudging.of((part.duration, of(arm.step_of(part.name)), arm.cell) for part in motion.parts)
         stem = f"cycle_{arm.name.replace('/', '_')}"
         cycle = joined([part.trajectory for part in parts])
         file = out / f"{stem}.csv"
@@ -103,23 +104,10 @@ def _parts(arm: Arm, motion: PeriodicMotion, modes: dict[str, str]) -> list[Part
     for part in motion.parts:
         if part.duration < BRIEF:
             continue
-        mode = modes[part.name]
-        out.append(
-            Part(
-                part.trajectory,
-                f"{part.name}, at {part.start:.3f} s of the cell's cycle",
-                bool(mode),
-                mode if mode != MOTORS else "",
-                arm.step_of(part.name).payload,
-            )
-        )
+        mode, name = modes[part.name], f"{part.name}, at {part.start:.3f} s of the cell's cycle"
+        other = mode if mode != MOTORS else ""
+        out.append(Part(part.trajectory, name, bool(mode), other, arm.step_of(part.name).payload))
     return out
-
-
-def _judging(arm: Arm, motion: PeriodicMotion) -> CycleJudging:
-    """The judge of an arm's cycle: every part under the payload of its step."""
-    of = arm.worker.scorers.of
-    return CycleJudging.of((part.duration, of(arm.step_of(part.name)), arm.cell) for part in motion.parts)
 
 
 FORMAT = "energy-opt/job-result/2"

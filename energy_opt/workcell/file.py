@@ -311,12 +311,7 @@ def _wrong_names(cell: WorkCell) -> list[str]:
         named = [mode.name for mode in tables]
         faults += [f"{where}two modes are named {n!r}" for n in sorted({n for n in named if named.count(n) > 1})]
     own = {
-        robot.name: {
-            *cell.poses,
-            *robot.poses,
-            *(["home"] if robot.home else []),
-            *(step.name or "" for step in robot.step),
-        }
+        robot.name: {*cell.poses, *robot.poses, *(["home"] if robot.home else []), *(s.name or "" for s in robot.step)}
         for robot in cell.robot
     }
     placed = [("", mode, set().union(*own.values())) for mode in cell.mode]
@@ -327,11 +322,8 @@ def _wrong_names(cell: WorkCell) -> list[str]:
                 faults.append(
                     f"{where}mode {table.name}: posture {pose!r} is no pose and no wait{suggest(pose, there)}"
                 )
-    if (
-        cell.supply is not None
-        and cell.supply.max_power is not None
-        and all(robot.robot is None for robot in cell.robot)
-    ):
+    bound = cell.supply is not None and cell.supply.max_power is not None
+    if bound and all(robot.robot is None for robot in cell.robot):
         faults.append("supply: max_power needs an arm: robot = NAME_OR_URDF; curves contain no peak power")
     for lag in cell.lag:
         faults += _unknown(cell, lag.begin, "lag: from") + _unknown(cell, lag.end, "lag: to")

@@ -23,7 +23,7 @@ from energy_opt.errors import Infeasible
 from energy_opt.jobs.cycle import Answer
 from energy_opt.schedule import UNDECIDED, Exclusion, Run, Schedule, solve
 from energy_opt.workcell.arm import SOLVED, Arm
-from energy_opt.workcell.around import move_around
+from energy_opt.workcell.around import Other, move_around
 from energy_opt.workcell.between import Between, TwoArms, conflicting_parts, prove_apart
 from energy_opt.workcell.motion import ArmMove, Part, PeriodicMotion, nearest
 from energy_opt.workcell.stage import SECONDS, Candidate, Levers, Stage, with_lever
@@ -194,18 +194,11 @@ class Planning(Stage):
             move = next((m for m in arm.moves if arm.names[m.place] == part.name), None) if arm else None
             if arm is None or move is None:
                 continue
-            others = [
-                (
-                    other.cell,
-                    moves,
-                    self._pairs_of_arms[r, k].clearance if r < k else self._pairs_of_arms[k, r].clearance.T,
-                )
-                for k, (other, moves) in enumerate(zip(self.arms, found.motions, strict=True))
-                if (min(r, k), max(r, k)) in self._pairs_of_arms
-                and other is not None
-                and other.cell is not None
-                and moves is not None
-            ]
+            others: list[Other] = []
+            for k, (other, moves) in enumerate(zip(self.arms, found.motions, strict=True)):
+                pair = self._pairs_of_arms.get((min(r, k), max(r, k)))
+                if pair is not None and other is not None and other.cell is not None and moves is not None:
+                    others.append((other.cell, moves, pair.clearance if r < k else pair.clearance.T))
             answer = move_around(arm, move, part.start, part.duration, others, self.cell.jitter, turn)
             if answer is not None:
                 move.answers[nearest(move.answers, part.duration)] = answer

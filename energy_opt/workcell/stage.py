@@ -220,12 +220,8 @@ def pull(problem: Problem) -> Levers:
             break
     before = [] if relaxed else [schedule for _, schedule in steps]  # also possible with the next lever
     with suppress(Infeasible):  # infeasible if a wait's first mode is impossible for so long
-        before = [
-            min(
-                [solve(_with_steps(problem, _at_full_readiness), seconds=brief), *before],
-                key=lambda schedule: schedule.energy,
-            )
-        ]
+        once = solve(_with_steps(problem, _at_full_readiness), seconds=brief)
+        before = [min([once, *before], key=lambda schedule: schedule.energy)]
         steps.append(("speeds", before[0]))
     return Levers((*steps, ("modes", min([best, *before], key=lambda schedule: schedule.energy))), alone, relaxed)
 

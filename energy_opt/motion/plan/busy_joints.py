@@ -12,46 +12,58 @@ from dataclasses import replace
 import numpy as np
 
 from energy_opt.motion.limits.joint import JointLimit
+from energy_opt.motion.move import Move
 from energy_opt.motion.plan.blend import blended
+from energy_opt.motion.plan.candidates import NONE, Candidate, first_line, task_of
 from energy_opt.motion.plan.context import Context
-from energy_opt.motion.reshape.curve import Curve
-from energy_opt.motion.reshape.search import Reshaper, trajectory_of
-from energy_opt.motion.reshape.task import Task
+from energy_opt.motion.reshape.curve import Curve, refined
+from energy_opt.motion.reshape.search import trajectory_of
+from energy_opt.motion.reshape.task import Line, Task
 from energy_opt.motion.trajectory import Trajectory
 
 AT_LIMIT, OFTEN = 1e-3, 0.05  # share of a bound within which a joint is at its limit; share of the time, to be busy
-LOOSE = 1.02  # factor of busy joints' bounds in the search of the others' motion: a spline then follows about theirs
+LOOSE = 1.02  # factor of busy joints' bounds in the search of the others' motion
 
 
-def with_busy_joints(
-    context: Context, reshaper: Reshaper, task: Task, curve: Curve, timing: Trajectory
-) -> tuple[Trajectory | None, int]:
-    """The optimum near a curve with the motion of busy joints replaced by that of a timing; None if that breaks limits.
+def with_busy_joints(context: Context, move: Move, timing: Trajectory, optimum: Curve | None = None) -> Candidate:
+    """A move as long as a timing of its first path: busy joints keep that timing, the others take that of an optimum.
 
     Busy are joints that the timing has at a limit, and those of which the optimum breaks a limit.
 
     Args:
-        curve: nearly an optimum of the task. timing: of the first path, as long as the curve.
+        timing: of hardly more than the least time.
+        optimum: a curve of the move in about that time; by default it is searched.
 
     Returns:
-        The motion, and the iterations spent.
+        A candidate, without a trajectory if no such motion is within limits and clear of bodies.
     """
-    busy, spent = _at_limits(context, timing), 0
+    reshaper, settings = context.freed.reshaper("energy"), context.settings
+    task = task_of(context, move, timing.duration, timing.duration)
+    busy, spent, starts = _at_limits(context, timing), 0, 0
+    if optimum is None:
+        lines = [first_line(move, timing.duration), Line.of(timing)]
+        answer = reshaper.search(_loosened(task, busy), lines, settings.starts, settings.seed, context.stopped)
+        optimum, spent, starts = (answer.best or answer.optima[0]).curve, answer.iterations, answer.starts
+    curve = refined(task.within(optimum), reshaper.fine(task.vias).shape, task.ends)
     while not context.stopped():
-        share = np.where(busy, LOOSE, 1.0)
-        limits = tuple(x.scaled(share) if isinstance(x, JointLimit) else x for x in task.limits)
-        found = reshaper.solved(curve, replace(task, limits=limits), context.stopped)
+        found = reshaper.solved(curve, _loosened(task, busy), context.stopped)
         spent += found.iterations
         motion = trajectory_of(found.curve, context.robot.joints)
         mixed = blended([timing, motion], np.stack([busy, ~busy]).astype(float)).on_nanoseconds()
-        certificate = context.judge(mixed).within
+        certificate = context.judge(mixed).certificate
         if certificate.valid:
-            return mixed, spent
+            return Candidate(mixed, spent, starts=starts)
         more = busy | (np.array(context.robot.joints) == certificate.worst["joint"])
-        if more.all() or (more == busy).all():
+        if certificate.within_limits or more.all() or (more == busy).all():
             break
         busy, curve = more, found.curve
-    return None, spent
+    return Candidate(None, spent, False, NONE, starts)
+
+
+def _loosened(task: Task, busy: np.ndarray) -> Task:
+    """The task with slightly larger bounds for busy joints (n,), so that a spline can follow about their motion."""
+    share = np.where(busy, LOOSE, 1.0)
+    return replace(task, limits=tuple(x.scaled(share) if isinstance(x, JointLimit) else x for x in task.limits))
 
 
 def _at_limits(context: Context, timing: Trajectory) -> np.ndarray:

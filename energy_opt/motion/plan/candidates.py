@@ -15,7 +15,6 @@ from energy_opt.errors import Infeasible
 from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.move import Move
-from energy_opt.motion.plan.busy_joints import with_busy_joints
 from energy_opt.motion.plan.context import Context, path_of
 from energy_opt.motion.plan.refusals import never_held, too_short
 from energy_opt.motion.reshape.curve import Curve, Outcome
@@ -228,16 +227,12 @@ def reshaped(
     answer = reshaper.search(task, lines, settings.starts, settings.seed, context.stopped, kept, worth)
     if not answer.wanted:
         return Candidate(None, answer.iterations, starts=answer.starts, outcome=answer.optima[0], optima=answer.optima)
-    # without a feasible start: near the least time, joints that need it keep the first path's timing; else from that
-    # timing, from the fastest move, and directly from that timing
+    # without a feasible start: from the first path's timing, from the fastest move, and directly from that timing
     best, spent, starts = answer.best, answer.iterations, answer.starts
     line = retimed() if best is None and not context.stopped() else None
     fast = timing is not None and task.durations[1] < NEAR_FASTEST * timing.duration
-    if line is not None and fast and settings.objective == "energy":
-        if settings.end_acceleration == "zero":  # free ones are tried next
-            return Candidate(None, spent, False, NONE, starts)
-        mixed, more = with_busy_joints(context, reshaper, task, answer.optima[0].curve, line.trajectory)
-        return Candidate(mixed, spent + more, mixed is not None, NONE if mixed is None else "", starts)
+    if line is not None and fast and settings.objective == "energy":  # no spline is so fast; see `busy_joints`
+        return Candidate(None, spent, False, NONE, starts)
     if line is not None:  # this timing holds the limits, so search from it
         again = reshaper.search(task, [Line.of(line.trajectory)], 1, settings.seed, context.stopped)
         best, spent, starts = again.best, spent + again.iterations, starts + again.starts

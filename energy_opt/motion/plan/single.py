@@ -13,7 +13,9 @@ from energy_opt.motion.limits.early_check import least_duration
 from energy_opt.motion.limits.registry import without_conditions
 from energy_opt.motion.move import Move
 from energy_opt.motion.plan.anytime import Progress
+from energy_opt.motion.plan.busy_joints import with_busy_joints
 from energy_opt.motion.plan.candidates import (
+    NEAR_FASTEST,
     Candidate,
     in_tube,
     least_energy_timing,
@@ -37,6 +39,9 @@ from energy_opt.numerics.threads import one_thread
 log = logging.getLogger(__name__)
 # times the least time of the first path: in longer moves, zero acceleration at the ends costs almost nothing
 HURRIED = 1.2
+LEAST = (
+    1.002  # times the same: in less, some joint is at its limits all the time, and no spline of few points is so fast
+)
 
 
 def candidates_of(
@@ -89,7 +94,24 @@ def candidates_of(
         if beaten or _is_beaten_without_conditions(context, move, curve, timing, bare):
             other = _curve(context.freed, move, timing, retimed, warm, kept)
             curve = replace(_better(context, curve, other), iterations=curve.iterations + other.iterations)
-    return Work(timing, None, curve, None, warm, retimed)
+    return Work(timing, None, _in_least_time(context, move, timing, curve), None, warm, retimed)
+
+
+def _in_least_time(context: Context, move: Move, timing: Timing | None, curve: Candidate) -> Candidate:
+    """A curve of free duration, in the first path's least time if it takes hardly longer and that costs less."""
+    found, judge = curve.trajectory, context.judge
+    if timing is None or found is None or curve.outcome is None or context.stopped():
+        return curve
+    if context.settings.objective != "energy" or move.duration is not None:
+        return curve
+    if not 1 - 1e-9 <= found.duration / timing.duration < NEAR_FASTEST:
+        return curve
+    line = timing.trajectory(context.robot.joints)
+    faster = with_busy_joints(context, move, line, curve.outcome.curve)
+    curve = replace(curve, iterations=curve.iterations + faster.iterations)
+    if faster.trajectory is None or judge(faster.trajectory).energy.total >= judge(found).energy.total:
+        return curve
+    return replace(curve, trajectory=faster.trajectory)
 
 
 def is_hurried(move: Move, timing: Timing, duration: float) -> bool:
@@ -117,6 +139,11 @@ def _curve(
     """The curve of least objective that keeps clear."""
     worth = None if context.cell is None else partial(nearly_clear, context, move)
     curve = reshaped(context, move, timing, retimed, warm, kept, worth)
+    failed = curve.trajectory is None and curve.outcome is None and context.settings.objective == "energy"
+    if failed and move.duration is not None and timing is not None and move.duration < NEAR_FASTEST * timing.duration:
+        mixed = with_busy_joints(context, move, line.trajectory) if (line := retimed()) is not None else curve
+        if mixed.trajectory is not None:
+            return mixed
     log.info("keeping clear", extra={"share": 0.6})
     curve = kept_clear(context, move, timing, retimed, curve, warm)
     if not curve.converged and not context.stopped():

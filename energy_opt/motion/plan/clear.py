@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from energy_opt.cell.planes import Near
+from energy_opt.errors import Infeasible
 from energy_opt.motion.move import Move
-from energy_opt.motion.plan.candidates import REPAIRS, Candidate, reference_time, task_of
+from energy_opt.motion.plan.candidates import REPAIRS, Candidate, reference_time, reshaped, task_of
 from energy_opt.motion.plan.context import Context, path_of
 from energy_opt.motion.plan.further import alike, further_lines, line_along, wider_optima
 from energy_opt.motion.reshape.clear import PLACES, TRUST, ClearSearch
@@ -28,7 +29,7 @@ from energy_opt.motion.trajectory import Trajectory
 OPTIMA = 3  # most optima found without bodies to start from
 WORTH = 1.25  # an optimum of a larger cost relative to the least is not mixed with the first path
 NEARLY = 0.0015  # [m] an optimum whose clearance is short by less is continued first
-DEEP = 0.1  # [m] a start is at most this deep in a body
+DEEP = 0.3  # [m] a start is at most this deep in a body; hopeless trials end soon
 TOWARDS = (0.9, 0.75, 0.6, 0.45, 0.3)  # shares of the way from the first path to an optimum: mixtures to try
 CLOSE = 0.6  # a search from a mixture with the best optimum, of at least this share of it, ends most others
 BOLD = 0.25  # [rad, m] first step from such a mixture
@@ -40,6 +41,9 @@ ITERATIONS, DONE = 100, 1e-4
 FINISHED = 2  # most trials to continue
 HOPES = (1.3, 1.1)  # largest merit relative to the best after the first and second trial, to be continued
 HALF = 0.1  # share of the cost: if the optimum without bodies saves more, a search starts half-way to it
+# If a move of free duration loses COSTLY times as much as the optimum without bodies, the clear answer in SLOWER times
+# its duration is another start: near the least duration, limits leave no room to come free of bodies.
+COSTLY, SLOWER = 1.25, 1.3
 LITTLE = 0.25  # share of the loss of the first path slowed evenly: if less is saved, another initial path is looked for
 HAIR = 0.0005  # [m] a mixture of two curves may miss the required clearance by this much
 NOTHING = "reshaping found no collision-free motion that is better than the first path"
@@ -84,6 +88,11 @@ def kept_clear(
     lines = _lines(context, move, retimed, timing, warm, task, 2 * reference)
     work = Clearing.of(context, task, [task.curve(level.shape, line) for line in lines])
     work.search_from(wider)
+    if move.duration is None and not free_time and not context.stopped() and work.is_costly(wider):
+        slower = _slower(context, move, timing, wider)
+        work.search.iterations += slower.iterations
+        if slower.outcome is not None:
+            work.finish(task.within(slower.outcome.curve), TRUST)
     # more starts: where little is saved, another path around the bodies; where they are asked for, paths of low cost
     if work.little(timing) and not context.stopped():
         for path in context.further():
@@ -267,6 +276,13 @@ class Clearing:
     def _scaled(self, outcome: Outcome) -> float:
         return self.search.scale * self.task.cost(outcome)
 
+    def is_costly(self, free: Candidate) -> bool:
+        """True if bodies cost so much that a further search is worth its time; `free`: the optimum without them."""
+        if self.best is None or free.outcome is None:
+            return free.outcome is not None
+        best, alone = (self.context.judge.of(outcome.curve).energy.loss for outcome in (self.best, free.outcome))
+        return best > COSTLY * alone
+
     def little(self, timing: Timing | None) -> bool:
         """True if so little of the first path's loss is saved that another initial path is worth its time."""
         if self.best is None:
@@ -276,6 +292,17 @@ class Clearing:
             return False
         judge = self.context.judge
         return judge.of(curve).energy.loss > (1 - LITTLE) * judge.slowed(timing, curve.duration).energy.loss
+
+
+def _slower(context: Context, move: Move, timing: Timing | None, free: Candidate) -> Candidate:
+    """The clear answer in a given duration, which is longer than that of the optimum without bodies (`free`)."""
+    assert free.outcome is not None
+    move = replace(move, duration=SLOWER * free.outcome.curve.duration, max_duration=None)
+    try:
+        found = reshaped(context, move, timing, lambda: None)
+    except Infeasible:
+        return Candidate(None)
+    return kept_clear(context, move, timing, lambda: None, found, ())
 
 
 def repaired_clear(context: Context, search: ClearSearch, task: Task, outcome: Outcome) -> Candidate:

@@ -98,26 +98,22 @@ class Chosen:
 Settle = Callable[[Move, Trajectory, Open, bool], tuple[Trajectory, tuple[np.ndarray, ...]]]
 
 
+@dataclass(frozen=True, eq=False)
 class Settling:
     """Moves motions to the nearest optimum of curve, start, via points and goal.
 
-    Args:
+    Attributes:
         settle: moves a motion to the nearest optimum of curve and what is open, clear of bodies if so asked; it gives
             the positions at via points too.
         start, via: poses that the move begins at and passes; None where it begins at one position.
     """
 
-    def __init__(
-        self,
-        tool: ToolKinematics,
-        scorers: Sequence[Scorer],
-        cell: Cell | None,
-        settle: Settle,
-        start: Pose | None,
-        via: Sequence[Pose],
-    ) -> None:
-        self._tool, self._scorers, self._cell, self._settle = tool, scorers, cell, settle
-        self._start, self._via = start, tuple(via)
+    tool: ToolKinematics
+    scorers: Sequence[Scorer]
+    cell: Cell | None
+    settle: Settle
+    start: Pose | None
+    via: Sequence[Pose]
 
     def __call__(
         self, move: Move, goal: Candidate, motion: Trajectory, clear: bool
@@ -134,13 +130,13 @@ class Settling:
         for shifted in range(2):
             open_ = self._open(at, pose)
             if open_.any or shifted:
-                motion, via = self._settle(at, motion, open_, clear)
+                motion, via = self.settle(at, motion, open_, clear)
                 at = replace(at, start=motion.position[0], goal=motion.position[-1], via=via)
-            reached = wanted is None or inside(self._tool, wanted, at.goal)
-            if reached and all(is_free(self._cell, q) for q in (at.start, *at.via, at.goal)):
+            reached = wanted is None or inside(self.tool, wanted, at.goal)
+            if reached and all(is_free(self.cell, q) for q in (at.start, *at.via, at.goal)):
                 found.append((replace(goal, goal=at.goal, start=at.start, via=at.via), motion))
-            bent = partial(Bent(self._scorers, motion, move.duration is not None), None)
-            moved = None if shifted or pose is None else used(self._tool, pose, at.goal, bent)
+            bent = partial(Bent(self.scorers, motion, move.duration is not None), None)
+            moved = None if shifted or pose is None else used(self.tool, pose, at.goal, bent)
             if moved is None:
                 break
             pose, at = moved[0], replace(at, goal=moved[1])
@@ -150,14 +146,14 @@ class Settling:
         """The freedom that a move's poses leave."""
 
         def surface(pose: Pose | None, q: np.ndarray) -> PosedGoal | None:
-            if pose is None or not has_freedom(self._tool, pose):
+            if pose is None or not has_freedom(self.tool, pose):
                 return None
-            found = PosedGoal(self._tool, pose, q, self._work)
+            found = PosedGoal(self.tool, pose, q, self._work)
             return found if found.count else None
 
-        via = tuple(map(surface, self._via, move.via))
-        return Open(surface(self._start, move.start), surface(goal, move.goal), via)
+        via = tuple(map(surface, self.via, move.via))
+        return Open(surface(self.start, move.start), surface(goal, move.goal), via)
 
     def _work(self, q: np.ndarray) -> np.ndarray:
         """Potential energy (K,) [J] at positions (K, n), the mean over the models."""
-        return np.asarray(np.mean([scorer.potential(q) for scorer in self._scorers], axis=0))
+        return np.asarray(np.mean([scorer.potential(q) for scorer in self.scorers], axis=0))

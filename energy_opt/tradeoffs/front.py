@@ -108,9 +108,8 @@ def trace(
     Raises:
         Infeasible: no duration works, or none within the cycle.
     """
-    if steps is None:
-        steps = Neighbours(planner.single(replace(move, duration=None, max_duration=None)))
-    tracer = _Tracer(planner, steps, move, cycle, progress, stopped)
+    free = replace(move, duration=None, max_duration=None)
+    tracer = _Tracer(planner, steps or Neighbours(planner.single(free)), free, cycle, progress, stopped)
     try:
         tracer.run(durations, longest)
     except KeyboardInterrupt:
@@ -125,22 +124,22 @@ class Steps(Protocol):
         """The optimum of this duration, from that of a neighbouring one; None if it cannot be had."""
 
 
+@dataclass(eq=False)
 class _Tracer:
-    """Traces the front of one move: its first optimum in full, the others from their neighbours."""
+    """Traces the front of one move: its first optimum in full, the others from their neighbours.
 
-    def __init__(
-        self,
-        planner: Planner,
-        steps: Steps,
-        move: Move,
-        cycle: Cycle | None,
-        progress: Callable[[Front, int], None],
-        stopped: Callable[[], bool],
-    ) -> None:
-        self.planner, self.steps = planner, steps
-        self.cycle, self.progress, self.stopped = cycle, progress, stopped
-        self.free = replace(move, duration=None, max_duration=None)
-        self.front, self.expected = Front(), COUNT + 2
+    Attributes:
+        free: the move without a duration. expected: number of solves.
+    """
+
+    planner: Planner
+    steps: Steps
+    free: Move
+    cycle: Cycle | None
+    progress: Callable[[Front, int], None]
+    stopped: Callable[[], bool]
+    front: Front = field(default_factory=Front)
+    expected: int = COUNT + 2
 
     def run(self, durations: Sequence[float] | None, longest: float | None) -> None:
         """The fastest move, the least energy, all points between, and the best duration in the cycle, in this order.

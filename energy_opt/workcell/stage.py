@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -39,24 +39,21 @@ class Candidate:
     levers: Levers
 
 
+@dataclass(eq=False)
 class Stage:
     """A cell's arms, and the times at which they may not meet.
 
-    Args:
+    Attributes:
         arms: by robot; None for a robot with only curves.
+        least: [s] least durations of moves of a robot, for the supply.
     """
 
-    def __init__(
-        self,
-        cell: WorkCell,
-        arms: Sequence[Arm | None],
-        progress: Callable[[str, float], None],
-        stopped: Callable[[], bool],
-    ) -> None:
-        self.cell, self.arms = cell, tuple(arms)
-        self.progress, self.stopped = progress, stopped
-        self.exclusions: dict[tuple[int, int, int, int], Exclusion] = {}
-        self.least: dict[tuple[int, str], float] = {}  # [s] least durations of moves of a robot, for the supply
+    cell: WorkCell
+    arms: tuple[Arm | None, ...]
+    progress: Callable[[str, float], None]
+    stopped: Callable[[], bool]
+    exclusions: dict[tuple[int, int, int, int], Exclusion] = field(default_factory=dict)
+    least: dict[tuple[int, str], float] = field(default_factory=dict)
 
     @property
     def moving(self) -> bool:

@@ -185,15 +185,11 @@ def drive_function(
     x = Signals(q, v, a, tau, ca.SX.sym("t"), **known)
     p = model.symbols(joints)
     terms = drive_terms(model, x, p, kinks, holds)
-    inputs = [x.q, x.v, x.a, x.tau, x.t, *known.values(), p]
+    inputs = {"q": x.q, "v": x.v, "a": x.a, "tau": x.tau, "t": x.t, **known, "p": p}
     parts = ca.vertcat(*terms.parts.values())
-    function = ca.Function(
-        "drive",
-        inputs,
-        [terms.tau_m, terms.power, parts, *([terms.bus, terms.powers] if past else [])],
-        ["q", "v", "a", "tau", "t", *known, "p"],
-        ["tau_m", "power", "parts", *(["bus", "powers"] if past else [])],
-    )
+    outputs = {"tau_m": terms.tau_m, "power": terms.power, "parts": parts}
+    outputs |= {"bus": terms.bus, "powers": terms.powers} if past else {}
+    function = ca.Function("drive", [*inputs.values()], [*outputs.values()], [*inputs], [*outputs])
     return function, tuple(terms.parts)
 
 

@@ -159,11 +159,8 @@ def read(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             raise BadInput(f"{path}: not a program of standard moves")
         start = list(map(float, found[1].split(",")))
         constraints = [(list(map(float, q.split(","))), float(v), float(a)) for q, a, v in calls]
-    return (
-        np.array([start, *(q for q, _, _ in constraints)]),
-        np.array([r[1] for r in constraints]),
-        np.array([r[2] for r in constraints]),
-    )
+    corners, speed, acceleration = zip(*constraints, strict=True)
+    return np.array([start, *corners]), np.array(speed), np.array(acceleration)
 
 
 def judged(path: Path, moves: StandardMoves, judge: Judging) -> Written:

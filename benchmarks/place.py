@@ -97,7 +97,7 @@ def main() -> int:
             path = Path(folder) / "job.toml"
             path.write_text(text)
             job = load_job(path, load_robot)
-        model = rivals_from([MODEL], None, job.robot, None)[0][0].model
+        model = rivals_from([MODEL], None, job.robot)[0][0].model
 
         search = kept(f"{name}: search", partial(searched, job, model, settings))
         axes = [np.linspace(BOX[2 * k], BOX[2 * k + 1], args.grid[k]) for k in range(3)]

@@ -135,7 +135,7 @@ def solved(move: dict[str, Any]) -> dict[str, Any]:
     cell = load_cell(robot, request)
     settings = eo.Settings()
     near = nearest_move(Ends(None, (pose,)), eo.Move(move["start"], move["start"]), robot, cell, settings)
-    fastest = eo.Planner(robot, rivals_from([MODEL], None, robot, None)[0][0].model, settings).minimum_time(near)
+    fastest = eo.Planner(robot, rivals_from([MODEL], None, robot)[0][0].model, settings).minimum_time(near)
     duration = float(np.round(1.5 * fastest, 3))
     eo.optimize(robot, MODEL, start=move["start"], goal=near.goal, duration=duration, cell=request)  # builds, compiles
     begin = time.process_time()
@@ -193,7 +193,7 @@ def enumerated(move: dict[str, Any], duration: float, rows: list[dict[str, Any]]
 def planning(move: dict[str, Any]) -> eo.Planner:
     """What solves a move to a joint goal in its scene."""
     robot, cell = move["robot"], load_cell(move["robot"], CellRequest(scene=move["scene"]))
-    model = rivals_from([MODEL], None, robot, None)[0][0].model
+    model = rivals_from([MODEL], None, robot)[0][0].model
     return eo.Planner(robot, model, eo.Settings(solver="sqp"), cell=cell)
 
 

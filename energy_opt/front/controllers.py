@@ -4,28 +4,28 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from energy_opt.errors import BadInput, Infeasible
-from energy_opt.formats import FORMATS, Format, controller_files
-from energy_opt.formats.controller_files import Shares, Written, wanted
-from energy_opt.formats.controller_program import in_tool, load_of
-from energy_opt.formats.judging import Judging
-from energy_opt.formats.resample import check_rate
-from energy_opt.motion import Move, Planner, Result
-from energy_opt.motion.judge.certificate import Certificate
-from energy_opt.motion.judge.energy import Scorer
-from energy_opt.motion.plan.robust import RobustPlanner
-from energy_opt.profiles import StandardMoves, movej, standard_moves
 from energy_opt.requests.groups import WriteGroup
 from energy_opt.requests.moves import OptimizeRequest
-from energy_opt.robot import Robot
 
-PROGRAMS = "urscript", "franka"  # formats of one maker's arms, with positions in rad
+if TYPE_CHECKING:
+    from energy_opt.formats import Format
+    from energy_opt.formats.controller_files import Written
+    from energy_opt.formats.judging import Judging
+    from energy_opt.motion import Move, Planner, Result
+    from energy_opt.motion.plan.robust import RobustPlanner
+    from energy_opt.profiles import StandardMoves
+    from energy_opt.robot import Robot
+
 ROOM = 1.001  # factor on the shortest duration of standard moves, which leaves no choice
 
 
 def check_written(request: WriteGroup, robot: Robot) -> list[Format]:
     """The formats of --write for an arm; impossible requests are refused before any work."""
+    from energy_opt.formats.controller_files import wanted
+
     check_rate_of(request)
     sliding = [joint for joint, slides in zip(robot.joints, robot.slides, strict=True) if slides]
     for name in PROGRAMS:
@@ -36,10 +36,15 @@ def check_written(request: WriteGroup, robot: Robot) -> list[Format]:
 
 def check_rate_of(request: WriteGroup) -> None:
     """Refuse an impossible rate, or a rate without files."""
+    from energy_opt.formats.resample import check_rate
+
     if request.rate is not None:
         if not request.write:
             raise BadInput(f"--rate {request.rate:g}: belongs to --write; give --write FORMAT, too")
         check_rate(request.rate)
+
+
+PROGRAMS = "urscript", "franka"  # formats of one maker's arms, with positions in rad
 
 
 @dataclass(frozen=True)
@@ -81,6 +86,8 @@ class Controllers:
 
     def _standard(self, move: Move, result: Result) -> tuple[Result, StandardMoves | None]:
         """The result with the standard moves in its place, in the same time."""
+        from energy_opt.profiles import standard_moves
+
         return standard_moves(self.planner, self.robust, move, result, self.request.vias or 0)
 
     def with_duration(self, move: Move, error: Infeasible) -> Infeasible:
@@ -105,6 +112,8 @@ class Controllers:
         Args:
             move: as solved. result: the plan. moves: standard moves that replace it, if any.
         """
+        from energy_opt.formats.controller_files import Shares, certificates, said, wanted, with_room
+
         if result.interrupted or result.status != "solved":
             return result, moves
         judge = self.judge(move)
@@ -115,19 +124,22 @@ class Controllers:
             narrow = replace(self, planner=self.planner.within(shares), robust=several)
             return narrow.moves(move, narrow.solver.solve(move))
 
-        def certificates(answer: tuple[Result, StandardMoves | None]) -> list[Certificate]:
-            return controller_files.certificates(answer[0].trajectory, judge, formats, self.request.rate)
-
-        (found, chosen), shares = controller_files.with_room((result, moves), certificates, again)
+        (found, chosen), shares = with_room(
+            (result, moves),
+            lambda answer: certificates(answer[0].trajectory, judge, formats, self.request.rate),
+            again,
+        )
         if not shares or found.status != "solved":
             return result, moves
         found = self.planner.with_trajectory(found, move, found.trajectory)
         found = found if self.robust is None else self.robust.solve_by(lambda _: found)
-        said = controller_files.said(shares, found.energy.total - result.energy.total)
-        return replace(found, message=said), chosen
+        return replace(found, message=said(shares, found.energy.total - result.energy.total)), chosen
 
     def judge(self, move: Move) -> Judging:
         """The judge of a move's files."""
+        from energy_opt.formats.judging import Judging
+        from energy_opt.motion.judge.energy import Scorer
+
         planner = self.planner
         limits = (planner if self.robust is None else self.robust.planner).limits(move)
         scorer, all_ = Scorer(planner.robot, planner.model), None if self.robust is None else self.robust.planner.scorer
@@ -139,8 +151,12 @@ class Controllers:
         Args:
             move: as solved. moves: its standard moves, if any. result: the plan. out: a folder.
         """
+        from energy_opt.formats import FORMATS, controller_files
+        from energy_opt.formats.controller_program import in_tool, load_of
+        from energy_opt.profiles import movej
+
         judge, robot, request = self.judge(move), self.planner.robot, self.request
-        formats, records = wanted(request.write), []
+        formats, records = controller_files.wanted(request.write), []
         if moves is not None:
             scripts = FORMATS["urscript"] in formats
             records += movej.write(moves, robot, judge, out, ["moves.yaml", *(["trajectory.script"] * scripts)])

@@ -110,7 +110,7 @@ def members(rivals: Sequence[Rival]) -> list[PowerModel]:
 
 
 def rivals_from(
-    models: Sequence[AnyModel], robust: str | None, robot: Robot, request: Any = None
+    models: Sequence[AnyModel], robust: str | None, robot: Robot, *, request: Any = None
 ) -> tuple[list[Rival], Kind | None]:
     """The models to plan under, and how to combine them.
 
@@ -149,7 +149,7 @@ def rivals_of(request: Any, robot: Robot, desk: Desk) -> tuple[list[Rival], Kind
     Raises:
         BadInput: as `rivals_from`; or the base is tilted, and a model states another tilt.
     """
-    rivals, kind = rivals_from(several(request.model), getattr(request, "robust", None), robot, request)
+    rivals, kind = rivals_from(several(request.model), getattr(request, "robust", None), robot, request=request)
     for rival in rivals:
         if said := of_another_arm(rival.name, rival.model, robot):
             desk.say(said)

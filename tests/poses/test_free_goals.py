@@ -74,7 +74,7 @@ def test_positions_at_the_edge_of_what_is_possible_are_improved_inwards(ur: Tool
 
 def test_a_bent_motion_costs_what_it_did_and_changes_as_the_straight_moves_do(ur: ToolKinematics) -> None:
     """Of a straight quintic, bent to another end, the straight quintic to that end is left."""
-    scorers = [Scorer(ur.robot, rivals_from(["source-method-2"], None, ur.robot, None)[0][0].model)]
+    scorers = [Scorer(ur.robot, rivals_from(["source-method-2"], None, ur.robot)[0][0].model)]
     start, goal, other = np.zeros(6), np.full(6, 0.5), np.full(6, 0.5) + 0.1 * np.eye(6)[2]
     x = np.linspace(0, 1, 200)[:, None]
     way, time = goal - start, 2.0 * x[:, 0]

@@ -18,7 +18,7 @@ from energy_opt.poses.sets import Ring, layer
 
 def test_the_ring_is_the_cheapest_of_all(ur: ToolKinematics) -> None:
     """Against all combinations, at the price of waiting."""
-    scorer = [Scorer(ur.robot, rivals_from(["source-method-2"], None, ur.robot, None)[0][0].model)]
+    scorer = [Scorer(ur.robot, rivals_from(["source-method-2"], None, ur.robot)[0][0].model)]
     rng = np.random.default_rng(1)
     sizes = ((3, 0.5), (2, 0.0), (3, 1.0))
     layers = [replace(layer(scorer, rng.uniform(-1, 1, (count, 6))), wait=wait) for count, wait in sizes]
@@ -38,7 +38,7 @@ def test_the_ring_is_the_cheapest_of_all(ur: ToolKinematics) -> None:
 @pytest.mark.parametrize("seconds", [1e3, 0.1])
 def test_a_ring_with_a_move_that_takes_too_long_comes_after_all_others(ur: ToolKinematics, seconds: float) -> None:
     """In little time its estimate was far below zero, so that `place` began at the placements that are impossible."""
-    scorer = [Scorer(ur.robot, rivals_from(["source-method-2"], None, ur.robot, None)[0][0].model)]
+    scorer = [Scorer(ur.robot, rivals_from(["source-method-2"], None, ur.robot)[0][0].model)]
     near, far, quick = np.zeros((1, 6)), np.full((1, 6), 4.0), np.full((1, 6), 0.3)
     bounds = [(0.0, 0.5), (0.0, np.inf)]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
@@ -285,7 +286,8 @@ def test_what_the_data_leave_open_reaches_the_saving(panda: Robot) -> None:
     assert width > 0 and np.abs(np.array([low, high]) - wanted).max() < 0.5 * width
     robust, kind = rivals_from([model], "mean", panda)
     assert kind == "mean" and [r.name for r in robust][-1] == "rival 1" and len(robust) > 3
-    loaded, _ = rivals_from([model], "mean", panda, 1.0)  # a payload takes nothing of the uncertainty away
+    carrying = SimpleNamespace(payload=1.0)
+    loaded, _ = rivals_from([model], "mean", panda, request=carrying)  # a payload takes nothing of the uncertainty away
     assert [r.name for r in loaded] == [r.name for r in robust] and all(r.model.get("payload") for r in loaded)
     tilted = model.standing(0.1, 0.0).uncertainty
     assert (

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from energy_opt.batches.task import RobotSource
 from energy_opt.cell.request import CellRequest
 from energy_opt.effects import Payload
 from energy_opt.errors import BadInput, suggest
@@ -32,6 +31,7 @@ from energy_opt.robot import Robot, known_robots, load_robot
 from energy_opt.robot.srdf import semantics
 
 if TYPE_CHECKING:
+    from energy_opt.batches.task import RobotSource
     from energy_opt.requests.groups import AnyModel, AnyRobot
 
 DEFAULT = "source-method-2"

@@ -13,15 +13,20 @@ import pytest
 
 from energy_opt.diagnosis import diagnose
 from energy_opt.diagnosis.data.clusters import clusters
-from energy_opt.diagnosis.data.noise import weighed
+from energy_opt.diagnosis.data.noise import Noise, weighed
 from energy_opt.diagnosis.data.noise import weighted as with_weights
 from energy_opt.diagnosis.data.predict import predict
 from energy_opt.diagnosis.data.recordings import take_samples
 from energy_opt.diagnosis.data.samples import Samples
+from energy_opt.diagnosis.evidence.errors import quality
 from energy_opt.diagnosis.fit.candidates import travel
-from energy_opt.diagnosis.hypothesis.terms import Term
-from energy_opt.diagnosis.search.effect_sets import without
-from energy_opt.effects import IdleHold, WindingSelfHeating
+from energy_opt.diagnosis.fit.posterior import Nuisance
+from energy_opt.diagnosis.fit.posterior import World as Setting
+from energy_opt.diagnosis.hypothesis.links import links_of
+from energy_opt.diagnosis.hypothesis.terms import Scale, Term, chart
+from energy_opt.diagnosis.search.effect_sets import Search, without
+from energy_opt.diagnosis.search.kinks import other_drives, sizes
+from energy_opt.effects import IdleHold, MotionPower, Regeneration, WindingSelfHeating
 from energy_opt.measured import read_set
 from energy_opt.virtual_arm.simulate import Instruments
 
@@ -144,3 +149,42 @@ def test_readings_at_the_end_of_a_hold_have_less_weight(tmp_path):
     ends = np.flatnonzero((samples.idle[:-1] < 0.25) & (samples.idle[1:] >= 0.25))
     least = [weight[k - 2 : k + 3].min() for k in ends]
     assert len(ends) > 5 and np.mean(np.array(least) < 0.2) > 0.8
+
+
+def test_readings_beside_a_step_count_neither_in_the_fit_nor_against_a_model(tmp_path):
+    """Where the power jumps as a motion begins, a reading a moment early or late is off by the jump."""
+    made = make_set(
+        tmp_path / "set", "ur5", [MotionPower(power=30.0)], seed=3, motions=3, poses=0,
+        instruments=Instruments(noise=0.3, power_resolution=0.01),
+    )  # fmt: skip
+    samples = take_samples(read_set(made.folder))
+    model = made.declared.replaced(MotionPower(power=30.0))
+    samples = with_weights(samples, predict(model, samples), [1] * len(samples.parts))
+    edges = 1 + np.flatnonzero(np.diff(samples.moving))
+    assert max(samples.weight[k - 1 : k + 1].max() for k in edges) < 2 * samples.noise / 30.0
+    assert samples.doubted[edges].all()
+    found = quality(model, samples, Noise(samples.noise), np.zeros(len(samples.parts)))
+    assert found.motion < 1.2 * found.noise_motion
+
+
+def test_the_whole_range_of_a_number_with_steps_is_searched():
+    """From the shortest hold on, which is far below a thousandth of the longest."""
+    assert sizes(0.05, 1e3)[0] == pytest.approx(0.05)
+    assert sizes(0.0, 200.0)[0] == pytest.approx(0.2)
+
+
+def test_a_law_of_negative_power_is_tried_in_place_of_effects_that_imitate_it(tmp_path):
+    """Friction of the whole load beside a gain takes the negative power of each joint away."""
+    made = make_set(
+        tmp_path / "set", "ur5", [Regeneration(efficiency=0.0, level="joint")], seed=3, motions=3, poses=0,
+        instruments=Instruments(noise=0.3, power_resolution=0.01),
+    )  # fmt: skip
+    measured = read_set(made.folder)
+    samples, declared = take_samples(measured), made.declared
+    scale, links = Scale.of(measured.robot.limits, samples.power), links_of(samples, declared)
+    found = Search(Setting.of(samples, declared, scale, links, Noise(samples.noise)))
+    charts = [chart(Term(name), declared, scale, samples.n) for name in ("load_friction", "meter_gain")]
+    amounts = np.zeros(links.basis.shape[1])
+    both = found.fitted(charts, [c.origin for c in charts], [], Nuisance(0.025, 0.01), amounts)
+    likeliest = max([both, *other_drives(found, both)], key=found.score)
+    assert [c.term for c in likeliest.charts] == [Term("regeneration", ("level=joint",))]

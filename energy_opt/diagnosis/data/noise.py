@@ -175,6 +175,7 @@ def weighted(samples: Samples, now: Prediction, repeats: Sequence[int]) -> Sampl
         now: a model's prediction; its slopes convert such errors to watts. repeats: (R,) of each run's motion.
     """
     weight, allowed = np.ones(len(samples.power)), np.zeros(len(samples.power))
+    unsure = np.zeros(len(samples.power), dtype=bool)
     moving = (samples.v != 0).any(axis=1)
     noise = samples.noise * samples.group**0.5
     open_power = _open_power(samples, now)
@@ -185,19 +186,24 @@ def weighted(samples: Samples, now: Prediction, repeats: Sequence[int]) -> Sampl
             continue
         slope = np.gradient(now.power[span], samples.t[span]) if span.stop - span.start > 1 else np.zeros(1)
         variance = (SLACK * slope) ** 2 + open_power[span] ** 2
-        own = 1 / np.sqrt(1 + variance / noise**2)
+        own, doubted = 1 / np.sqrt(1 + variance / noise**2), np.zeros(len(variance), dtype=bool)
         edges = 1 + np.flatnonzero(np.diff(moving[span]))
         for k in [*edges, *_switches(samples, span, part, noise), *_steps(samples, part, noise)]:
-            own[max(0, k - EDGE) : k + EDGE] *= DOUBTED
+            near = slice(max(0, k - EDGE), k + EDGE)
+            # a reading there may show the power before the change or after it
+            jump = np.ptp(samples.power[part][near]) if not grouped else 0.0
+            own[near] *= 1 / np.hypot(1 / DOUBTED, jump / noise)
+            doubted[near] = True
         own = repeated(own, count)
         if grouped:
             whole = len(own) // samples.group * samples.group
             own, variance = (x[:whole].reshape(-1, samples.group) for x in (own, variance))
             weight[part] = np.mean(own**-2.0, axis=1) ** -0.5  # variances, which grow by 1 / weight^2, add up
             allowed[part] = variance.mean(axis=1)
+            unsure[part] = doubted[:whole].reshape(-1, samples.group).any(axis=1)
         else:
-            weight[part], allowed[part] = own / samples.group**0.5, variance
-    return samples.reread(weight=weight, allowed=allowed)
+            weight[part], allowed[part], unsure[part] = own / samples.group**0.5, variance, doubted
+    return samples.reread(weight=weight, allowed=allowed, doubted=unsure)
 
 
 def repeated(weight: np.ndarray, count: int, shared: float = SHARED) -> np.ndarray:

@@ -41,6 +41,7 @@ class Samples:
         blur: (K, 2 n) standard deviations of v and a by errors of the logged positions or velocities.
         lag: [s] time uncertainty of the motion by sampling, quantisation and smoothing of the positions.
         allowed: (M,) [W^2] variance of single readings by these errors and by clocks, see `weighted`.
+        doubted: (M,) True for readings beside starts, ends and steps, whose exact times the positions do not show.
         averaged: True if the window over which the meter averages is known.
         elsewhere: times (H,) [s] and rigid torque (H, n) [N m] of the set's other runs, in which windings get warm.
     """
@@ -68,6 +69,7 @@ class Samples:
     blur: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
     lag: float = 0.0
     allowed: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    doubted: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
     averaged: bool = False
     elsewhere: tuple[np.ndarray, np.ndarray] | None = None
 
@@ -90,6 +92,7 @@ class Samples:
             single=tuple(self.single[r] for r in runs), logged={k: x[samples] for k, x in self.logged.items()},
             blur=self.blur[samples] if len(self.blur) else self.blur,
             allowed=self.allowed[read] if len(self.allowed) else self.allowed,
+            doubted=self.doubted[read] if len(self.doubted) else self.doubted,
             elsewhere=(self.t[others], self.gravity_torque[others] @ self.body.gravity + self.free_torque[others]),
         )  # fmt: skip
         at_once = ("regressors",) if len(self.q) <= PIECE else ()
@@ -110,7 +113,7 @@ class Samples:
         return self.reread(
             at=self.t, power=np.zeros(len(self.t)), parts=self.slices, operators=(None,) * count,
             counts=(1,) * count, weight=np.ones(len(self.t)), allowed=np.zeros(0),
-            elsewhere=None,
+            doubted=np.zeros(0, dtype=bool), elsewhere=None,
         )  # fmt: skip
 
     def shown(self, x: np.ndarray) -> np.ndarray:

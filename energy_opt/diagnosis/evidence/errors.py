@@ -94,16 +94,18 @@ def quality(model: PowerModel, samples: Samples, noise: Noise, drift: np.ndarray
     white = whiten(samples.power - now.reading - levels) ** 2
     # `floor` comes from differences of neighbours, which are too small if these share readings
     single = max(samples.floor, noise.white * samples.group**0.5)
-    usual, lives, allowed = single**2 + noise.wave**2, [], []
+    usual, lives, allowed, sure = single**2 + noise.wave**2, [], [], []
     for span, part, (time, _) in zip(samples.slices, samples.parts, samples.single, strict=True):
         lives.append(np.interp(time, samples.t[span], (samples.v[span] != 0).any(axis=1).astype(float)) > 0.5)
         allowed.append(usual + np.interp(time, samples.at[part], samples.allowed[part]))
+        sure.append(np.interp(time, samples.at[part], samples.doubted[part]) < 0.5)
     off = [power - own for (_, power), own in zip(samples.single, shown, strict=True)]
     less = [(x - level) ** 2 for x, level in zip(off, drift, strict=True)]
     own, expected, live = np.concatenate(less), np.concatenate(allowed), np.concatenate(lives)
-    drifted = np.repeat(drift**2, [len(x) for x in off])
+    drifted, counted = np.repeat(drift**2, [len(x) for x in off]), np.concatenate(sure)
 
     def rms(x: np.ndarray, where: np.ndarray) -> float:
+        where = where & counted if (where & counted).any() else where
         return float(np.sqrt(np.mean(x[where]))) if where.any() else 0.0
 
     each = [[(np.mean(x := white[samples.parts[r]]), len(x)) for r in group] for group in clusters(samples)]

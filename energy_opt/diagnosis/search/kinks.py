@@ -22,6 +22,7 @@ AROUND, COUNTS, FEW = 1.5, (17, 5, 5), 3  # first range around the best, over an
 # as -2 log likelihood: difference within which values are alike; least gain by another value, as single readings at the
 # edge of a hold may be off
 FLAT, LEAST = 1.0, 15.0
+SEVERAL = 2  # least effects that may imitate a law of negative power together
 
 
 def settled(found: Search, f: Fit) -> Fit:
@@ -43,7 +44,7 @@ def settled(found: Search, f: Fit) -> Fit:
             return round(float(np.sum(found.world.whiten(new.residual) ** 2) + off @ new.precision @ off), 1)
 
         given = float(c.values(z)[at])
-        best, factor = min([given, *_sizes(low, high)], key=lambda x: badness(x, 0)), AROUND
+        best, factor = min([given, *sizes(low, high)], key=lambda x: badness(x, 0)), AROUND
         for count in COUNTS:
             tried = np.clip(best * np.geomspace(1 / factor, factor, count), low, high).tolist()
             best = min(tried, key=lambda x: (badness(x), abs(np.log(x / given))))
@@ -82,9 +83,9 @@ def _with(f: Fit, k: int, at: int, value: float) -> tuple[list[Chart], list[np.n
     return charts, numbers
 
 
-def _sizes(low: float, high: float) -> list[float]:
-    """`TRIED` values over a range of a positive number."""
-    return list(np.geomspace(max(low, 1e-3 * high), high, TRIED).tolist())
+def sizes(low: float, high: float) -> list[float]:
+    """`TRIED` values over the whole range of a positive number; from a thousandth of its end on if it begins at 0."""
+    return list(np.geomspace(low or 1e-3 * high, high, TRIED).tolist())
 
 
 def elsewhere(found: Search, f: Fit) -> list[Fit]:
@@ -134,16 +135,19 @@ def _is_lag(kind: type[Effect]) -> bool:
 def other_drives(found: Search, f: Fit) -> list[Fit]:
     """Fits with each other law of negative power: in place of the present one, and as the only effect.
 
-    The search does not reach these fits by single steps, because other effects may compensate for a wrong law. The
-    readings are nonlinear in the size of a store. So the fit starts at the likeliest of many sizes, also for a store
-    of the present fit, whose size may be a local optimum. The law alone starts with the URDF's links, because links
-    that were fitted without it also compensate for it.
+    The search does not reach these fits by single steps, because other effects may compensate for a wrong law: a gain
+    of 0.5 beside friction of the whole load takes the negative power of each joint away. The readings are nonlinear in
+    the size of a store. So the fit starts at the likeliest of many sizes, also for a store of the present fit, whose
+    size may be a local optimum. The law alone starts with the URDF's links, because links that were fitted without it
+    also compensate for it.
     """
     at = next((k for k, c in enumerate(f.charts) if c.term.kind.stage == "drive"), None)
-    if at is None or f.charts[at].term.declared:
+    if any(e.stage == "drive" for e in f.world.declared.effects) or (at is None and len(f.charts) < SEVERAL):
         return []
-    bases = [(without(found, f, at), f.amounts), (root(found.world, f.nuisance), np.zeros_like(f.amounts))]
-    own = f.charts[at].term.name
+    bases = [(root(found.world, f.nuisance), np.zeros_like(f.amounts))]
+    if at is not None:
+        bases.insert(0, (without(found, f, at), f.amounts))
+    own = f.charts[at].term.name if at is not None else ""
     drives = [c for c in candidates(bases[0][0]) if c.chart.term.kind.stage == "drive"]
     stores = {c.chart.term.name: c.chart for c in drives if issubclass(c.chart.term.kind, StoreEffect)}
     others = [c for c in drives if c.chart.term.name != own]
@@ -165,4 +169,4 @@ def _likeliest_size(base: Fit, c: Chart, amounts: np.ndarray) -> np.ndarray:
         theta = np.concatenate([*base.numbers, [size], base.weights, amounts, base.levels])
         return float(np.sum(linearised(world, charts, columns_of(world, base.free), theta)[3][:, 0] ** 2))
 
-    return np.array([min(_sizes(c.lower[0], c.upper[0]), key=squares)])
+    return np.array([min(sizes(c.lower[0], c.upper[0]), key=squares)])

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -178,7 +178,7 @@ def weighted(samples: Samples, now: Prediction, repeats: Sequence[int]) -> Sampl
     unsure = np.zeros(len(samples.power), dtype=bool)
     moving = (samples.v != 0).any(axis=1)
     noise = samples.noise * samples.group**0.5
-    open_power = _open_power(samples, now)
+    open_power, fixed = _open_power(samples, now), _fixed_rounding(samples)
     for span, part, op, count in zip(samples.slices, samples.parts, samples.operators, repeats, strict=True):
         grouped = op is not None and (span.stop - span.start) // samples.group == part.stop - part.start
         if op is not None and not (samples.group > 1 and grouped):
@@ -186,8 +186,12 @@ def weighted(samples: Samples, now: Prediction, repeats: Sequence[int]) -> Sampl
             continue
         slope = np.gradient(now.power[span], samples.t[span]) if span.stop - span.start > 1 else np.zeros(1)
         variance = (SLACK * slope) ** 2 + open_power[span] ** 2
-        own, doubted = 1 / np.sqrt(1 + variance / noise**2), np.zeros(len(variance), dtype=bool)
         edges = 1 + np.flatnonzero(np.diff(moving[span]))
+        alike = np.zeros(len(variance))  # number of readings with one error of rounding
+        for a, b in pairwise([0, *edges, len(variance)]):
+            alike[a:b] = 0 if moving[span][a] else b - a
+        own = 1 / np.sqrt(1 + (variance + alike * fixed**2) / noise**2)
+        doubted = np.zeros(len(variance), dtype=bool)
         for k in [*edges, *_switches(samples, span, part, noise), *_steps(samples, part, noise)]:
             near = slice(max(0, k - EDGE), k + EDGE)
             # a reading there may show the power before the change or after it
@@ -204,6 +208,25 @@ def weighted(samples: Samples, now: Prediction, repeats: Sequence[int]) -> Sampl
         else:
             weight[part], allowed[part], unsure[part] = own / samples.group**0.5, variance, doubted
     return samples.reread(weight=weight, allowed=allowed, doubted=unsure)
+
+
+def resolution(readings: Sequence[np.ndarray]) -> float:
+    """Step [W] to which readings are rounded: the least difference between two of them; 0 if all are the same."""
+    values = np.unique(np.concatenate(readings))
+    return float(np.min(np.diff(values), initial=np.inf)) if len(values) > 1 else 0.0
+
+
+def _fixed_rounding(samples: Samples) -> float:
+    """Standard deviation [W] of the error by rounding that no mean of readings of one and the same power removes.
+
+    Noise s spreads readings over several steps h: the mean's first harmonic of the error falls by
+    exp(-2 pi^2 s^2 / h^2) (Widrow and Kollar, Quantization Noise, 2008).
+    """
+    step = resolution([power for _, power in samples.single])
+    if step == 0:
+        return 0.0
+    noise = max((samples.floor / step) ** 2 - 1 / 12, 0.0)
+    return float(step / 12**0.5 * np.exp(-2 * np.pi**2 * noise))
 
 
 def repeated(weight: np.ndarray, count: int, shared: float = SHARED) -> np.ndarray:

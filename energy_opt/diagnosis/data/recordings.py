@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from energy_opt.diagnosis.data.noise import meter_noise
+from energy_opt.diagnosis.data.noise import meter_noise, resolution
 from energy_opt.diagnosis.data.samples import Samples, laid
 from energy_opt.measured import MeasuredSet, Run, Smoothing, choose_smoothing, kinematics
 from energy_opt.measured.run import nodes, operator
@@ -24,6 +24,7 @@ BIN = 0.03  # [s] readings closer than this are averaged
 MOST_READINGS = 10_000  # most readings in a fit: five minutes of a fast meter; of more, neighbours are averaged
 REST, BY_NOISE = 1e-3, 4.0  # [rad/s] slower joints count as standing still; standard deviations of a speed that do, too
 MOST_NODES = 40_000  # most nodes at which models are evaluated: twenty minutes of a fast meter
+FEW_IN_BIN = 4  # least readings of a bin that show how single ones scatter in it
 FEW_RUNS = 8  # least runs to keep if runs are left out; otherwise each run is cut short
 FOUND = 0.1  # share of the time between readings to which a clock is found by correlation
 COMPARED = 4  # least runs of a kind to compare their scatter
@@ -123,6 +124,8 @@ def take_samples(measured: MeasuredSet) -> Samples:
     first = min(float(run.start + run.time[0]) for run in measured.runs)
     noise = meter_noise([reading for _, reading, _, _ in taken])
     single = [(run.start + run.power_time - first, run.power) for run in measured.runs]
+    within = _within_bins(measured.runs, [m[2] for m, *_ in taken])
+    rounding = resolution([run.power for run in measured.runs]) / 12**0.5
     group = -(-sum(len(power) for _, (_, power), _, _ in taken) // MOST_READINGS)  # so that at most so many remain
     if group > 1:
         windows = [run.window.any() for run in measured.runs]
@@ -138,7 +141,7 @@ def take_samples(measured: MeasuredSet) -> Samples:
     return Samples(
         measured.robot.body, q, v, a, t - first, laid([slice(0, len(m[0])) for m in motion]), temperature,
         at - first, power, parts, operators, counts, np.ones(len(at)), noise / group**0.5,
-        meter_noise([(r.power_time, r.power) for r in measured.runs]),
+        max(meter_noise([(r.power_time, r.power) for r in measured.runs]), within, rounding),
         tuple(r.file for r in measured.runs), tuple(r.kind for r in measured.runs), tuple(single), group,
         _logged(measured.runs, [m[0] for m in motion]), blur, _lag(measured, smoothing, v, smoothed),
         averaged=any(run.window.any() for run in measured.runs),
@@ -196,6 +199,19 @@ def binned(run: Run) -> np.ndarray:
         return index
     lasts = np.ptp(run.power_time[index], axis=1)
     return index[lasts <= 2 * np.median(lasts)]
+
+
+def _within_bins(runs: Sequence[Run], speeds: Sequence[np.ndarray]) -> float:
+    """Standard deviation [W] of single readings about the mean of their bin while the arm rests; 0 if bins are small.
+
+    Neighbouring readings of a fast meter share noise, which their differences do not show.
+    """
+    scatter = []
+    for run, v in zip(runs, speeds, strict=True):
+        if not run.window.any() and per_bin(run) >= FEW_IN_BIN:
+            index = binned(run)
+            scatter += run.power[index[~(v != 0).any(axis=1)]].var(axis=1, ddof=1).tolist()
+    return float(np.sqrt(np.median(scatter))) if scatter else 0.0
 
 
 def _windows(run: Run, smoothing: Smoothing) -> Taken:

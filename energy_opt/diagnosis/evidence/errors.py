@@ -92,8 +92,9 @@ def quality(model: PowerModel, samples: Samples, noise: Noise, drift: np.ndarray
     levels = np.concatenate([np.full(p.stop - p.start, x) for p, x in zip(samples.parts, drift, strict=True)])
     whiten = Whitener(noise, [samples.at[p] for p in samples.parts], samples.weight)
     white = whiten(samples.power - now.reading - levels) ** 2
-    # `floor` comes from differences of neighbours, which are too small if these share readings
-    single = max(samples.floor, noise.white * samples.group**0.5)
+    # `floor` comes from neighbours, which share noise: that of the means of `count` readings is added
+    mean, count = noise.white * samples.group**0.5, max(samples.counts)
+    single = max(samples.floor, float(np.hypot((1 - 1 / count) ** 0.5 * samples.floor, mean)))
     usual, lives, allowed, sure = single**2 + noise.wave**2, [], [], []
     for span, part, (time, _) in zip(samples.slices, samples.parts, samples.single, strict=True):
         lives.append(np.interp(time, samples.t[span], (samples.v[span] != 0).any(axis=1).astype(float)) > 0.5)

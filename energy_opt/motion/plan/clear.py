@@ -41,9 +41,9 @@ ITERATIONS, DONE = 100, 1e-4
 FINISHED = 2  # most trials to continue
 HOPES = (1.3, 1.1)  # largest merit relative to the best after the first and second trial, to be continued
 HALF = 0.1  # share of the cost: if the optimum without bodies saves more, a search starts half-way to it
-# If a move of free duration loses COSTLY times as much as the optimum without bodies, the clear answer in SLOWER times
-# its duration is another start: near the least duration, limits leave no room to come free of bodies.
-COSTLY, SLOWER = 1.25, 1.3
+# If a move of free duration takes COSTLY times the loss of the optimum without bodies more energy than that, the clear
+# answer in SLOWER times its duration is another start: near the least duration, limits leave no room to come free.
+COSTLY, SLOWER = 0.25, 1.3
 LITTLE = 0.25  # share of the loss of the first path slowed evenly: if less is saved, another initial path is looked for
 HAIR = 0.0005  # [m] a mixture of two curves may miss the required clearance by this much
 NOTHING = "reshaping found no collision-free motion that is better than the first path"
@@ -63,7 +63,7 @@ def nearly_clear(context: Context, move: Move, curve: Curve) -> bool:
 
 def kept_clear(
     context: Context, move: Move, timing: Timing | None, retimed: Callable[[], RetimeSolution | None],
-    free: Candidate, warm: Sequence[Trajectory],
+    free: Candidate, warm: Sequence[Trajectory], again: bool = False,
 ) -> Candidate:  # fmt: skip
     """The reshaped move of least objective that is proven to keep clear.
 
@@ -72,6 +72,7 @@ def kept_clear(
         retimed: solves for the least-energy timing of the first path; None if there is none.
         free: what reshaping found without regard to bodies; the answer if it is proven clear.
         warm: further trajectories to start from, if they are proven clear.
+        again: the move was solved before, but for its end accelerations.
 
     Returns:
         A candidate, without a trajectory if no search led to one that is proven clear and within limits.
@@ -88,7 +89,7 @@ def kept_clear(
     lines = _lines(context, move, retimed, timing, warm, task, 2 * reference)
     work = Clearing.of(context, task, [task.curve(level.shape, line) for line in lines])
     work.search_from(wider)
-    if move.duration is None and not free_time and not context.stopped() and work.is_costly(wider):
+    if move.duration is None and not (free_time or again or context.stopped()) and work.is_costly(wider):
         slower = _slower(context, move, timing, wider)
         work.search.iterations += slower.iterations
         if slower.outcome is not None:
@@ -280,8 +281,8 @@ class Clearing:
         """True if bodies cost so much that a further search is worth its time; `free`: the optimum without them."""
         if self.best is None or free.outcome is None:
             return free.outcome is not None
-        best, alone = (self.context.judge.of(outcome.curve).energy.loss for outcome in (self.best, free.outcome))
-        return best > COSTLY * alone
+        best, alone = (self.context.judge.of(outcome.curve).energy for outcome in (self.best, free.outcome))
+        return best.total > alone.total + COSTLY * alone.loss
 
     def little(self, timing: Timing | None) -> bool:
         """True if so little of the first path's loss is saved that another initial path is worth its time."""

@@ -92,7 +92,7 @@ def candidates_of(
     if context.settings.end_acceleration == "zero" and not context.stopped():
         beaten = _is_beaten(context, move, curve, timing, retimed)
         if beaten or _is_beaten_without_conditions(context, move, curve, timing, bare):
-            other = _curve(context.freed, move, timing, retimed, warm, kept)
+            other = _curve(context.freed, move, timing, retimed, warm, kept, again=True)
             curve = replace(_better(context, curve, other), iterations=curve.iterations + other.iterations)
     return Work(timing, None, _in_least_time(context, move, timing, curve), None, warm, retimed)
 
@@ -134,9 +134,9 @@ def _least_energy(context: Context, move: Move, timing: Timing | None) -> Retime
 
 def _curve(
     context: Context, move: Move, timing: Timing | None, retimed: Callable[[], RetimeSolution | None],
-    warm: Sequence[Trajectory], kept: Kept | None,
+    warm: Sequence[Trajectory], kept: Kept | None, again: bool = False,
 ) -> Candidate:  # fmt: skip
-    """The curve of least objective that keeps clear."""
+    """The curve of least objective that keeps clear; `again`: see `kept_clear`."""
     worth = None if context.cell is None else partial(nearly_clear, context, move)
     curve = reshaped(context, move, timing, retimed, warm, kept, worth)
     failed = curve.trajectory is None and curve.outcome is None and context.settings.objective == "energy"
@@ -145,7 +145,7 @@ def _curve(
         if mixed.trajectory is not None:
             return mixed
     log.info("keeping clear", extra={"share": 0.6})
-    curve = kept_clear(context, move, timing, retimed, curve, warm)
+    curve = kept_clear(context, move, timing, retimed, curve, warm, again)
     if not curve.converged and not context.stopped():
         curve = in_tube(context, move, retimed(), small_enough(move, retimed(), curve))
     return curve

@@ -167,6 +167,8 @@ class _Tracer:
         self.expected = len(grid) + 2 + (SEARCH if self.cycle else 0)
         front.points = [Point(float(d), "not_converged", reason="not computed") for d in grid]
         self._sweep()
+        as_fast = [point for point in front.points if _equal(point.duration, shortest)]
+        front.fastest = min((front.fastest, *as_fast), key=lambda point: point.total)
         self._keep_minimum()
         if self.cycle is not None:
             front.cycle_minimum = self._best_in_cycle(self.cycle)

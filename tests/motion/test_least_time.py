@@ -44,3 +44,17 @@ def test_a_free_duration_costs_no_more_than_the_least_one(name: str, number: int
     fastest = solved(robot, number, mode="retime", objective="time").baseline("toppra")
     free, least = solved(robot, number), solved(robot, number, duration=fastest.duration)
     assert free.energy.total <= least.energy.total * 1.0002
+
+
+@pytest.mark.parametrize("number", [0, 3])
+def test_a_front_begins_with_a_reshaped_move(number: int) -> None:
+    """Its first point takes the least time. It was the line's timing: 2.6 and 1.5 times the next point's loss."""
+    robot = eo.load_robot("panda")
+    move = random_moves(robot, number + 1, 3)[number]
+    known = {"self_collision": False, "compile": "never"}
+    fastest = solved(robot, number, mode="retime", objective="time").baseline("toppra").duration
+    front = eo.tradeoff(
+        robot, "source-method-2", start=move.start, goal=move.goal, durations=[fastest, 1.08 * fastest], **known
+    )
+    first, second = front.document["points"]
+    assert first["status"] == "solved" and first["energy_loss"] < 1.2 * second["energy_loss"]

@@ -18,7 +18,9 @@ import numpy as np
 from energy_opt.errors import Infeasible
 from energy_opt.motion.judge.energy import Energy
 from energy_opt.motion.move import Move
+from energy_opt.motion.plan.busy_joints import with_busy_joints
 from energy_opt.motion.plan.candidates import (
+    NEAR_FASTEST,
     first_line,
     least_energy_timing,
     reference_time,
@@ -34,6 +36,7 @@ from energy_opt.motion.reshape.curve import Outcome
 from energy_opt.motion.reshape.search import Reshaper
 from energy_opt.motion.reshape.starts import joined
 from energy_opt.motion.reshape.task import FEASIBLE, Line, Task
+from energy_opt.motion.timing.spline_timing import Timing
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics.threads import one_thread
 
@@ -107,8 +110,11 @@ class Neighbours:
         # far from any single move, another valley may be the best by now
         if far and duration not in self._alone_at and not self._at_the_best(task, move, here):
             here = _cheaper(here, self._single_or_none(duration))
-        if here is None and same:
-            here = neighbour
+        timing = self._single.timing
+        if here is None and timing is not None and duration < NEAR_FASTEST * timing.duration:
+            here = self._with_busy_joints(move, timing, neighbour)
+        if same:
+            here = _cheaper(here, neighbour)
         if here is None and duration not in self._alone_at:
             here = self._single_or_none(duration)
         self._known[duration] = here if here is not None else self._retimed(duration)
@@ -214,6 +220,15 @@ class Neighbours:
             return None
         judged = self._context.judge(found.trajectory)
         return Optimum(found.trajectory, judged.energy, True, found.outcome) if judged.certificate.valid else None
+
+    def _with_busy_joints(self, move: Move, timing: Timing, neighbour: Optimum) -> Optimum | None:
+        """The optimum with joints that need all the time at the first path's timing; None if nothing valid is found."""
+        line = least_energy_timing(self._context, move, timing)
+        if line is None:
+            return None
+        start = None if neighbour.outcome is None else neighbour.outcome.curve
+        found = with_busy_joints(self._context, move, line.trajectory, start).trajectory
+        return None if found is None else Optimum(found, self._context.judge(found).energy, True)
 
     def _judged(self, outcome: Outcome, task: Task) -> Optimum | None:
         """The optimum within limits by the judge, or None."""

@@ -15,9 +15,9 @@ from energy_opt.errors import BadInput
 from energy_opt.files import plain, replacing
 from energy_opt.folders import files_of_earlier_runs, no_folder_in_the_way, no_foreign_files, no_other_verb
 
-# Column: type. Energies in J, durations and seconds in s, savings in percent against "scaled" (the same duration);
-# energy_<baseline> is the total of a baseline, loss_<baseline> its loss; max_violation a fraction of the bound.
 MOST_RECORDS, MOST_BYTES = 10**6, 2 * 10**8  # largest results.parquet that is read
+# Columns of text, and all columns. Energies in J, durations and seconds in s, savings in percent against "scaled" (the
+# same duration); energy_<baseline> is a baseline's total, loss_<baseline> its loss; max_violation a share of the bound.
 TEXTS = "suite robot move mode status error objective model payload timing optimality key"
 ALL = """suite robot move mode status
 duration energy_total energy_standby energy_stored energy_loss energy_toppra loss_toppra duration_toppra energy_scaled

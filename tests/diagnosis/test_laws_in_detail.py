@@ -131,19 +131,23 @@ def test_white_noise_is_seldom_taken_for_noise_with_memory():
     assert np.mean([remembered(slow @ rng.normal(size=count)) for _ in range(20)]) > 0.9
 
 
+INSTRUMENTS = Instruments(noise=0.6, power_resolution=0.05)
+
+
 def test_of_durations_that_no_dwell_tells_apart_the_middle_one_is_taken(tmp_path):
     """A hold of 0.8 s where dwells last up to 0.61 s: 0.6 s leaves the last readings of a dwell unexplained.
 
-    Its end is known to a reading.
+    Its end is not known, as no dwell lasts so long; that of a hold of 0.3 s is known to a reading.
     """
-    made = make_set(
-        tmp_path / "set", "ur5", [IdleHold(power=8.0, duration=0.8)], seed=3,
-        instruments=Instruments(noise=0.6, power_resolution=0.05),
-    )  # fmt: skip
+    made = make_set(tmp_path / "set", "ur5", [IdleHold(power=8.0, duration=0.8)], seed=3, instruments=INSTRUMENTS)
     found = diagnose(read_set(made.folder), made.declared)
     assert (found.verdict, [x.name for x in found.effects]) == ("explained", ["idle_hold"])
     low, high = found.effects[0].ci95["duration"]
-    assert 0.5 * found.samples.step < high - low < 3 * found.samples.step
+    assert low < 0.6 and high > 0.8
+    short = make_set(tmp_path / "short", "ur5", [IdleHold(power=8.0, duration=0.3)], seed=3, instruments=INSTRUMENTS)
+    found = diagnose(read_set(short.folder), short.declared)
+    low, high = found.effects[0].ci95["duration"]
+    assert low < 0.3 < high and 0.5 * found.samples.step < high - low < 3 * found.samples.step
 
 
 def test_readings_at_the_end_of_a_hold_have_less_weight(tmp_path):

@@ -58,3 +58,12 @@ def test_a_front_begins_with_a_reshaped_move(number: int) -> None:
     )
     first, second = front.document["points"]
     assert first["status"] == "solved" and first["energy_loss"] < 1.2 * second["energy_loss"]
+
+
+def test_a_largest_duration_near_the_least_one_is_reshaped_too() -> None:
+    """No spline is so fast: the slow joint keeps the first path's timing, as with an exact duration."""
+    robot = eo.load_robot("panda")
+    fastest = solved(robot, 0, mode="retime", objective="time").baseline("toppra").duration
+    assert (
+        solved(robot, 0, max_duration=1.0005 * fastest).energy.loss < 0.6 * solved(robot, 0, mode="retime").energy.loss
+    )

@@ -23,6 +23,7 @@ from energy_opt.diagnosis.data.samples import Samples
 
 FLOOR = 0.8  # least noise of a fit, over the noise of single readings
 NORMAL_MEDIAN = 0.6745  # median of |x| of a standard normal x
+SAME_READING = 1e-9  # share of the level: readings that differ by less are equal
 EDGE, DOUBTED = 2, 0.15  # samples around the start and end of a motion, and their weight
 NEAR, SWITCHED = 8, 3.0  # readings beside the middle of a dwell; step of power there over the noise of single readings
 # change of the power at rest over two readings that is a step, over the noise of single readings; least number of
@@ -211,9 +212,14 @@ def weighted(samples: Samples, now: Prediction, repeats: Sequence[int]) -> Sampl
 
 
 def resolution(readings: Sequence[np.ndarray]) -> float:
-    """Step [W] to which readings are rounded: the least difference between two of them; 0 if all are the same."""
+    """Step [W] to which readings are rounded: the least difference between two of them; 0 if all are the same.
+
+    Sums of rounded channels differ by their last binary digits, too: such differences are none.
+    """
     values = np.unique(np.concatenate(readings))
-    return float(np.min(np.diff(values), initial=np.inf)) if len(values) > 1 else 0.0
+    gaps = np.diff(values)
+    gaps = gaps[gaps > SAME_READING * np.abs(values).max(initial=0.0)]
+    return float(gaps.min()) if len(gaps) else 0.0
 
 
 def _fixed_rounding(samples: Samples) -> float:

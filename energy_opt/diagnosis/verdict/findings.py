@@ -70,9 +70,12 @@ def findings_of(found: Inference) -> list[Finding]:
             continue
         effect = f.model.get(c.term.name)
         assert effect is not None
-        # the end of a motion, and of a hold after it, are each known to a reading
+        # the end of a motion, and of a hold after it, are each known to a reading; that of a hold which outlasts every
+        # dwell is not known at all
         stepped = [p.steps and p.unit == "s" for p, *_ in entries(c.term.kind, n, len(deviation))]
-        deviation = np.maximum(deviation, np.where(stepped, samples.step / 2, 0.0))
+        value = effect.full(n)
+        unsure = np.where(value > samples.idle.max(initial=0.0), value / STUDENT, samples.step / 2)
+        deviation = np.where(stepped, np.maximum(deviation, unsure), deviation)
         before = declared.get(c.term.name)
         less = f.model.without(c.term.name) if before is None else f.model.replaced(before)
         if found.unknown:

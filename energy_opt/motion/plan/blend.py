@@ -30,7 +30,7 @@ def least_weights(costs: np.ndarray, excess: np.ndarray) -> np.ndarray | None:
 
 
 def blended(trajectories: Sequence[Trajectory], shares: np.ndarray) -> Trajectory:
-    """The mean of motions of the same ends and duration, weighted by `shares` (N,), at all their sample times."""
+    """The mean of motions of the same ends and duration, weighted by `shares` (N,) or, by joint, (N, n)."""
     time = np.unique(whole(np.concatenate([t.time - t.time[0] for t in trajectories])))
     last = time[-1]
     keep = np.concatenate([[True], np.diff(time) > CLOSEST]) & (time < last - CLOSEST)

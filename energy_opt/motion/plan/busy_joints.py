@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from energy_opt.motion.judge.certificate import ALLOWED
 from energy_opt.motion.limits.joint import JointLimit
 from energy_opt.motion.move import Move
 from energy_opt.motion.plan.blend import blended
@@ -53,7 +54,8 @@ def with_busy_joints(context: Context, move: Move, timing: Trajectory, optimum: 
         certificate = context.judge(mixed).certificate
         if certificate.valid:
             return Candidate(mixed, spent, starts=starts)
-        more = busy | (np.array(context.robot.joints) == certificate.worst["joint"])
+        broken = {found.where for found in certificate.found if found.excess is None or found.excess > ALLOWED}
+        more = busy | np.isin(context.robot.joints, list(broken))
         if certificate.within_limits or more.all() or (more == busy).all():
             break
         busy, curve = more, found.curve

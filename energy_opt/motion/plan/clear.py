@@ -72,7 +72,7 @@ def kept_clear(
         retimed: solves for the least-energy timing of the first path; None if there is none.
         free: what reshaping found without regard to bodies; the answer if it is proven clear.
         warm: further trajectories to start from, if they are proven clear.
-        again: the move was solved before, but for its end accelerations.
+        again: the move was solved before, with other end accelerations.
 
     Returns:
         A candidate, without a trajectory if no search led to one that is proven clear and within limits.
@@ -282,7 +282,7 @@ class Clearing:
         if self.best is None or free.outcome is None:
             return free.outcome is not None
         best, alone = (self.context.judge.of(outcome.curve).energy for outcome in (self.best, free.outcome))
-        return best.total > alone.total + COSTLY * alone.loss
+        return self.context.settings.objective == "energy" and best.total > alone.total + COSTLY * alone.loss
 
     def little(self, timing: Timing | None) -> bool:
         """True if so little of the first path's loss is saved that another initial path is worth its time."""
@@ -296,7 +296,7 @@ class Clearing:
 
 
 def _slower(context: Context, move: Move, timing: Timing | None, free: Candidate) -> Candidate:
-    """The clear answer in a given duration, which is longer than that of the optimum without bodies (`free`)."""
+    """The clear answer in a longer duration than that of the optimum without bodies (`free`)."""
     assert free.outcome is not None
     move = replace(move, duration=SLOWER * free.outcome.curve.duration, max_duration=None)
     try:

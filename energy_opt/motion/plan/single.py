@@ -39,9 +39,6 @@ from energy_opt.numerics.threads import one_thread
 log = logging.getLogger(__name__)
 # times the least time of the first path: in longer moves, zero acceleration at the ends costs almost nothing
 HURRIED = 1.2
-LEAST = (
-    1.002  # times the same: in less, some joint is at its limits all the time, and no spline of few points is so fast
-)
 
 
 def candidates_of(
@@ -102,16 +99,16 @@ def _in_least_time(context: Context, move: Move, timing: Timing | None, curve: C
     found, judge = curve.trajectory, context.judge
     if timing is None or found is None or curve.outcome is None or context.stopped():
         return curve
-    if context.settings.objective != "energy" or move.duration is not None:
+    if context.settings.objective != "energy" or not _is_fast_enough(timing, move.longest):
         return curve
-    if not 1 - 1e-9 <= found.duration / timing.duration < NEAR_FASTEST:
+    if move.duration is not None or not 1 - 1e-9 <= found.duration / timing.duration < NEAR_FASTEST:
         return curve
     line = timing.trajectory(context.robot.joints)
     faster = with_busy_joints(context, move, line, curve.outcome.curve)
     curve = replace(curve, iterations=curve.iterations + faster.iterations)
     if faster.trajectory is None or judge(faster.trajectory).energy.total >= judge(found).energy.total:
         return curve
-    return replace(curve, trajectory=faster.trajectory)
+    return replace(curve, trajectory=faster.trajectory, converged=True, message="")
 
 
 def is_hurried(move: Move, timing: Timing, duration: float) -> bool:
@@ -140,10 +137,13 @@ def _curve(
     worth = None if context.cell is None else partial(nearly_clear, context, move)
     curve = reshaped(context, move, timing, retimed, warm, kept, worth)
     failed = curve.trajectory is None and curve.outcome is None and context.settings.objective == "energy"
-    if failed and move.duration is not None and timing is not None and move.duration < NEAR_FASTEST * timing.duration:
-        mixed = with_busy_joints(context, move, line.trajectory) if (line := retimed()) is not None else curve
+    hurried = timing is not None and move.longest is not None and move.longest < NEAR_FASTEST * timing.duration
+    if failed and hurried and not again and (line := retimed()) is not None:
+        mixed = with_busy_joints(context, move, line.trajectory)
+        mixed = replace(mixed, iterations=mixed.iterations + curve.iterations, starts=mixed.starts + curve.starts)
         if mixed.trajectory is not None:
             return mixed
+        curve = replace(curve, iterations=mixed.iterations, starts=mixed.starts)
     log.info("keeping clear", extra={"share": 0.6})
     curve = kept_clear(context, move, timing, retimed, curve, warm, again)
     if not curve.converged and not context.stopped():

@@ -54,7 +54,8 @@ def test_what_averaged_readings_show_is_the_mean_of_what_the_readings_show(made,
     assert coarse.group == 3 and coarse.noise == pytest.approx(fine.noise / 3**0.5)
     shown = [predict(made.declared, s).reading for s in (fine, coarse)]
     steady = PowerModel("panda", (Standby(power=90.0),))
-    weights = [weighted(s, predict(steady, s), [1] * len(s.parts)).weight for s in (fine, coarse)]
+    known = [weighted(s, predict(steady, s), [1] * len(s.parts)) for s in (fine, coarse)]
+    weights, surely = [s.weight for s in known], ~known[1].doubted
     for a, b in zip(fine.parts, coarse.parts, strict=True):
         count = (a.stop - a.start) // 3
 
@@ -63,7 +64,11 @@ def test_what_averaged_readings_show_is_the_mean_of_what_the_readings_show(made,
 
         assert coarse.power[b] == pytest.approx(mean(fine.power)) and coarse.at[b] == pytest.approx(mean(fine.at))
         assert shown[1][b] == pytest.approx(mean(shown[0]))
-        assert weights[1][b] ** -2 == pytest.approx(mean(weights[0] ** -2))  # variances of independent readings
+        sure = surely[b]  # elsewhere single readings show a jump of the power, which counts
+        assert sure.mean() > 0.8
+        assert weights[1][b][sure] ** -2 == pytest.approx(
+            mean(weights[0] ** -2)[sure]
+        )  # variances of independent readings
 
 
 def test_pieces_of_the_nodes_give_what_all_at_once_do(made, whole, monkeypatch):

@@ -195,7 +195,7 @@ def weighted(samples: Samples, now: Prediction, repeats: Sequence[int]) -> Sampl
         doubted = np.zeros(len(variance), dtype=bool)
         for k in [*edges, *_switches(samples, span, part, noise), *_steps(samples, part, noise)]:
             near = slice(max(0, k - EDGE), k + EDGE)
-            # a reading there may show the power before the change or after it
+            # a reading there may show the power before the change or after it; averaged ones do not show how much it is
             jump = np.ptp(samples.power[part][near]) if not grouped else 0.0
             own[near] *= 1 / np.hypot(1 / DOUBTED, jump / noise)
             doubted[near] = True

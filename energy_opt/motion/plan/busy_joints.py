@@ -11,11 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from energy_opt.motion.judge.certificate import ALLOWED
 from energy_opt.motion.limits.joint import JointLimit
 from energy_opt.motion.move import Move
 from energy_opt.motion.plan.blend import blended
-from energy_opt.motion.plan.candidates import NONE, Candidate, first_line, task_of
+from energy_opt.motion.plan.candidates import NONE, REPAIRS, Candidate, first_line, task_of
 from energy_opt.motion.plan.context import Context
 from energy_opt.motion.reshape.curve import Curve, refined
 from energy_opt.motion.reshape.search import trajectory_of
@@ -23,13 +22,15 @@ from energy_opt.motion.reshape.task import Line, Task
 from energy_opt.motion.trajectory import Trajectory
 
 AT_LIMIT, OFTEN = 1e-3, 0.05  # share of a bound within which a joint is at its limit; share of the time, to be busy
+SLIGHT = 1e-3  # share of a bound
 LOOSE = 1.02  # factor of busy joints' bounds in the search of the others' motion
 
 
 def with_busy_joints(context: Context, move: Move, timing: Trajectory, optimum: Curve | None = None) -> Candidate:
     """A move as long as a timing of its first path: busy joints keep that timing, the others take that of an optimum.
 
-    Busy are joints that the timing has at a limit, and those of which the optimum breaks a limit.
+    Busy are joints that the timing has at a limit, and those of which the optimum breaks a limit by more than `SLIGHT`.
+    Smaller excesses are removed by tighter limits.
 
     Args:
         timing: of hardly more than the least time.
@@ -46,7 +47,9 @@ def with_busy_joints(context: Context, move: Move, timing: Trajectory, optimum: 
         answer = reshaper.search(_loosened(task, busy), lines, settings.starts, settings.seed, context.stopped)
         optimum, spent, starts = (answer.best or answer.optima[0]).curve, answer.iterations, answer.starts
     curve = refined(task.within(optimum), reshaper.fine(task.vias).shape, task.ends)
-    while not context.stopped():
+    for _ in range(REPAIRS):
+        if context.stopped():
+            break
         found = reshaper.solved(curve, _loosened(task, busy), context.stopped)
         spent += found.iterations
         motion = trajectory_of(found.curve, context.robot.joints)
@@ -54,11 +57,11 @@ def with_busy_joints(context: Context, move: Move, timing: Trajectory, optimum: 
         certificate = context.judge(mixed).certificate
         if certificate.valid:
             return Candidate(mixed, spent, starts=starts)
-        broken = {found.where for found in certificate.found if found.excess is None or found.excess > ALLOWED}
-        more = busy | np.isin(context.robot.joints, list(broken))
-        if certificate.within_limits or more.all() or (more == busy).all():
+        broken = {found.where for found in certificate.found if found.excess is None or found.excess > SLIGHT}
+        busy = busy | np.isin(context.robot.joints, list(broken))
+        if certificate.within_limits or busy.all():
             break
-        busy, curve = more, found.curve
+        task, curve = replace(task, limits=certificate.tightened(task.limits)), found.curve
     return Candidate(None, spent, False, NONE, starts)
 
 

@@ -260,13 +260,6 @@ def test_stamps_that_come_in_bunches_are_spread(repeated, tmp_path):
 
 
 @pytest.mark.slow
-def test_an_elastic_belt_is_not_friction(tmp_path):
-    """Stribeck friction takes 0.01 W off the error held out, and adds to the squares over the noise."""
-    truth = write_world(World("z1", 11400006, (0.0, 0.05), "ar1", unlisted="belt"), tmp_path / "set")
-    assert not diagnose(read_set(truth.folder, truth.robot), truth.declared).effects
-
-
-@pytest.mark.slow
 def test_the_residual_of_a_partial_diagnosis_counts_in_differences_of_energy(tmp_path):
     """A differential wrist rubs by two motors' speeds: with dry friction of each joint differences are off by 29 %."""
     truth = write_world(World("z1", 11400014, (0.0, 0.05), "ar1", unlisted="coupled_friction"), tmp_path / "set")

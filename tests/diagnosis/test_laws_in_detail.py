@@ -34,6 +34,8 @@ pytest.importorskip("mujoco")
 from misfit_world import World, write_world
 from virtual_sets import make_set
 
+INSTRUMENTS = Instruments(noise=0.6, power_resolution=0.05)
+
 
 def test_a_declared_effect_that_is_not_refitted_stays_for_those_that_need_it():
     """Copper loss with its declared values is what a winding's temperature needs."""
@@ -129,9 +131,6 @@ def test_white_noise_is_seldom_taken_for_noise_with_memory():
     assert np.mean([remembered(rng.normal(size=count)) for _ in range(200)]) < 0.05
     slow = np.linalg.cholesky(dense[1.0, 0.7])
     assert np.mean([remembered(slow @ rng.normal(size=count)) for _ in range(20)]) > 0.9
-
-
-INSTRUMENTS = Instruments(noise=0.6, power_resolution=0.05)
 
 
 def test_of_durations_that_no_dwell_tells_apart_the_middle_one_is_taken(tmp_path):

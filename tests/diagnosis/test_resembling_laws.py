@@ -74,3 +74,10 @@ def test_a_warm_up_by_more_than_meters_drift_is_claimed(tmp_path, world):
     """By 4 to 6 W, while meters of such arms drift by 2 to 3 W."""
     truth = write_world(world, tmp_path / "set")
     assert [x.name for x in diagnose(read_set(truth.folder, truth.robot), truth.declared).effects] == ["standby_drift"]
+
+
+@pytest.mark.slow
+def test_an_elastic_belt_is_not_friction(tmp_path):
+    """Stribeck friction takes 0.01 W off the error held out, and adds to the squares over the noise."""
+    truth = write_world(World("z1", 11400006, (0.0, 0.05), "ar1", unlisted="belt"), tmp_path / "set")
+    assert not diagnose(read_set(truth.folder, truth.robot), truth.declared).effects

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 
 import energy_opt as eo
@@ -37,13 +38,18 @@ def test_a_move_can_last_as_long_as_the_fastest_timing(mode: str) -> None:
     assert solved(robot, 0, mode=mode, duration=fastest.duration).status == "solved"
 
 
-@pytest.mark.parametrize(("name", "number"), [("ur5e", 0), ("xarm7", 1)])
+@pytest.mark.parametrize(("name", "number"), [("ur5e", 1), ("xarm7", 1)])
 def test_a_free_duration_costs_no_more_than_the_least_one(name: str, number: int) -> None:
-    """Standby makes time costly, so the answer takes the least time. Splines take 1 % longer, for 0.2 to 0.7 % more."""
+    """Standby makes time costly, so the answer takes the least time. Splines take 1 % longer, for 0.2 to 0.7 % more.
+
+    By default, moves of free duration begin and end with zero acceleration, unless a timing of the line is cheaper.
+    """
     robot = eo.load_robot(name)
     fastest = solved(robot, number, mode="retime", objective="time").baseline("toppra")
-    free, least = solved(robot, number), solved(robot, number, duration=fastest.duration)
-    assert free.energy.total <= least.energy.total * 1.0002
+    free = solved(robot, number, end_acceleration="free")
+    least = solved(robot, number, duration=fastest.duration)
+    ends = solved(robot, number).trajectory.acceleration[[0, -1]]
+    assert free.energy.total <= least.energy.total * 1.0002 and np.abs(ends).max() < 1e-6
 
 
 @pytest.mark.parametrize("number", [0, 3])

@@ -221,15 +221,6 @@ def test_what_an_arm_cannot_do_is_refused(
     assert said in capsys.readouterr().err
 
 
-def test_check_reads_the_positions_of_every_arm(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    document = one_arm()
-    assert main(["check", str(written(tmp_path, document))]) == 0
-    document["robot"].append({**document["robot"][0], "name": "b"})
-    document["robot"][1]["step"] = [{"name": "pick", "to": [9.0, 0.5, 0.0, -1.6, 0.0, 2.1, 0.7]}]
-    assert main(["check", str(written(tmp_path, document))]) == 2
-    assert "robot b: step 1 (pick): panda_joint1 = 9 is outside" in "".join(capsys.readouterr())
-
-
 def test_another_rate_than_the_one_asked_for_is_stated(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A table at 250 Hz in place of one at 25 Hz was written without a word."""
     steps = [{"to": [0.6, 1.3, -1.2, 0.2, 0.1, 0.1]}, {"to": [0.0, 1.0, -1.0, 0.0, 0.0, 0.0]}]

@@ -82,3 +82,12 @@ def test_check_refuses_what_the_job_refuses(
     for verb in ("check", "job"):
         assert refused(tmp_path / "job", document, verb) == 2
         assert says in capsys.readouterr().err
+
+
+def test_check_reads_the_positions_of_every_arm(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    document = one_robot({"name": "pick", "to": [0.0, 0.5, 0.0, -1.6, 0.0, 2.1, 0.7]})
+    assert refused(tmp_path, document, "check") == 0
+    document["robot"].append({**document["robot"][0], "name": "b"})
+    document["robot"][1]["step"] = [{"name": "pick", "to": [9.0, 0.5, 0.0, -1.6, 0.0, 2.1, 0.7]}]
+    assert refused(tmp_path, document, "check") == 2
+    assert "robot b: step 1 (pick): panda_joint1 = 9 is outside" in "".join(capsys.readouterr())

@@ -228,7 +228,7 @@ def _fixed_rounding(samples: Samples) -> float:
     Noise s spreads readings over several steps h: the mean's first harmonic of the error falls by
     exp(-2 pi^2 s^2 / h^2) (Widrow and Kollar, Quantization Noise, 2008).
     """
-    step = resolution([power for _, power in samples.single])
+    step = samples.resolution
     if step == 0:
         return 0.0
     noise = max((samples.floor / step) ** 2 - 1 / 12, 0.0)

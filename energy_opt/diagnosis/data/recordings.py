@@ -125,7 +125,7 @@ def take_samples(measured: MeasuredSet) -> Samples:
     noise = meter_noise([reading for _, reading, _, _ in taken])
     single = [(run.start + run.power_time - first, run.power) for run in measured.runs]
     within = _within_bins(measured.runs, [m[2] for m, *_ in taken])
-    rounding = resolution([run.power for run in measured.runs]) / 12**0.5
+    step = resolution([run.power for run in measured.runs])
     group = -(-sum(len(power) for _, (_, power), _, _ in taken) // MOST_READINGS)  # so that at most so many remain
     if group > 1:
         windows = [run.window.any() for run in measured.runs]
@@ -141,10 +141,10 @@ def take_samples(measured: MeasuredSet) -> Samples:
     return Samples(
         measured.robot.body, q, v, a, t - first, laid([slice(0, len(m[0])) for m in motion]), temperature,
         at - first, power, parts, operators, counts, np.ones(len(at)), noise / group**0.5,
-        max(meter_noise([(r.power_time, r.power) for r in measured.runs]), within, rounding),
+        max(meter_noise([(r.power_time, r.power) for r in measured.runs]), within, step / 12**0.5),
         tuple(r.file for r in measured.runs), tuple(r.kind for r in measured.runs), tuple(single), group,
         _logged(measured.runs, [m[0] for m in motion]), blur, _lag(measured, smoothing, v, smoothed),
-        averaged=any(run.window.any() for run in measured.runs),
+        step, averaged=any(run.window.any() for run in measured.runs),
     )  # fmt: skip
 
 

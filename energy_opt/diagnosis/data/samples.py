@@ -40,6 +40,7 @@ class Samples:
         group: how many neighbouring readings were averaged to one, 1 in all but long sets.
         blur: (K, 2 n) standard deviations of v and a by errors of the logged positions or velocities.
         lag: [s] time uncertainty of the motion by sampling, quantisation and smoothing of the positions.
+        resolution: step [W] to which the meter rounds; 0 if none is seen.
         allowed: (M,) [W^2] variance of single readings by these errors and by clocks, see `weighted`.
         doubted: (M,) True for readings beside starts, ends and steps, whose exact times the positions do not show.
         averaged: True if the window over which the meter averages is known.
@@ -68,6 +69,7 @@ class Samples:
     logged: Mapping[str, np.ndarray] = field(default_factory=dict)
     blur: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
     lag: float = 0.0
+    resolution: float = 0.0
     allowed: np.ndarray = field(default_factory=lambda: np.zeros(0))
     doubted: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
     averaged: bool = False

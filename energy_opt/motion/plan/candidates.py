@@ -231,9 +231,8 @@ def reshaped(
     best, spent, starts = answer.best, answer.iterations, answer.starts
     line = retimed() if best is None and not context.stopped() else None
     fast = timing is not None and task.durations[1] < NEAR_FASTEST * timing.duration
-    if (
-        line is not None and fast and settings.objective == "energy"
-    ):  # no spline of few points is so fast; see `busy_joints`
+    # no spline of few points is so fast; see `busy_joints`
+    if line is not None and fast and settings.objective == "energy":
         return Candidate(None, spent, False, NONE, starts)
     if line is not None:  # this timing holds the limits, so search from it
         again = reshaper.search(task, [Line.of(line.trajectory)], 1, settings.seed, context.stopped)

@@ -89,7 +89,7 @@ def kept_clear(
     lines = _lines(context, move, retimed, timing, warm, task, 2 * reference)
     work = Clearing.of(context, task, [task.curve(level.shape, line) for line in lines])
     work.search_from(wider)
-    if move.duration is None and not (free_time or again or context.stopped()) and work.is_costly(wider):
+    if move.duration is None and not again and not context.stopped() and work.is_costly(wider):
         slower = _slower(context, move, timing, wider)
         work.search.iterations += slower.iterations
         if slower.outcome is not None:
@@ -279,10 +279,10 @@ class Clearing:
 
     def is_costly(self, free: Candidate) -> bool:
         """True if bodies cost so much that a further search is worth its time; `free`: the optimum without them."""
-        if self.best is None or free.outcome is None:
-            return free.outcome is not None
-        best, alone = (self.context.judge.of(outcome.curve).energy for outcome in (self.best, free.outcome))
-        return self.context.settings.objective == "energy" and best.total > alone.total + COSTLY * alone.loss
+        if free.outcome is None or self.context.settings.objective != "energy":
+            return False
+        alone, judge = self.context.judge.of(free.outcome.curve).energy, self.context.judge
+        return self.best is None or judge.of(self.best.curve).energy.total > alone.total + COSTLY * alone.loss
 
     def little(self, timing: Timing | None) -> bool:
         """True if so little of the first path's loss is saved that another initial path is worth its time."""

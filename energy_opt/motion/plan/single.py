@@ -95,9 +95,14 @@ def candidates_of(
 
 
 def _in_least_time(context: Context, move: Move, timing: Timing | None, curve: Candidate) -> Candidate:
-    """A curve of free duration, in the first path's least time if it takes hardly longer and that costs less."""
+    """A curve of free duration, in the first path's least time if it takes hardly longer and that costs less.
+
+    Only if its end accelerations are free: that timing begins and ends at the limits of its busy joints.
+    """
     found, judge = curve.trajectory, context.judge
     if timing is None or found is None or curve.outcome is None or context.stopped():
+        return curve
+    if not curve.outcome.curve.shape.free_acceleration:
         return curve
     if context.settings.objective != "energy" or not _is_fast_enough(timing, move.longest):
         return curve

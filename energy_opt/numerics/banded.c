@@ -15,7 +15,7 @@ typedef struct { /* the matrix A of constraints; see `quadratic.Constraints` */
 } Matrix;
 typedef struct { /* where bounds are: of N + k unknowns, of constraints with a floor, and with a ceiling */
     I size, lows, highs;
-    const I *low, *high;
+    I *low, *high;
 } Bounds;
 
 /* A factor keeps its columns `stride` apart. Column c begins at row c / 8 * 8, so that the same rows of neighbouring
@@ -160,11 +160,10 @@ static inline void add_node(double *ab, I points, const double *restrict c, I m,
 }
 
 /* Add the sum over nodes of L' C L to a band: `blocks` C (count, m, m), m >= 3 n, Hessians by position and its first two
-   derivatives; `local` (count, 3, LOCAL) values of the basis and its derivatives; `first` (count,) windows; `half`
-   (3 n, n) for its own use. */
-void banded_add_nodes(double *ab, I size, const double *blocks, I count, I m, const double *local, const I *first, I n,
-               double *half) {
+   derivatives; `local` (count, 3, LOCAL) values of the basis and its derivatives; `first` (count,) windows. */
+void banded_add_nodes(double *ab, I size, const double *blocks, I count, I m, const double *local, const I *first, I n) {
     I points = size / n;
+    double half[3 * n * n];
     for (I k = 0; k < count; k++) {
         const double *c = blocks + k * m * m, *b = local + k * 3 * LOCAL;
         if (n == 6) add_node(ab, points, c, m, b, first[k], 6, half);
@@ -434,22 +433,35 @@ static void bordered(const double *ab, const double *edge, const double *corner,
     }
 }
 
-/* The interior-point loop; see `interior.py` for what goes in. `band`, `edge` and `corner` are changed where damping is
-   added. Out: d (size,), multipliers `by_row` (R,), and `told`: sum of e, damping, steps, decrease of the cost. Returns 0,
-   1 where no damping makes the program convex, 2 where there is no memory. */
-int banded_interior(double *band, double *edge, double *corner, const double *mass, const double *mass_corner, I width,
-             const double *g, const double *low_box, const double *high_box, const Matrix *given, const Bounds *at,
-             const double *floor_, const double *ceiling, double price, double tolerance, double *d, double *by_row,
-             double *told) {
-    Matrix own = *given, *a = &own;
-    I size = at->size, count = a->border, inner = size - count, rows = a->one + a->wide + a->placed;
-    I begin = 2 * size, total = begin + at->lows + at->highs, pairs = 2 * total - begin;
-    double damping = told[1];
-    double *work = calloc(14 * total + 5 * size + 2 * rows + inner * width + 2 * inner * count + count * count + count +
-                              factor_size(inner, width) + (a->one + inner) * LOCAL, sizeof(double));
+/* The interior-point loop; see `interior.py` for what goes in. `given`: gradient, both bounds of the box (size,) each,
+   floors and ceilings (R,) each, infinite for none. Out: d (size,), multipliers `by_row` (R,), and `found`: sum of e,
+   damping (in and out), steps, decrease of the cost. Returns 0, 1 where no damping makes the program convex, 2 where
+   there is no memory. */
+int banded_interior(const double *band_, const double *edge_, const double *corner_, const double *mass,
+             const double *mass_corner, I width, I size, const double *given, const Matrix *matrix, double price,
+             double tolerance, double *d) {
+    Matrix own = *matrix, *a = &own;
+    I count = a->border, inner = size - count, rows = a->one + a->wide + a->placed;
+    const double *g = given, *low_box = g + size, *high_box = low_box + size, *floor_ = high_box + size;
+    const double *ceiling = floor_ + rows;
+    double *by_row = d + size, *found = by_row + rows, damping = found[1];
+    I begin = 2 * size;
+    double *work = calloc(14 * (begin + 2 * rows) + 5 * size + 4 * rows + 2 * inner * width + 3 * inner * count + 2 * count * count +
+                              count + factor_size(inner, width) + (a->one + inner) * LOCAL, sizeof(double));
     if (!work) return 2;
     double *next = work;
 #define TAKE(name, length) double *name = next; next += (length)
+    TAKE(floors, rows); TAKE(ceilings, rows);
+    Bounds bounds = {size, 0, 0, (I *)floors, (I *)ceilings}, *at = &bounds;
+    for (I r = 0; r < rows; r++) {
+        if (isfinite(floor_[r])) at->low[at->lows++] = r;
+        if (isfinite(ceiling[r])) at->high[at->highs++] = r;
+    }
+    I total = begin + at->lows + at->highs, pairs = 2 * total - begin;
+    TAKE(band, inner * width); TAKE(edge, inner * count); TAKE(corner, count * count);
+    memcpy(band, band_, inner * width * sizeof(double));
+    memcpy(edge, edge_, inner * count * sizeof(double));
+    memcpy(corner, corner_, count * count * sizeof(double));
     TAKE(b, total); TAKE(t, total); TAKE(lam, total); TAKE(e, total); TAKE(room, total); TAKE(v, total);
     TAKE(weight, total); TAKE(s, total); TAKE(slope, total); TAKE(dt, total); TAKE(dl, total); TAKE(de, total);
     TAKE(to_t, total); TAKE(to_e, total);
@@ -589,14 +601,14 @@ int banded_interior(double *band, double *edge, double *corner, const double *ma
     }
     for (I i = 0; i < total; i++) lam[i] = -lam[i];
     by_constraint(lam, at, -1, rows, by_row);
-    told[0] = 0;
-    for (I i = begin; i < total; i++) told[0] += e[i];
-    told[1] = damping;
-    told[2] = (double)steps;
+    found[0] = 0;
+    for (I i = begin; i < total; i++) found[0] += e[i];
+    found[1] = damping;
+    found[2] = (double)steps;
     for (I i = 0; i < size; i++) d[i] = smaller(larger(d[i], low_box[i]), high_box[i]);
     bordered(band, edge, corner, inner, width, count, d, residual);
-    told[3] = 0;
-    for (I i = 0; i < size; i++) told[3] -= (g[i] + residual[i] / 2) * d[i];
+    found[3] = 0;
+    for (I i = 0; i < size; i++) found[3] -= (g[i] + residual[i] / 2) * d[i];
     free(work);
     return 0;
 }

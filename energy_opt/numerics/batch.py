@@ -73,13 +73,14 @@ class Batch:
 
     def fixing(self, first: int, *arguments: np.ndarray) -> Batch:
         """The same batch, with constant arguments from number `first` on; a row (inputs,) counts for every point."""
-        for given, value in zip(self._given[first:], arguments, strict=True):
+        held = slice(first, first + len(arguments))
+        for given, value in zip(self._given[held], arguments, strict=True):
             given[...] = value
-        self._given = self._given[:first]
+        del self._given[held]
         return self
 
     def __call__(self, *arguments: np.ndarray) -> list[np.ndarray]:
-        """The results for the arguments that are not held; each call overwrites those of the call before."""
+        """The results for the arguments that are not fixed; each call overwrites those of the call before."""
         for given, value in zip(self._given, arguments, strict=True):
             given[...] = value
         for call in self._calls:

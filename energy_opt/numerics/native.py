@@ -45,13 +45,6 @@ class Matrix(ctypes.Structure):
     )
 
 
-class Bounds(ctypes.Structure):
-    """The indices of finite bounds."""
-
-    _fields_ = [(name, ctypes.c_int64) for name in ("size", "lows", "highs")]
-    _fields_ += [(name, ctypes.c_void_p) for name in ("low", "high")]
-
-
 class Clouds(ctypes.Structure):
     """Sets of points in the layout of the C functions: coordinates, and where each set begins."""
 
@@ -87,7 +80,7 @@ def pointer(x: np.ndarray) -> ctypes.c_void_p:
         ValueError: the array is not contiguous.
         TypeError: it is read-only.
     """
-    return ctypes.c_void_p(ctypes.addressof(ctypes.c_char.from_buffer(x.data)) if x.size else None)
+    return ctypes.c_void_p(ctypes.addressof(ctypes.c_char.from_buffer(x)) if x.size else None)  # type: ignore[arg-type]
 
 
 @cache

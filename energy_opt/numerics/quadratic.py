@@ -15,7 +15,6 @@ implementation of a primal-dual interior point method, SIAM Journal on Optimizat
 from __future__ import annotations
 
 import ctypes
-from copy import copy
 from dataclasses import dataclass, fields
 from functools import cache, cached_property
 
@@ -40,13 +39,10 @@ def add_nodes(band: np.ndarray, blocks: np.ndarray, local: np.ndarray, first: np
     if c is None:
         interior.add_nodes(band, blocks, local, first, n)
         return
-    given = [np.ascontiguousarray(x, dtype=np.float64) for x in (blocks, local)]
-    first, half = np.ascontiguousarray(first, dtype=np.int64), np.empty((n, 3 * n))
-    sizes = ctypes.c_int64(len(blocks)), ctypes.c_int64(blocks.shape[1])
-    c.banded_add_nodes(
-        pointer(band), ctypes.c_int64(len(band)), pointer(given[0]), *sizes, pointer(given[1]), pointer(first),
-        ctypes.c_int64(n), pointer(half),
-    )  # fmt: skip
+    blocks, local = np.ascontiguousarray(blocks, np.float64), np.ascontiguousarray(local, np.float64)
+    first, sizes = np.ascontiguousarray(first, np.int64), map(ctypes.c_int64, (len(band), *blocks.shape[:2], n))
+    size, count, width, joints = sizes
+    c.banded_add_nodes(pointer(band), size, pointer(blocks), count, width, pointer(local), pointer(first), joints)
 
 
 def add_places(band: np.ndarray, blocks: np.ndarray, basis: np.ndarray, first: np.ndarray, n: int) -> None:
@@ -109,6 +105,8 @@ class Constraints:
     def of(cls, joints: int, borders: int, **given: np.ndarray) -> Constraints:
         """The given arrays; all others are empty, for `joints` joints and `borders` unknowns behind the band."""
         usual = _empty(joints, borders)
+        if not given:
+            return _none(joints, borders)
         return cls(**usual | {name: np.ascontiguousarray(x, dtype=usual[name].dtype) for name, x in given.items()})
 
     @property
@@ -121,11 +119,10 @@ class Constraints:
         """A in the layout of the compiled functions; it refers to the memory of these arrays."""
         counts = len(self.first), len(self.wide), len(self.place), len(self.basis), self.border.shape[1]
         n = self.gradient.shape[1]
-        out = native.Matrix(n, *counts)
-        out.memory = np.empty(len(self.basis) * n * n)
-        for name in (*native.INTEGERS, *native.NUMBERS):
-            setattr(out, name, pointer(getattr(self, name)))
-        out.scratch = pointer(out.memory)
+        memory = np.empty(len(self.basis) * n * n)
+        arrays = [getattr(self, name) for name in (*native.INTEGERS, *native.NUMBERS)]
+        out = native.Matrix(n, *counts, *map(pointer, arrays), pointer(memory))
+        out.memory = memory
         return out
 
     def entries(self, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -170,14 +167,20 @@ class Constraints:
 
     def within(self, floor: np.ndarray, ceiling: np.ndarray) -> Constraints:
         """The same linear functions within other bounds (R,)."""
-        out = copy(self)
-        out.__dict__.update(floor=floor, ceiling=ceiling)  # a cached `matrix` does not hold them
+        out = object.__new__(Constraints)
+        out.__dict__.update(self.__dict__, floor=floor, ceiling=ceiling)  # a cached `matrix` does not hold them
         return out
 
     def moved(self, d: np.ndarray) -> Constraints:
         """The same constraints in coordinates whose origin is moved by -d."""
         moved = self.times(d)
         return self.within(self.floor + moved, self.ceiling + moved)
+
+
+@cache
+def _none(joints: int, borders: int) -> Constraints:
+    """No constraints."""
+    return Constraints(**_empty(joints, borders))
 
 
 @cache
@@ -234,18 +237,15 @@ def minimise(
         parts, heavy = (h.band, h.border, h.corner), (mass.band, mass.border, mass.corner)
         a, bounds = held.sparse(inner), (held.floor, held.ceiling)
         return Minimum(*interior.interior(parts, heavy, g, box, a, *bounds, price, damping, tolerance))
-    low, high = (np.flatnonzero(np.isfinite(bound)) for bound in (held.floor, held.ceiling))
-    where = native.Bounds(size, len(low), len(high), pointer(low), pointer(high))
-    changed = [x.copy() for x in (h.band, h.border, h.corner)]
-    numbers = mass.band, mass.corner, g, *box, held.floor, held.ceiling
-    given = [np.ascontiguousarray(x, dtype=np.float64) for x in numbers]
-    d, multipliers, said = np.empty(size), np.empty(held.count), np.array([0.0, damping, 0.0, 0.0])
+    given = np.concatenate([g, *box, held.floor, held.ceiling])
+    out = np.empty(size + held.count + 4)  # d, multipliers, and four numbers
+    out[-3] = damping
     failed = c.banded_interior(
-        *map(pointer, changed), *map(pointer, given[:2]), ctypes.c_int64(h.band.shape[1]), *map(pointer, given[2:5]),
-        ctypes.byref(held.matrix), ctypes.byref(where), *map(pointer, given[5:]), ctypes.c_double(price),
-        ctypes.c_double(tolerance), pointer(d), pointer(multipliers), pointer(said),
+        pointer(h.band), pointer(h.border), pointer(h.corner), pointer(mass.band), pointer(mass.corner),
+        ctypes.c_int64(h.band.shape[1]), ctypes.c_int64(size), pointer(given), ctypes.byref(held.matrix),
+        ctypes.c_double(price), ctypes.c_double(tolerance), pointer(out),
     )  # fmt: skip
     if failed:
         raise np.linalg.LinAlgError("not positive definite" if failed == 1 else "no memory")
-    broken, damping, steps, saved = said.tolist()
-    return Minimum(d, multipliers, broken, damping, int(steps), saved)
+    broken, damping, steps, saved = out[-4:].tolist()
+    return Minimum(out[:size], out[size:-4], broken, damping, int(steps), saved)

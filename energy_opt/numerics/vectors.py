@@ -12,7 +12,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import accumulate
 
 import casadi as ca
@@ -61,6 +61,14 @@ class Program:
     constants: np.ndarray
     code: np.ndarray
 
+    @cached_property
+    def _code_in_c(self) -> np.ndarray:
+        """`code` with the operations' numbers of `program.c`."""
+        numbers = {getattr(ca, name): number for number, name in enumerate(native.operations())}
+        code = self.code.copy()
+        code[:, 0] = [numbers[operation] for operation in self.code[:, 0].tolist()]
+        return code
+
     def over(self, arrays: Sequence[np.ndarray], width: int, c: ctypes.CDLL) -> Callable[[], object]:
         """A call that evaluates in C, of arrays (K, entries) for arguments and results.
 
@@ -71,9 +79,7 @@ class Program:
         sizes = np.array(self.sizes, dtype=np.int64)
         addresses = (ctypes.c_void_p * len(arrays))(*(x.ctypes.data for x in arrays))
         numbers = width, len(arrays[0]) // width, self.registers, self.inputs, len(arrays)
-        numbers_in_c = {getattr(ca, name): number for number, name in enumerate(native.operations())}
-        code = self.code.copy()
-        code[:, 0] = [numbers_in_c[operation] for operation in self.code[:, 0].tolist()]
+        code = self._code_in_c
         given = [native.pointer(code), ctypes.c_long(len(code)), native.pointer(places)]
         given += [*map(ctypes.c_long, numbers), native.pointer(sizes)]
 

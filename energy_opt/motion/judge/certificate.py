@@ -208,6 +208,6 @@ def _times_of_peaks(time: np.ndarray, use: np.ndarray) -> np.ndarray:
         return np.zeros(0)
     low, middle, high = use[:-2], use[1:-1], use[2:]
     reach = np.where((middle >= low) & (middle >= high), middle + (2 * middle - low - high) / 2, 0.0).max(axis=1)
-    near = np.argsort(-reach)[:PEAKS]
-    near = np.sort(near[reach[near] > 1]) + 1
+    near = np.flatnonzero(reach > 1)
+    near = np.sort(near[np.argsort(-reach[near])[:PEAKS]]) + 1
     return (np.linspace(time[near - 1], time[near + 1], 2 * FINER + 1)).T.ravel()

@@ -38,6 +38,7 @@ class Point:
         slope: (Q, 3 n + 1) derivatives of the cost with respect to z.
         linear: (L,) control points of derivatives as signed shares of their bounds.
         hot: (K, m) limited quantities at nodes as signed shares of their bounds.
+        used: (L + K m,) shares of both, without sign for limits with two sides.
         hot_slope: (K, 3 n + 1, m) their derivatives with respect to z, in their own units.
         via: (vias, n) [rad, m] errors at via points. passed: bounds of the step there.
         along: (directions, n) tangents of the ends that may move.
@@ -53,6 +54,7 @@ class Point:
     slope: np.ndarray
     linear: np.ndarray
     hot: np.ndarray
+    used: np.ndarray
     hot_slope: np.ndarray
     via: np.ndarray
     passed: list[Passed]
@@ -95,7 +97,7 @@ class Evaluation:
         self._weight, self._u, self._window = w[self._quad], u[:, None], s.window(u)
         self._quad_windows = self._windows_of(self._quad)
         self._cost = Batch(nodes.cost, len(self._quad)).fixing(1, self._u[self._quad], self._values)
-        self._curvature = Batch(nodes.curvature, len(self._quad))
+        self._curvature = Batch(nodes.curvature, len(self._quad)).fixing(1, self._u[self._quad], self._values)
         self._nodes = nodes
         self.box = box_of(limits, s.joints)
         # unknowns behind the band of control points: T, steps of the ends, times of via points
@@ -151,13 +153,7 @@ class Evaluation:
 
     def _derivatives(self, points: np.ndarray) -> np.ndarray:
         """Bounded derivatives (L,) of control points, times powers of T."""
-        return np.concatenate([np.zeros(0), *((site @ points).ravel() for site in self._sites)])
-
-    def _shares(self, points: np.ndarray, duration: float) -> np.ndarray:
-        """Signed shares (L,) of the bounds on derivatives."""
-        if self._by_time[0] != duration:
-            self._by_time = duration, self._per / duration**self.order
-        return np.asarray(self._by_time[1] * self._derivatives(points))
+        return np.concatenate([site @ points for site in self._sites]).ravel() if self._sites else np.zeros(0)
 
     def _set_hot(self) -> None:
         """Set the limits at nodes."""
@@ -165,7 +161,7 @@ class Evaluation:
         self._hot_scale = np.concatenate([np.zeros(0), *(limit.scale for limit in held)])
         one = [np.full(limit.scale.size, limit.one_sided) for limit in held]
         self._hot_one = np.concatenate([np.zeros(0, dtype=bool), *one])
-        always = [np.full(limit.scale.size, limit.everywhere) for limit in held]
+        always = [limit.everywhere & np.isfinite(limit.scale) for limit in held]
         self._hot_always = np.concatenate([np.zeros(0, dtype=bool), *always])
         limited = Batch(self._nodes.limited, len(self._u)) if len(self._hot_scale) else None
         self._limited = limited and limited.fixing(1, self._u, self._values)
@@ -183,7 +179,9 @@ class Evaluation:
         z[:, -1] = duration
         rate, slope = self._cost(z[self._quad])
         cost = self.scale * (float(self._weight @ rate[:, 0]) - self.offset * duration)
-        linear = self._shares(points, duration)
+        if self._by_time[0] != duration:
+            self._by_time = duration, self._per / duration**self.order
+        linear = self._by_time[1] * self._derivatives(points)
         for end, surface in self.moving:  # of the work of an end only the change counts
             before = self.ends.goal if end else self.ends.start
             cost += self.scale * self._sign(end) * float(np.diff(surface.work(np.stack([before, points[end]])))[0])
@@ -198,8 +196,9 @@ class Evaluation:
             via, bounds = passed(self.open, self.ends.via, s.basis.matrix(via_u) @ points)
         if self.moving:
             along = np.vstack([surface.along(points[end]) for end, surface in self.moving])
-        slope = self.scale * self._weight[:, None] * slope
-        out = Point(points, duration, via_u, z, cost, slope, linear, hot, hot_slope, via, bounds, along)
+        slope = (self.scale * self._weight)[:, None] * slope
+        used = np.concatenate([np.abs(linear), np.where(self._hot_one, hot, np.abs(hot)).ravel()])
+        out = Point(points, duration, via_u, z, cost, slope, linear, hot, used, hot_slope, via, bounds, along)
         # numeric constraints are renewed at each curve; bodies out of reach of the next step get none
         held: list[tuple[int, Limit]] = list(self._at_curve)
         if self.clearance is not None:
@@ -259,7 +258,8 @@ class Evaluation:
             step = border[self.toward][self.of == k] @ point.along[self.of == k]
             points += self.share[k][:, None] * step
             points += self._carried[k][:, None] * (surface.reached(point.points[end], step) - points[end])
-        return points, duration, np.clip(point.via_u + border[len(border) - s.vias :], 0, 1)
+        via_u = np.clip(point.via_u + border[len(border) - s.vias :], 0, 1) if s.vias else point.via_u
+        return points, duration, via_u
 
     def broken(self, point: Point, give: float, slack: float) -> float:
         """The sum of all excesses, which the merit function prices.
@@ -268,8 +268,10 @@ class Evaluation:
             give: share of a bound by which limits at nodes and control points may be exceeded without a price.
             slack: the same of numeric constraints, in their own unit. Errors at via points count in full.
         """
-        out = float(np.maximum(np.abs(point.linear) - 1 - give, 0).sum())
-        out += float(np.maximum(np.where(self._hot_one, point.hot, np.abs(point.hot)) - 1 - give, 0).sum())
+        out, count = 0.0, len(point.linear)
+        if not point.used.max(initial=0.0) <= 1 + give:  # NaN counts as broken
+            over = np.maximum(point.used - 1 - give, 0)
+            out = float(over[:count].sum()) + float(over[count:].sum())
         out += float(np.abs(point.via).sum()) if point.via.size else 0.0
         for _, constraints, _, value in point.placed:
             out += float(np.maximum(np.maximum(constraints.lower - value, value - constraints.upper) - slack, 0).sum())
@@ -285,9 +287,7 @@ class Evaluation:
 
     def excess(self, point: Point) -> float:
         """The worst excess over a limit's bound, without clearances, or the largest error at a via point."""
-        out = [float(np.abs(point.linear).max(initial=0)) - 1, float(np.abs(point.via).max(initial=0))]
-        out.append(float(np.where(self._hot_one, point.hot, np.abs(point.hot)).max(initial=0)) - 1)
-        return max(out)
+        return max(float(point.used.max(initial=0)) - 1, float(np.abs(point.via).max(initial=0)))
 
     def gradient(self, point: Point) -> np.ndarray:
         """The cost's gradient (N + k,): N coordinates of free control points, then the k unknowns behind them."""
@@ -311,7 +311,3 @@ class Evaluation:
         plus, minus = surface.work(np.vstack([q + steps, q - steps])).reshape(2, n)
         work = self.scale * self._sign(end) * (plus - minus) / (2 * DIFFERENCE)
         return np.asarray(work + self.end_z[k][self._quad].ravel() @ point.slope[:, :-1].reshape(-1, n))
-
-    def hot_share(self, point: Point) -> np.ndarray:
-        """Shares of bounds at nodes, (nodes, columns), without sign for two-sided limits."""
-        return np.where(self._hot_one, point.hot, np.abs(point.hot))

@@ -36,22 +36,22 @@ class Shape:
     free_acceleration: bool = False
     vias: int = 0
 
-    @property
+    @cached_property
     def pinned(self) -> int:
         """Control points at each end that the end conditions determine."""
         return 2 if self.free_acceleration else 3
 
-    @property
+    @cached_property
     def free(self) -> int:
         """Free control points."""
         return self.basis.controls - 2 * self.pinned
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Unknowns that are coordinates of free control points, point by point."""
         return self.joints * self.free
 
-    @property
+    @cached_property
     def width(self) -> int:
         """Unknowns of a window."""
         return LOCAL * self.joints

@@ -30,7 +30,7 @@ class Model(Evaluation):
 
     @cached_property
     def _break_curvature(self) -> Batch:
-        return Batch(self._nodes.curvature, len(self._breaks))
+        return Batch(self._nodes.curvature, len(self._breaks)).fixing(1, self._u[self._breaks], self._values)
 
     @cached_property
     def mass(self) -> Banded:
@@ -49,22 +49,22 @@ class Model(Evaluation):
         hot = multipliers.get("hot")
         lam = np.zeros(point.hot.shape) if hot is None else hot / self._hot_scale
         # breakpoints of the spline have no weight in the cost: they count only where a limit is held
-        sets = [(self._quad, self._curvature, self.scale * self._weight[:, None], self._quad_windows)]
+        sets = [(self._quad, self._curvature, (self.scale * self._weight)[:, None], self._quad_windows)]
         if hot is not None and lam[self._breaks[:-1]].any():
             none = np.zeros((len(self._breaks), 1))
             sets.append((self._breaks, self._break_curvature, none, self._windows_of(self._breaks[:-1])))
         band = np.zeros((s.size, s.width))
         out = Banded(band, np.zeros((s.size, self.border)), np.zeros((self.border, self.border)))
         for which, curvature, weight, (local, window) in sets:
-            (blocks,) = curvature(point.z[which], self._u[which], self._values, weight, lam[which])
+            (blocks,) = curvature(point.z[which], weight, lam[which])
             c = blocks.reshape(len(which), 3 * n + 1, 3 * n + 1)
             if convex:
                 c = _convex(c)
             add_nodes(band, c[: len(window)], local, window, n)
+            if self.border == s.vias:
+                continue
             # chain rule to the unknowns behind the band, which change z at every node
             behind = self._behind(point, which)
-            if not behind.size:
-                continue
             index, free = s.columns(self._window[which])
             by = np.matmul(c, behind)
             for column in range(behind.shape[2]):
@@ -159,6 +159,7 @@ class Model(Evaluation):
         )  # fmt: skip
         if constant:
             self._constant = point.duration, out
+            out.matrix  # noqa: B018  # made once for all that share it
         return out
 
     def smooth_steps(self, constraints: Constraints, point: Point, most: float) -> Constraints:
@@ -172,8 +173,7 @@ class Model(Evaluation):
 
     def hot(self, point: Point, share: float) -> np.ndarray:
         """True for limits at nodes (nodes, columns) whose share exceeds `share`, or that are always held."""
-        always = self._hot_always & np.isfinite(self._hot_scale)
-        return np.asarray((self.hot_share(point) > share) | always)
+        return np.asarray((point.used[len(point.linear) :].reshape(point.hot.shape) > share) | self._hot_always)
 
     def other_constraints(
         self, point: Point, far: float, hot: np.ndarray | None = None, equalities: bool = True
@@ -185,8 +185,9 @@ class Model(Evaluation):
             hot: (nodes, columns) the constraints at nodes; None for those near their bounds.
             equalities: include via points; False if two linearisations are held at once, which would leave no step.
         """
-        out = self._hot_constraints(point, self.hot(point, HOT) if hot is None else hot)
         s, n = self.shape, self.shape.joints
+        hot = self.hot(point, HOT) if hot is None else hot
+        out = self._hot_constraints(point, hot) if hot.any() else Constraints.of(n, self.border)
         if s.vias and equalities:
             out = out.joined(self._via_constraints(point))
         for number, placed, q, value in point.placed:
@@ -213,14 +214,12 @@ class Model(Evaluation):
     def _hot_constraints(self, point: Point, which: np.ndarray) -> Constraints:
         """Constraints on `which` (nodes, columns) limits at nodes."""
         s, n = self.shape, self.shape.joints
-        if not which.any():
-            return Constraints.of(n, self.border)
         k, j = np.nonzero(which)
         slope = point.hot_slope[k, :, j] / self._hot_scale[j][:, None]
         parts = slope[:, :-1].reshape(-1, 3, n)
         edge = np.zeros((len(k), self.border))
-        behind = np.einsum("rz,rzc->rc", slope, self._behind(point, k))
-        edge[:, : behind.shape[1]] = behind
+        if self.border > s.vias:
+            edge[:, : self.border - s.vias] = np.einsum("rz,rzc->rc", slope, self._behind(point, k))
         return Constraints.of(
             n, self.border, wide_first=self._window[k], border=edge, keys=(k * len(self._hot_scale) + j) * 4 + AT_NODES,
             wide=np.einsum("rdi,rda->rai", parts, s.local[k, :3]).reshape(len(k), s.width),

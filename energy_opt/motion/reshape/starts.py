@@ -14,6 +14,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -108,8 +109,7 @@ def _bent(level: Level, straight: Curve, task: Task, seed: int, k: int) -> Curve
 
     Two successive starts bend to opposite sides.
     """
-    rng, side = np.random.default_rng([seed, k // 2]), 1 - 2 * (k % 2)
-    shape = level.shape
+    side, shape = 1 - 2 * (k % 2), level.shape
     lower, upper = box_of(task.limits, shape.joints)
     share, deviation, drawn = BENDS[k // 2 % len(BENDS)]
     size = side * deviation * np.clip((upper - lower) / 2, 0, np.pi)
@@ -130,10 +130,8 @@ def _bent(level: Level, straight: Curve, task: Task, seed: int, k: int) -> Curve
         costs = costs - task.offset * straight.duration
         return costs + np.abs(costs) * excess, excess
 
-    amplitudes = np.empty((drawn, 2, shape.joints))
-    for amplitude in amplitudes:
-        amplitude[:] = rng.normal(size=(2, shape.joints)) * [[1.0], [0.5]] * size
-        amplitude *= rng.random(shape.joints) < share
+    sizes, chosen = _drawn(seed, k // 2, drawn, shape.joints)
+    amplitudes = sizes * [[1.0], [0.5]] * size * (chosen < share)
     points = bent(amplitudes)
     costs, excess = rated(points)
     least = int(np.argmin(costs))
@@ -143,6 +141,15 @@ def _bent(level: Level, straight: Curve, task: Task, seed: int, k: int) -> Curve
         points = bent(best[None])
         excess = rated(points)[1]
     return replace(straight, points=points[0])
+
+
+@lru_cache(maxsize=64)
+def _drawn(seed: int, number: int, count: int, joints: int) -> tuple[np.ndarray, np.ndarray]:
+    """Random numbers of a pair of starts: normal (count, 2, joints), and even in [0, 1) (count, 1, joints)."""
+    rng = np.random.default_rng([seed, number])
+    pairs = [(rng.normal(size=(2, joints)), rng.random((1, joints))) for _ in range(count)]
+    normal, even = (np.stack(part) for part in zip(*pairs, strict=True))
+    return normal, even
 
 
 def _same(a: Outcome, b: Outcome, task: Task) -> bool:

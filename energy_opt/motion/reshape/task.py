@@ -29,7 +29,8 @@ class Level:
 
     def __init__(self, shape: Shape, nodes: NodeFunctions) -> None:
         self.shape, self._nodes = shape, nodes
-        self._value = cache(lambda curves: Batch(nodes.value, curves * len(shape.grid[0])))
+        u = shape.grid[0][:, None]
+        self._value = cache(lambda curves: Batch(nodes.value, curves * len(u)).fixing(1, np.tile(u, (curves, 1))))
 
     def model(
         self, ends: Ends, limits: Sequence[Limit], parameters: np.ndarray, durations: tuple[float, float],
@@ -58,13 +59,13 @@ class Level:
     ) -> tuple[np.ndarray, dict[int, np.ndarray]]:
         """The same for curves with control points (C, controls, n), all at once: costs (C,), shares (C, ., .)."""
         s, count = self.shape, len(points)
-        u, w = s.grid
-        z = np.empty((count, len(u), 3 * s.joints + 1))
+        w = s.grid[1]
+        z = np.empty((count, len(w), 3 * s.joints + 1))
         z[..., :-1] = np.concatenate([m @ points for m in s.matrices[:3]], axis=2)
         z[..., -1] = duration
         values = np.concatenate([parameters, values_of(limits, width)])
-        rate, limited = self._value(count)(z.reshape(-1, z.shape[2]), np.tile(u, count)[:, None], values)
-        limited = limited.reshape(count, len(u), -1)
+        rate, limited = self._value(count)(z.reshape(-1, z.shape[2]), values)
+        limited = limited.reshape(count, len(w), -1)
         shares, used = {}, 0
         for number, limit in enumerate(limits):
             if limit.order:
@@ -81,10 +82,11 @@ class Level:
         count, rates = len(self.shape.grid[0]), []
         values, z = np.concatenate([parameters, values_of(limits)]), np.zeros((count, 3 * self.shape.joints + 1))
         z[:, -1] = duration
+        middle = Batch(self._nodes.value, count).fixing(1, np.full((count, 1), 0.5))
         for first in range(0, len(q), count):
             block = q[first : first + count]
             z[: len(block), : self.shape.joints] = block
-            rates.append(self._value(1)(z, np.full((count, 1), 0.5), values)[0][: len(block), 0] / duration)
+            rates.append(middle(z, values)[0][: len(block), 0] / duration)
         return np.concatenate(rates)
 
     def excess(
@@ -102,9 +104,13 @@ class Level:
     ) -> tuple[np.ndarray, np.ndarray]:
         """The same (C,) for curves with control points (C, controls, n) that all take `duration` s."""
         costs, shares = self._shares(points, duration, parameters, limits, width)
-        q = self.shape.matrices[0] @ points
-        placed = [[limit.excess_at(x) for limit in limits] for x in q]
-        return costs, np.column_stack([*(x.max(axis=(1, 2)) - 1 for x in shares.values()), placed]).max(axis=1)
+        out = np.full(len(points), -np.inf)
+        for share in shares.values():
+            out = np.maximum(out, share.max(axis=(1, 2)) - 1)
+        for limit in limits:
+            if type(limit).excess_at is not Limit.excess_at:
+                out = np.maximum(out, [limit.excess_at(q) for q in self.shape.matrices[0] @ points])
+        return costs, out
 
 
 FREE = 0.02  # share of a bound that a step of sequential quadratic programming may exceed, to be repaired later

@@ -20,14 +20,15 @@ class Clouds:
     """Sets of points.
 
     Args:
-        sets: of each its points (V, 3), at least one.
+        sets: of each its points (V, 3), at least one; `most`: the largest number of them.
     """
 
     def __init__(self, sets: Sequence[np.ndarray]) -> None:
         self.sets = tuple(np.asarray(points, dtype=float) for points in sets)
         self._columns = np.vstack([np.zeros((0, 3)), *self.sets]).T.copy()
         self._first = np.cumsum([0, *(len(points) for points in self.sets)], dtype=np.int64)
-        self.room = np.empty((2, max((len(points) for points in self.sets), default=1)))
+        self.most = max((len(points) for points in self.sets), default=1)
+        self.room = np.empty((2, self.most))
 
     def native(self) -> native.Clouds:
         """The sets in the layout of the C functions."""
@@ -198,7 +199,7 @@ class Hulls:
 
     def _room(self) -> np.ndarray:
         """Memory of one call: several threads may use the hulls of one cell."""
-        return np.empty(max((len(points) for points in self.clouds.sets), default=1))
+        return np.empty(self.clouds.most)
 
     def _native(self, link: np.ndarray) -> native.Hulls:
         """The hulls in the layout of the C functions."""

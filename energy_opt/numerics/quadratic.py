@@ -159,8 +159,11 @@ class Constraints:
         """These constraints and the others."""
         if not other.count:
             return self
-        both = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in ARRAYS}
+        pairs = ((name, getattr(self, name), getattr(other, name)) for name in ARRAYS)
+        both = {name: np.concatenate([x, y]) if len(x) and len(y) else x if len(x) else y for name, x, y in pairs}
         both["place"] = np.concatenate([self.place, other.place + len(self.basis)])
+        if not (len(self.place) and len(other.wide)) and not (self.count > len(self.first) and len(other.first)):
+            return Constraints(**both)  # the kinds are in their order
         parts = [np.split(np.arange(c.count), [len(c.first), len(c.first) + len(c.wide)]) for c in (self, other)]
         order = np.concatenate([x for a, b in zip(*parts, strict=True) for x in (a, b + self.count)])
         return Constraints(**both | {name: both[name][order] for name in BY_KIND})

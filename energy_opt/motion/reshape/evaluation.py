@@ -88,7 +88,7 @@ class Evaluation:
         self.durations = durations
         self.clearance: ClearanceConstraints | None = None
         self.offset = offset if self.fixed else 0.0
-        self._at_places = b"", np.zeros((0, 0))
+        self._at_places, self._none = (b"", np.zeros((0, 0))), np.zeros((0, s.joints))
         self._values = np.concatenate([parameters, values_of(limits, width)])
         u, w = s.grid
         self._quad, self._breaks = np.flatnonzero(w), np.flatnonzero(w == 0)
@@ -185,12 +185,13 @@ class Evaluation:
         for end, surface in self.moving:  # of the work of an end only the change counts
             before = self.ends.goal if end else self.ends.start
             cost += self.scale * self._sign(end) * float(np.diff(surface.work(np.stack([before, points[end]])))[0])
-        hot, hot_slope = np.zeros((len(z), 0)), np.zeros((len(z), 3 * n + 1, 0))
-        if self._limited is not None:
+        if self._limited is None:
+            hot, hot_slope = np.zeros((len(z), 0)), np.zeros((len(z), 3 * n + 1, 0))
+        else:
             value, jac = self._limited(z)
             hot = value / self._hot_scale
             hot_slope = jac.reshape(len(z), -1, len(self._hot_scale)).copy()
-        via, along = np.zeros((0, n)), np.zeros((0, n))
+        via = along = self._none
         bounds: list[Passed] = []
         if s.vias:
             via, bounds = passed(self.open, self.ends.via, s.basis.matrix(via_u) @ points)

@@ -151,6 +151,41 @@ def test_joined_and_moved_constraints_are_the_same_matrix(tmp_path) -> None:
     assert len(named) == 25 and both.moved(d).floor == pytest.approx(both.floor + both.times(d))
 
 
+def of_one_kind(kind: str, first_key: int) -> Constraints:
+    """Five constraints on one joint each ("one"), on all joints ("wide") or at places ("placed")."""
+    rng = np.random.default_rng(first_key)
+    given = {
+        "one": {
+            "first": rng.integers(0, 3, 5), "joint": rng.integers(0, JOINTS, 5),
+            "coefficient": rng.normal(size=(5, WINDOW)),
+        },
+        "wide": {"wide_first": rng.integers(0, 3, 5), "wide": rng.normal(size=(5, WIDTH))},
+        "placed": {
+            "place": rng.integers(0, 2, 5), "gradient": rng.normal(size=(5, JOINTS)),
+            "place_first": rng.integers(0, 3, 2), "basis": rng.uniform(0, 1, (2, WINDOW)),
+        },
+    }[kind]  # fmt: skip
+    return Constraints.of(
+        JOINTS, 1, **given, border=rng.normal(size=(5, 1)), floor=-rng.uniform(1, 2, 5), ceiling=rng.uniform(1, 2, 5),
+        keys=first_key + np.arange(5),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("first", ["one", "wide", "placed"])
+@pytest.mark.parametrize("second", ["one", "wide", "placed"])
+def test_each_constraint_keeps_its_line_and_bounds_when_others_join(first: str, second: str) -> None:
+    parts = of_one_kind(first, 10), of_one_kind(second, 20)
+    both = parts[0].joined(parts[1]).joined(of_one_kind("one", 30))
+    assert sorted(both.keys.tolist()) == [*range(10, 15), *range(20, 25), *range(30, 35)]
+    lines = both.sparse(SIZE).toarray()
+    for part in (*parts, of_one_kind("one", 30)):
+        for line, key, floor, ceiling in zip(
+            part.sparse(SIZE).toarray(), part.keys, part.floor, part.ceiling, strict=True
+        ):
+            at = both.keys.tolist().index(key)
+            assert lines[at] == pytest.approx(line) and (both.floor[at], both.ceiling[at]) == (floor, ceiling)
+
+
 @COMPILED
 @pytest.mark.parametrize(("seed", "border", "convex"), [(0, 0, True), (3, 3, True), (4, 2, False)])
 def test_c_and_numpy_find_the_same(seed: int, border: int, convex: bool, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.measured.columns import ARM_POWER, ByHand, given_names, named_unit, understood
-from energy_opt.measured.joint_units import TOO_FAST, joint_units, units_in_words, without_foreign
+from energy_opt.measured.joint_units import MOST_AMPERES, TOO_FAST, joint_units, units_in_words, without_foreign
 from energy_opt.measured.meter_names import alternating, energy_column, power_column, product_columns, robots_own
 from energy_opt.measured.names import UNITS, cut, joint_columns, names_joint, time_columns
 from energy_opt.measured.plausible import are_degrees
@@ -225,8 +225,10 @@ def _guess_meter(table: Table, out: Guess, hand: ByHand) -> None:
         out.words.append(f"power: {power} [{unit or 'W'}]")
     elif pair is not None:
         out.columns["power"] = {"product": list(pair)}
-        units = (named_unit(kind, name, table) for kind, name in zip(("voltage", "current"), pair, strict=True))
+        units = [named_unit(kind, name, table) for kind, name in zip(("voltage", "current"), pair, strict=True)]
         factor = prod(UNITS[kind][unit] for kind, unit in zip(("voltage", "current"), units, strict=True) if unit)
+        if units[1] is None and float(np.nanmean(np.abs(table.column(pair[1])))) > MOST_AMPERES:
+            factor *= UNITS["current"]["mA"]
         unit = min(UNITS["power"], key=lambda known: abs(log(UNITS["power"][known] / factor)))
         out.columns["power"] |= {} if unit == "W" else {"unit": unit}
         out.words.append(f"power: {pair[0]} * {pair[1]} [{unit}]")
@@ -240,7 +242,7 @@ def _counter_unit(values: np.ndarray, seconds: float) -> str:
     """Unit in which a counter's mean power is plausible for an arm."""
     values = values[np.isfinite(values)]
     rise = float(values[-1] - values[0]) / max(seconds, 1e-9) if len(values) else 0.0
-    fitting = (u for u in ("J", "Wh", "kWh") if ARM_POWER[0] < rise * UNITS["energy"][u] < ARM_POWER[1] / 4)
+    fitting = (u for u in ("J", "Wh", "kWh", "mJ") if ARM_POWER[0] < rise * UNITS["energy"][u] < ARM_POWER[1] / 4)
     return next(fitting, "J")
 
 

@@ -24,6 +24,7 @@ BEYOND = 3.0  # multiple of a sliding joint's range from which its positions can
 RELATIVE = ("%", "percent", "°f", "degf", "k", "v", "mv")  # units of joints' signals that are not converted
 MOVED = 0.02  # [rad, m] least motion that shows the unit of a velocity
 LASTS = 0.1  # [s] over which velocities are compared with the change of positions
+MOST_AMPERES = 100.0  # [A] largest plausible current of a joint or a supply: 20 kW from the mains are 87 A
 TOGETHER = 0.6  # least correlation of velocities with the slope of the positions
 
 TOO_FAST = "positions are degrees (as radians the joints would be too fast): converted"  # said of a guess
@@ -84,6 +85,9 @@ def joint_units(
             out[signal] = {joint: named[signal][joint] or assumed[joint] for joint in robot.joints}
         elif signal != "position":
             out[signal] = named[signal]
+        if signal == "current" and set(named[signal].values()) == {None} and _large(values[signal]) > MOST_AMPERES:
+            out[signal] = dict.fromkeys(robot.joints, "mA")
+            words.append("currents are milliamperes (as amperes they would be too large): converted")
     return out
 
 
@@ -92,6 +96,11 @@ def units_in_words(signal: str, units: Units, robot: Robot) -> str:
     si = next(iter(UNITS[signal]))
     each = [units[joint] or si for joint in robot.joints]
     return each[0] if len(set(each)) == 1 else ", ".join(each)
+
+
+def _large(values: np.ndarray) -> float:
+    """The size that 5 % of the values (N, n) of the largest column exceed."""
+    return float(np.nanpercentile(np.abs(values), 95, axis=0).max())
 
 
 def _named(table: Table, robot: Robot, signal: str, by: Mapping[str, str]) -> Units:

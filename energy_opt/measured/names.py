@@ -16,7 +16,8 @@ from functools import cache, lru_cache
 from energy_opt.robot import Robot, known_robots
 
 DEGREE = math.pi / 180
-# Factors to SI units, by kind of quantity; the first unit of each is SI's.
+# Factors to SI units, by kind of quantity; the first unit of each is SI's. A word in another case means the last unit
+# that differs from it in case alone: "mj" are mJ, though MJ are known.
 UNITS: dict[str, dict[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
     "position": {"rad": 1.0, "deg": DEGREE, "rev": 2 * math.pi, "m": 1.0, "mm": 1e-3},
@@ -26,9 +27,11 @@ UNITS: dict[str, dict[str, float]] = {
     "current": {"A": 1.0, "mA": 1e-3},
     "voltage": {"V": 1.0, "mV": 1e-3, "kV": 1e3},
     "temperature": {"degC": 1.0},
-    "power": {"W": 1.0, "mW": 1e-3, "kW": 1e3, "uW": 1e-6},
-    "energy": {"J": 1.0, "kJ": 1e3, "MJ": 1e6, "Ws": 1.0, "mWh": 3.6, "Wh": 3600.0, "kWh": 3.6e6},
-}
+    "power": {"W": 1.0, "MW": 1e6, "mW": 1e-3, "kW": 1e3, "uW": 1e-6},
+    "energy": {
+        "J": 1.0, "kJ": 1e3, "MJ": 1e6, "mJ": 1e-3, "Ws": 1.0, "MWh": 3.6e9, "mWh": 3.6, "Wh": 3600.0, "kWh": 3.6e6,
+    },
+}  # fmt: skip
 BY_SIGNAL = {"position": "", "velocity": "/s", "acceleration": "/s^2"}  # suffix of an angle's unit, by signal
 OTHER = {
     "°": "deg", "º": "deg", "degree": "deg", "degrees": "deg", "grad": "deg", "radian": "rad", "radians": "rad",

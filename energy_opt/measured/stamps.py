@@ -161,7 +161,7 @@ def stamp_factor(stamps: np.ndarray, name: str = "time", span: float | None = No
     if span is not None:
         return min((1.0, 1e-3, 1e-6, 1e-9), key=lambda f: abs(np.log(f * (stamps[-1] - stamps[0]) / span)))
     slow = 20.0 if name == "power.time" else 1.0
-    for first, factor in ((2e5, 1e-9), (400.0, 1e-6), (0.5, 1e-3)):
+    for first, factor in ((3.2e5, 1e-9), (320.0, 1e-6), (0.5, 1e-3)):  # between 5 samples/s in one and 2000 in the next
         if usual >= first * slow:
             return factor
     return 1.0

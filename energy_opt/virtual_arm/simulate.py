@@ -262,9 +262,9 @@ def _write_run(
 
 
 def _decimals(step: float) -> int:
-    """Decimal places that show every multiple of `step`."""
-    places = 0
-    while places < 9 and abs(round(step * 10**places) - step * 10**places) > 1e-6:
+    """Decimal places that show every multiple of `step`, or a thousandth of it."""
+    places, most = 0, max(9, 3 - int(np.floor(np.log10(step))))
+    while places < most and abs(round(step * 10**places) / (step * 10**places) - 1) > 1e-6:
         places += 1
     return places
 

@@ -48,6 +48,7 @@ class Recorded:
         stretches: loads over time; they follow one another from its start to its end.
         waits: (W, 2) s, where the arm is at rest for a while.
         notes: remarks for the reader, a line each.
+        timed: the unit of its times is sure.
         base: pose of the robot's base that the motion was planned for, as `--base` takes it; None if none is stated.
     """
 
@@ -57,6 +58,7 @@ class Recorded:
     waits: np.ndarray
     notes: tuple[str, ...] = ()
     base: tuple[float, ...] | None = None
+    timed: bool = True
 
 
 def robot_named(path: Path) -> str | None:
@@ -106,7 +108,7 @@ def _recorded(name: str, samples: Samples, load: Load | None = None) -> Recorded
     trajectory, notes = motion_of(samples)
     trajectory = replace(trajectory, time=trajectory.time - trajectory.time[0]).on_nanoseconds()
     whole = (Stretch(0.0, trajectory.duration, load),)
-    return Recorded(name, trajectory, whole, standstills(trajectory), (*samples.notes, *notes))
+    return Recorded(name, trajectory, whole, standstills(trajectory), (*samples.notes, *notes), timed=samples.timed)
 
 
 def load(path: Path, joints: Sequence[str], prefix: str = "", following: Iterable[str] = ()) -> Recorded:

@@ -56,7 +56,7 @@ def read(path: Path) -> Samples:
             before, after = table[stamps][k : k + 2]
             raise BadInput(f"{path}: row {k + 3}, column {stamps}: {after:g} does not come after {before:g}")
         blocks = {kind: block[keep] for kind, block in blocks.items()}
-        return Samples(str(path), tuple(joints), time=time[keep], **blocks)
+        return Samples(str(path), tuple(joints), time=time[keep], timed=stated is not None, **blocks)
     like = [name for name in table if name.lower() in LIKE_TIME or name.lower().startswith("time")][:1]
     untimed = "expected a column time [s], or with its unit, such as time_ms"
     untimed += f"; found {like[0]!r}, which is not read" if like else ""

@@ -34,6 +34,7 @@ class Samples:
         planned: a plan for a controller, which begins and ends at rest unless it states otherwise; a recording may be
             in motion at both ends.
         notes: remarks for the reader, a line each.
+        timed: the unit of the times is sure; a table's header may not name it.
     """
 
     where: str
@@ -46,6 +47,7 @@ class Samples:
     untimed: str = "a trajectory has rising times"
     planned: bool = False
     notes: tuple[str, ...] = ()
+    timed: bool = True
 
     def __post_init__(self) -> None:
         for kind in KINDS:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -18,6 +18,8 @@ from energy_opt.files import KINDS, read_json, read_toml, read_yaml_documents
 from energy_opt.folders import faults_of_results
 from energy_opt.formats import read
 from energy_opt.formats.messages import trajectories
+from energy_opt.formats.recording import motion_of
+from energy_opt.formats.waypoints import Samples
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, model_from, on_arm, robot_of
 from energy_opt.jobs.file import load_job
@@ -26,14 +28,16 @@ from energy_opt.measured import inspect_set
 from energy_opt.motion.judge.certificate import ALLOWED, certify
 from energy_opt.motion.judge.clearance import clearance_of
 from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.limits.base import Violation
 from energy_opt.motion.limits.registry import joint_limits
+from energy_opt.motion.standstills import standstills
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.poses.given import poses_of_request, poses_of_scene
 from energy_opt.power.model import model_from_document
 from energy_opt.requests.verbs import CheckRequest
 from energy_opt.results import Found
 from energy_opt.robot import Robot, known_robots, load_robot
-from energy_opt.robot.degrees import refuse_degrees
+from energy_opt.robot.degrees import refuse_degrees, slow_times
 from energy_opt.robot.limits import names_in
 from energy_opt.robot.srdf import read_srdf
 from energy_opt.workcell.as_job import check_workcell
@@ -210,12 +214,13 @@ def _trajectory(file: Path, request: CheckRequest, notes: list[str]) -> list[str
     notes += refuse_degrees(robot, samples.position, samples.where)
     if samples.time is None:
         return []
-    trajectory = samples.trajectory()
-    model = on_arm(model_from(request.model, robot), request, robot)
-    certificate = certify(trajectory, Scorer(robot, model), joint_limits(robot.limits))
+    notes += () if samples.timed else slow_times(robot, samples.time, samples.position, samples.where)
+    trajectory, more = motion_of(samples)
+    notes += more
+    scorer = Scorer(robot, on_arm(model_from(request.model, robot), request, robot))
     faults = _touches(file, request, robot, trajectory, notes)
-    for found in certificate.found:
-        excess = np.inf if found.excess is None else found.excess
+    for found in _found(samples, trajectory, scorer):
+        excess = _excess(found)
         if excess > ALLOWED:
             before = int(np.searchsorted(samples.time - samples.time[0], found.time, side="right"))
             place = f"row {before + 1}" if file.suffix == ".csv" else f"points[{before - 1}]"  # the header is row 1
@@ -226,6 +231,23 @@ def _trajectory(file: Path, request: CheckRequest, notes: list[str]) -> list[str
     return faults
 
 
+def _found(samples: Samples, motion: Trajectory, scorer: Scorer) -> Sequence[Violation]:
+    """Where a motion uses each limit most; rates that its file states are judged as they are stated."""
+    limits = joint_limits(scorer.robot.limits)
+    found = {each.limit: each for each in certify(motion, scorer, limits).found}
+    if samples.velocity is not None or samples.acceleration is not None:
+        stated = certify(samples.trajectory(), scorer, limits, samples_only=True)
+        for each in stated.found:
+            if getattr(samples, each.limit, None) is not None and _excess(each) > _excess(found[each.limit]):
+                found[each.limit] = each
+    return tuple(found.values())
+
+
+def _excess(found: Violation) -> float:
+    """By which share a bound is exceeded; infinite if that is unknown."""
+    return np.inf if found.excess is None else found.excess
+
+
 def _touches(file: Path, request: CheckRequest, robot: Robot, trajectory: Trajectory, notes: list[str]) -> list[str]:
     """Where a trajectory touches the arm's own body or its cell, or comes too near."""
     cell = load_cell(robot, cell_of(request))
@@ -233,5 +255,6 @@ def _touches(file: Path, request: CheckRequest, robot: Robot, trajectory: Trajec
     if cell is None or not cell.checks:
         return []
     t = trajectory
-    found = clearance_of(cell.beside(t.time, t.position, t.velocity, t.acceleration), t)
+    stops = t(t.time[0] + standstills(t).ravel())  # ends of the motions within a cycle, as `evaluate` takes them
+    found = clearance_of(cell.beside(t.time, t.position, t.velocity, t.acceleration), t, stops)
     return [] if found.proven else [f"{file}: {found}"]

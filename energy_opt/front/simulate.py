@@ -12,7 +12,8 @@ from energy_opt.cell.load import load_cell
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.files import read_toml, to_json
 from energy_opt.folders import no_other_verb, take_folder, written_whole
-from energy_opt.formats import read_trajectory
+from energy_opt.formats import read
+from energy_opt.formats.recording import motion_of
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import (
     cell_of,
@@ -28,6 +29,7 @@ from energy_opt.power.variants import of_joints
 from energy_opt.requests.verbs import SimulateRequest
 from energy_opt.results import FoundSet
 from energy_opt.robot import Robot, robot_named
+from energy_opt.robot.degrees import refuse_degrees, slow_times
 from energy_opt.virtual_arm.plant import Plant, load_plant
 from energy_opt.virtual_arm.simulate import Instruments, Reference, Run, pose
 from energy_opt.virtual_arm.simulate import simulate as simulated
@@ -151,25 +153,38 @@ def _references(request: SimulateRequest, robot: Robot, desk: Desk) -> tuple[lis
     """References to play, in order, named run01, run02, ..., and the file that each comes from."""
     if request.static != 0 and not BRIEFEST <= request.static < np.inf:
         raise BadInput(f"--static {request.static:g}: expected 0, or {BRIEFEST:g} s and more")
-    files = [
-        (read_trajectory(path, robot.joints, request.joint_prefix), path) for path in map(Path, request.trajectories)
-    ]
+    files = [(_played(path, robot, request.joint_prefix, desk), path) for path in map(Path, request.trajectories)]
     _check_clear(request, robot, files, desk)
-    read = [(Reference(path.stem, t.time, t.position, t.velocity), str(path)) for t, path in files]
+    given = [(Reference(path.stem, t.time, t.position, t.velocity), str(path)) for t, path in files]
     out: list[Reference] = []
     sources: list[str] = []
-    seconds = request.repeat * sum(reference.duration + 2 * request.rest + request.static for reference, _ in read)
+    seconds = request.repeat * sum(reference.duration + 2 * request.rest + request.static for reference, _ in given)
     if not seconds <= MOST_SECONDS and not request.allow_large:
         raise BadInput(
             f"{seconds:.6g} s to simulate; at most {MOST_SECONDS:g} s without --allow-large (are the times seconds?)"
         )
-    for reference, source in read * request.repeat:
+    for reference, source in given * request.repeat:
         if request.static > 0:
             out.append(pose(f"run{len(out) + 1:02d}", reference.position[0], request.static))
             sources.append(source)
         out.append(replace(reference, name=f"run{len(out) + 1:02d}"))
         sources.append(source)
     return out, sources
+
+
+def _played(path: Path, robot: Robot, prefix: str, desk: Desk) -> Trajectory:
+    """The motion in a file as `evaluate` reads it; notes are said.
+
+    Raises:
+        BadInput: no motion can be read, or its positions are degrees.
+    """
+    samples = read(path).of(robot.joints, prefix, robot.followers)
+    degrees = refuse_degrees(robot, samples.position, samples.where)
+    trajectory, notes = motion_of(samples)
+    slow = () if samples.timed else slow_times(robot, trajectory.time, trajectory.position, samples.where)
+    for note in (*samples.notes, *notes, *degrees, *slow):
+        desk.say(f"note: {note}")
+    return trajectory
 
 
 def _check_clear(request: SimulateRequest, robot: Robot, files: list[tuple[Trajectory, Path]], desk: Desk) -> None:

@@ -1,4 +1,4 @@
-"""Positions as people write them: rounded, or in degrees where radians are meant."""
+"""Motions as people write them: positions rounded or in degrees where radians are meant, times in milliseconds."""
 
 from __future__ import annotations
 
@@ -9,6 +9,10 @@ from energy_opt.robot.limits import TURNS, look_like_degrees
 from energy_opt.robot.robot import ROUNDING, Robot
 
 DEGREES = 4 * 3.15  # [rad] beyond a limit from which a position is assumed to be in degrees: two turns
+SLOW = (
+    1e-3  # share of the velocity limits that a motion reaches at most if its times are milliseconds, taken for seconds
+)
+MOVED = 0.05  # [rad, m] a motion is at least so long
 NOTED = 1e-9  # [rad, m] smaller changes of a position are not noted
 
 
@@ -52,3 +56,22 @@ def onto_limits(robot: Robot, position: np.ndarray, where: str = "") -> tuple[np
         for j in np.flatnonzero(most > NOTED)
     )
     return np.where(moved, inside, position), tuple(notes)
+
+
+def slow_times(robot: Robot, time: np.ndarray, position: np.ndarray, where: str) -> tuple[str, ...]:
+    """A remark where a motion is so slow that its times may be milliseconds.
+
+    Args:
+        time: (N,), taken for s. position: (N, n) [rad, m]. where: the file.
+    """
+    limit = robot.limits.velocity
+    if len(time) < 2 or np.ptp(position, axis=0).max() < MOVED or not np.isfinite(limit).all():
+        return ()
+    speed = np.percentile(np.abs(np.diff(position, axis=0)) / np.diff(time)[:, None], 95, axis=0)
+    share = float((speed / limit).max())
+    if share > SLOW:
+        return ()
+    return (
+        f"{where}: takes {time[-1] - time[0]:.6g} s, at {100 * share:.1g} % of the largest speed: are its times "
+        "milliseconds? Then name their column time_ms",
+    )

@@ -1,4 +1,4 @@
-"""Motions of the misfit worlds, blended trapezoids of speed, and a hand that pushes the arm on its way."""
+"""Motions of the misfit worlds, trapezoids of speed, and a hand that pushes the arm on its way."""
 
 from __future__ import annotations
 
@@ -10,9 +10,12 @@ STEP = 0.004  # [s] of the world
 
 
 def session(
-    robot: Robot, rng: np.random.Generator, motions: int, poses: int, shifted: bool
+    robot: Robot, rng: np.random.Generator, motions: int, poses: int, shifted: bool, sharp: bool = False
 ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Poses held, then runs of moves with blended trapezoids of speed, at several speeds, with stops between."""
+    """Poses held, then runs of moves with blended trapezoids of speed, at several speeds, with stops between.
+
+    `sharp`: trapezoids that are not blended, with short ramps, as of industrial arms: the acceleration jumps.
+    """
     low, high = np.maximum(robot.limits.lower, -2.6), np.minimum(robot.limits.upper, 2.6)
     middle, half = (low + high) / 2, 0.8 * (high - low) / 2
     if shifted:
@@ -31,10 +34,11 @@ def session(
             way = goal - at
             pace = rng.uniform(0.15, 0.6)
             cruise = float(np.max(np.abs(way) / (pace * robot.limits.velocity)))
-            ramp = rng.uniform(0.2, 0.4)
+            ramp = rng.uniform(0.2, 0.4) / (3 if sharp else 1)
             count, edge = max(int(cruise / STEP), 2), int(ramp / STEP)
             shape = np.convolve(np.ones(count), np.ones(edge) / edge)
-            shape = np.convolve(shape, np.ones(edge // 2) / (edge // 2))
+            if not sharp:
+                shape = np.convolve(shape, np.ones(edge // 2) / (edge // 2))
             shape /= shape.sum() * STEP
             speeds += [np.outer(shape, way), np.zeros((int(rng.uniform(0.3, 0.7) / STEP), robot.n))]
             at = goal

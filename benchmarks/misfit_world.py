@@ -43,6 +43,7 @@ class World:
         stronger: the cause adds at least this many times the misfit's RMS.
         currents: the joints' currents are logged. metered: the power is. pushed: runs in which a hand pushes the arm.
         unlisted: one of `unlisted_more.EVERY`, or "" for none. repeats: how often every motion is recorded.
+        sharp: the acceleration jumps, as in trapezoids of speed that are not blended.
     """
 
     arm: str
@@ -58,6 +59,7 @@ class World:
     pushed: tuple[int, ...] = ()
     unlisted: str = ""
     repeats: int = 1
+    sharp: bool = False
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,7 @@ class Truth:
     `values`: the cause's true numbers by parameter, where its law has the same ones. `start`: of the session, s.
     `noise`: measured less true power of each file, W. `at_rows`: the true q, v, a and set time at the file's rows.
     `plant`: the true power of further motions, (N,) W each, one after another from `end` [s] on.
+    `sharp`: smoothing makes the motion inexact, so that no error equals that at the true motion.
     """
 
     folder: Path
@@ -80,6 +83,7 @@ class Truth:
     at_rows: dict[str, tuple[np.ndarray, ...]]
     measured: dict[str, np.ndarray]
     plant: Callable[[list[Motion]], list[np.ndarray]]
+    sharp: bool = False
 
 
 def write_world(world: World, folder: Path, fresh: bool = False) -> Truth:
@@ -97,7 +101,7 @@ def write_world(world: World, folder: Path, fresh: bool = False) -> Truth:
     )
     level = rng.uniform(0.3, 0.03 * drives.standby)
     moves = np.random.default_rng([world.seed, 6, int(fresh)])
-    runs = session(robot, moves, 5 if fresh else world.motions, 0 if fresh else world.poses, shifted=fresh)
+    runs = session(robot, moves, 5 if fresh else world.motions, 0 if fresh else world.poses, fresh, world.sharp)
     if world.repeats > 1:
         runs = runs * world.repeats
     start = 300.0 if fresh else 0.0
@@ -192,4 +196,4 @@ def write_world(world: World, folder: Path, fresh: bool = False) -> Truth:
         begins = np.cumsum([gaps[-1], *(len(m[0]) * STEP + 10.0 for m in motions)])
         return powers([part(m, b) for m, b in zip(motions, begins[:-1], strict=True)], size, strength)
 
-    return Truth(folder, robot, declared, rms, added_rms, start, values, noise, at_rows, measured, plant)
+    return Truth(folder, robot, declared, rms, added_rms, start, values, noise, at_rows, measured, plant, world.sharp)

@@ -1,7 +1,7 @@
 """The examination of `diagnose` on arms that are not the library's, also where laws rule that it does not know.
 
     python benchmarks/unlisted.py --out examined.json [--seed 0] [--jobs 1] [--share 1.0] [--only unlisted,clean]
-        [--small] [--more]
+        [--small] [--more] [--sharp]
 
 Kinds of sets (their number at --share 1):
     unlisted  a law of `unlisted_laws.py` alone, links off by up to 5 %, white noise or noise with memory (60)
@@ -14,7 +14,8 @@ Each set is diagnosed from Python, as the command line does it but for the motio
 is worth; it is judged from the files that this leaves. A crash counts as a false claim,
 a miss and a contradiction; `ambiguous` with the truth among its alternatives is no false claim. What --out holds
 already is kept: the examination goes on where it was stopped. Seeds 0 to 9 are for development; a final look takes a
-seed of 90 or more, that nothing was tuned on. --more takes the laws of `unlisted_more.py` instead.
+seed of 90 or more, that nothing was tuned on. --more takes the laws of `unlisted_more.py` instead;
+with --sharp the motions are trapezoids of speed, whose acceleration jumps.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ import tempfile
 import time
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -209,10 +210,12 @@ def main() -> int:
     parser.add_argument("--only", default=",".join(COUNTS), help="kinds of sets, with commas between")
     parser.add_argument("--small", action="store_true", help="a few sets of each kind; no target is judged")
     parser.add_argument("--more", action="store_true", help="other unlisted laws")
+    parser.add_argument("--sharp", action="store_true", help="motions whose acceleration jumps")
     args = parser.parse_args()
     laws = MORE_KINDS if args.more else KINDS
     counts = SMALL if args.small else {kind: max(1, round(args.share * COUNTS[kind])) for kind in COUNTS}
     asked = [(kind, world) for kind in args.only.split(",") for world in worlds(kind, counts[kind], args.seed, laws)]
+    asked = [(kind, replace(world, sharp=args.sharp)) for kind, world in asked]
     wanted = {world.seed for _, world in asked}
     kept = json.loads(args.out.read_text())["rows"] if args.out.is_file() else []
     rows = [row for row in kept if row["seed"] in wanted]

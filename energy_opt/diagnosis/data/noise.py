@@ -165,7 +165,9 @@ def no_less(value: float, white: float, least: float, count: int) -> tuple[float
     return value - count * (float(np.log(floor / white)) + ((white / floor) ** 2 - 1) / 2), floor
 
 
-def weighted(samples: Samples, now: Prediction, repeats: Sequence[int]) -> Samples:
+def weighted(
+    samples: Samples, now: Prediction, repeats: Sequence[int], beside_jumps: np.ndarray | None = None
+) -> Samples:
     """The same samples with less weight where errors of clocks or positions make a model's power uncertain.
 
     The time between motion and meter is uncertain by `SLACK`, velocities and accelerations by `Samples.blur`. Smoothed
@@ -174,6 +176,7 @@ def weighted(samples: Samples, now: Prediction, repeats: Sequence[int]) -> Sampl
 
     Args:
         now: a model's prediction; its slopes convert such errors to watts. repeats: (R,) of each run's motion.
+        beside_jumps: (M,) [W] rms error of the model's readings beside jumps of the acceleration; None: there are none.
     """
     weight, allowed = np.ones(len(samples.power)), np.zeros(len(samples.power))
     unsure = np.zeros(len(samples.power), dtype=bool)
@@ -208,6 +211,9 @@ def weighted(samples: Samples, now: Prediction, repeats: Sequence[int]) -> Sampl
             unsure[part] = doubted[:whole].reshape(-1, samples.group).any(axis=1)
         else:
             weight[part], allowed[part], unsure[part] = own / samples.group**0.5, variance, doubted
+    if beside_jumps is not None:
+        recorded = np.repeat(repeats, [part.stop - part.start for part in samples.parts])
+        weight = 1 / np.sqrt(1 / weight**2 + recorded * (beside_jumps / samples.noise) ** 2)
     return samples.reread(weight=weight, allowed=allowed, doubted=unsure)
 
 

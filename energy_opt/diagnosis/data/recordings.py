@@ -135,7 +135,7 @@ def take_samples(measured: MeasuredSet) -> Samples:
             for one, (_, reading, _, _), own in zip(single, taken, windows, strict=True)
         ]
     motion, readings, operators, counts = zip(*taken, strict=True)
-    t, q, v, a, temperature, blur, smoothed = (np.concatenate(column) for column in zip(*motion, strict=True))
+    t, q, v, a, temperature, blur, smoothed, jumps = (np.concatenate(column) for column in zip(*motion, strict=True))
     at, power = (np.concatenate(column) for column in zip(*readings, strict=True))
     parts = laid([slice(0, len(r[0])) for r in readings])
     return Samples(
@@ -143,7 +143,8 @@ def take_samples(measured: MeasuredSet) -> Samples:
         at - first, power, parts, operators, counts, np.ones(len(at)), noise / group**0.5,
         max(meter_noise([(r.power_time, r.power) for r in measured.runs]), within, step / 12**0.5),
         tuple(r.file for r in measured.runs), tuple(r.kind for r in measured.runs), tuple(single), group,
-        _logged(measured.runs, [m[0] for m in motion]), blur, _lag(measured, smoothing, v, smoothed),
+        _logged(measured.runs, [m[0] for m in motion]), blur, jumps, tuple(_period(m[2], m[6]) for m in motion),
+        _lag(measured, smoothing, v, smoothed),
         step, averaged=any(run.window.any() for run in measured.runs),
     )  # fmt: skip
 
@@ -162,6 +163,11 @@ def _lag(measured: MeasuredSet, smoothing: Smoothing, v: np.ndarray, smoothed: n
         return spacing
     step = 12**0.5 * smoothing.position_noise
     return max(spacing, step / float(np.median(speed)), float(np.median(smoothed[v != 0])))
+
+
+def _period(v: np.ndarray, smoothed: np.ndarray) -> float:
+    """Period [s] of the lowest cut-off of a run's joints that move; `v` and `smoothed` (K, n) as of `_motion`."""
+    return 2 * np.pi * float(np.max(smoothed, where=v != 0, initial=0.0))
 
 
 def _blur(run: Run, smoothing: Smoothing, cutoffs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -236,10 +242,10 @@ def _grouped(taken: Taken, group: int) -> Taken:
 
 
 def _motion(run: Run, time: np.ndarray, smoothing: Smoothing) -> tuple[np.ndarray, ...]:
-    """Set time, motion and temperature at some times of a run, blur, and the smoothing's time constants, s."""
+    """Set time, motion and temperature at some times of a run, blur, the smoothing's time constants [s], and jumps."""
     moved = np.ptp(run.position, axis=0)
-    k = kinematics(run, time, smoothing)
-    q, v, a = k.q, k.v, k.a
+    k = kinematics(run, time, smoothing, details=True)
+    q, v, a = k.q, np.where(k.rest, 0.0, k.v), np.where(k.rest, 0.0, k.a)
     if moved.max() < 2e-3:
         q, v, a = np.tile(run.position.mean(axis=0), (len(time), 1)), np.zeros_like(v), np.zeros_like(a)
     blur_v, blur_a = _blur(run, smoothing, k.cutoffs)
@@ -251,7 +257,8 @@ def _motion(run: Run, time: np.ndarray, smoothing: Smoothing) -> tuple[np.ndarra
     step = max(BIN, float(np.median(np.diff(run.time))))
     alike = np.sqrt(np.maximum(1.0, 1 / np.maximum(2 * np.where(np.isfinite(k.cutoffs), k.cutoffs, 0.0) * step, 1e-9)))
     blur = np.where(np.tile(v, 2) != 0, np.concatenate([blur_v * alike, blur_a * alike]), 0.0)
-    return run.start + time, q, v, a, temperature, blur, np.tile(1 / (2 * np.pi * k.cutoffs), (len(time), 1))
+    smoothed = np.tile(1 / (2 * np.pi * k.cutoffs), (len(time), 1))
+    return run.start + time, q, v, a, temperature, blur, smoothed, np.where(np.tile(k.rest, 2), 0.0, k.jumps)
 
 
 def _logged(runs: Sequence[Run], times: Sequence[np.ndarray]) -> dict[str, np.ndarray]:

@@ -39,6 +39,8 @@ class Samples:
         logged: (K,) values by name of further signals that every run has and that change somewhere.
         group: how many neighbouring readings were averaged to one, 1 in all but long sets.
         blur: (K, 2 n) standard deviations of v and a by errors of the logged positions or velocities.
+        jumps: (K, 2 n) errors of v and a beside jumps of the acceleration, see `Kinematics`; none where it is empty.
+        periods: (R,) [s] of the smoothing of each run: jumps closer together have one error.
         lag: [s] time uncertainty of the motion by sampling, quantisation and smoothing of the positions.
         resolution: step [W] to which the meter rounds; 0 if none is seen.
         allowed: (M,) [W^2] variance of single readings by these errors and by clocks, see `weighted`.
@@ -68,6 +70,8 @@ class Samples:
     group: int = 1
     logged: Mapping[str, np.ndarray] = field(default_factory=dict)
     blur: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    jumps: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    periods: tuple[float, ...] = ()
     lag: float = 0.0
     resolution: float = 0.0
     allowed: np.ndarray = field(default_factory=lambda: np.zeros(0))
@@ -93,6 +97,8 @@ class Samples:
             files=tuple(self.files[r] for r in runs), kinds=tuple(self.kinds[r] for r in runs),
             single=tuple(self.single[r] for r in runs), logged={k: x[samples] for k, x in self.logged.items()},
             blur=self.blur[samples] if len(self.blur) else self.blur,
+            jumps=self.jumps[samples] if len(self.jumps) else self.jumps,
+            periods=tuple(self.periods[r] for r in runs) if self.periods else (),
             allowed=self.allowed[read] if len(self.allowed) else self.allowed,
             doubted=self.doubted[read] if len(self.doubted) else self.doubted,
             elsewhere=(self.t[others], self.gravity_torque[others] @ self.body.gravity + self.free_torque[others]),
@@ -129,6 +135,15 @@ class Samples:
                 out[part] = (op @ own.reshape(len(own), -1)).reshape(len(out[part]), *x.shape[1:])
             else:
                 out[part] = _bin_mean(x[samples], count)
+        return out
+
+    @cached_property
+    def shifted(self) -> Samples:
+        """The same samples with the errors beside jumps of the acceleration added to v and a; joints at rest stay."""
+        v, a = np.split(np.where(np.tile(self.v, 2) != 0, self.jumps, 0.0), 2, axis=1)
+        out = replace(self, v=self.v + v, a=self.a + a)
+        kept = ("gravity_torque", "warmth", "idle", "dwell")
+        out.__dict__.update({name: getattr(self, name) for name in kept})
         return out
 
     @cached_property

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from energy_opt.diagnosis.data.clusters import clusters
+from energy_opt.diagnosis.data.jumps import beside_jumps, of_single
 from energy_opt.diagnosis.data.noise import Noise, Whitener
 from energy_opt.diagnosis.data.predict import Prediction, predict
 from energy_opt.diagnosis.data.samples import Samples
@@ -96,9 +97,10 @@ def quality(model: PowerModel, samples: Samples, noise: Noise, drift: np.ndarray
     mean, count = noise.white * samples.group**0.5, max(samples.counts)
     single = max(samples.floor, float(np.hypot((1 - 1 / count) ** 0.5 * samples.floor, mean)))
     usual, lives, allowed, sure = single**2 + noise.wave**2, [], [], []
-    for span, part, (time, _) in zip(samples.slices, samples.parts, samples.single, strict=True):
+    unresolved = of_single(samples, beside_jumps(model, samples, now), now.power)
+    for span, part, (time, _), more in zip(samples.slices, samples.parts, samples.single, unresolved, strict=True):
         lives.append(np.interp(time, samples.t[span], (samples.v[span] != 0).any(axis=1).astype(float)) > 0.5)
-        allowed.append(usual + np.interp(time, samples.at[part], samples.allowed[part]))
+        allowed.append(usual + more + np.interp(time, samples.at[part], samples.allowed[part]))
         sure.append(np.interp(time, samples.at[part], samples.doubted[part]) < 0.5)
     off = [power - own for (_, power), own in zip(samples.single, shown, strict=True)]
     less = [(x - level) ** 2 for x, level in zip(off, drift, strict=True)]

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from energy_opt.diagnosis.data.clusters import FEWEST, clusters, repeats
-from energy_opt.diagnosis.data.noise import Noise, weighted
-from energy_opt.diagnosis.data.predict import predict
+from energy_opt.diagnosis.data.jumps import known_by
+from energy_opt.diagnosis.data.noise import Noise
 from energy_opt.diagnosis.data.samples import Samples
 from energy_opt.diagnosis.data.standing import by_chance, standing_noise
 from energy_opt.diagnosis.evidence.errors import Quality, mostly_explained
@@ -116,9 +116,8 @@ def infer(
         blind: True if no cause may be claimed from these runs; none is sought.
         clock: True if an error of the clocks may still be corrected: nothing is judged if there is one.
     """
-    now = predict(declared, samples)
-    samples = weighted(samples, now, repeats(samples))
-    held = weighted(held, predict(declared, held), [1] * len(held.parts)) if held is not None else None
+    samples, now = known_by(declared, samples, repeats(samples))
+    held = known_by(declared, held, [1] * len(held.parts))[0] if held is not None else None
     idle = tuple(int(j) for j in np.flatnonzero(~moving))
     plausible, most = standing_noise(*([samples] if held is None else [samples, held]))
     # [s] motion and rest are assumed to take half of the time each

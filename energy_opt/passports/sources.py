@@ -152,7 +152,8 @@ class Arm:
         given = next(
             (k for k in (*electrical(self.robot), *friction_of(self.robot)) if k.effect == self.model.get(effect)), None
         )
-        if given is not None:
+        stated = bool(self.file) and effect not in self.sources  # by a file that names no source for it
+        if given is not None and not (stated and given.source == "published"):
             return given.source
         return "published" if effect in self.sources else "declared"
 

@@ -241,3 +241,13 @@ def test_joints_that_are_held_are_not_in_a_passport(tmp_path, capsys):
     assert again.headline == document["headline"]
     with pytest.raises(eo.BadInput, match="lock belongs to a robot that is loaded"):
         eo.passport(str(tmp_path / "model.toml"), eo.load_robot("ur5"), lock={"tip_a": 0.02})
+
+
+def test_a_value_that_equals_a_published_one_is_not_called_published(tmp_path):
+    """A file without a source only declares its values, whatever they equal."""
+    held = read_arm("ur5e")
+    friction = next(name for name in held.friction_effects if held.status(name) == "published")
+    held.model.save(tmp_path / "own.toml")
+    text = (tmp_path / "own.toml").read_text()
+    assert "source" not in text
+    assert read_arm(str(tmp_path / "own.toml")).status(friction) == "declared"

@@ -20,12 +20,13 @@ from energy_opt.motion.plan.anytime import Progress
 from energy_opt.motion.plan.robust import RobustPlanner
 from energy_opt.motion.plan.sketch import Settled
 from energy_opt.motion.reshape.open import FIXED, Open
-from energy_opt.poses.choose import APART, Chooser
+from energy_opt.poses.choose import Chooser
 from energy_opt.poses.chosen import Chosen
 from energy_opt.poses.estimate import holding, quickest
 from energy_opt.poses.given import Ends
 from energy_opt.poses.inverse import ToolKinematics
 from energy_opt.poses.pose import Pose
+from energy_opt.poses.screen import APART
 from energy_opt.poses.sets import Ring, Target, as_reached, layer, left_out, positions_of, thinned
 from energy_opt.poses.turns import turned, unwound
 from energy_opt.power import PowerModel
@@ -61,11 +62,11 @@ class _Search:
         self._answered = True
         return found
 
-    def sketch(self, move: Move) -> Trajectory:
+    def sketch(self, move: Move, *, rough: bool = False) -> Trajectory:
         """As `Planner.sketch`."""
         if self._sketching.late():
             raise Infeasible(PASSED, limit="duration")
-        return self._planner.sketch(move)
+        return self._planner.sketch(move, rough=rough)
 
     def settle(self, move: Move, motion: Trajectory, open_: Open = FIXED, clear: bool = True) -> Settled:
         """As `Planner.settle`; when it is late, the motion stays as it is."""

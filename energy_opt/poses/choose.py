@@ -3,7 +3,7 @@
 reach       every joint goal that the poses and goals allow
 estimate    the energy of the straight move to each goal; goals in contact are left out
 improve     the most promising are moved along their freedom to where the estimate is least
-screen      these are sketched, in order, while the next may be better than the best; then with a joint turned further
+screen      goals and their turns are ranked by estimates, then by outlines; the best are sketched
 settle      of each sketch, curve and goal are optimized together, within what the pose leaves free
 solve       the best in full, settled once more; and the goal nearest to the start at that duration: that is the saving
             (settled too where it costs less than the best)
@@ -11,33 +11,31 @@ solve       the best in full, settled once more; and the goal nearest to the sta
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
 
-from energy_opt.cell.cell import Cell, Contact
+from energy_opt.cell.cell import Cell
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion import Move, Result, Trajectory
 from energy_opt.motion.judge.energy import Scorer
-from energy_opt.poses.chosen import Candidate, Chosen, Settle, Settling
-from energy_opt.poses.estimate import curves, fastest
-from energy_opt.poses.freedom import directions, has_freedom, improved
-from energy_opt.poses.inverse import ToolKinematics, other_turns
+from energy_opt.poses.chosen import Candidate, Chosen, Settle, Settling, Sketched, cost_of
+from energy_opt.poses.estimate import fastest
+from energy_opt.poses.freedom import has_freedom, improved
+from energy_opt.poses.inverse import ToolKinematics
 from energy_opt.poses.pose import Pose
-from energy_opt.poses.sets import Target, positions_of
+from energy_opt.poses.screen import Screen, Sketch, last_leg
+from energy_opt.poses.sets import Target, positions_of, touching_error
 
 IMPROVED = 5  # goals that the estimate moves along their freedom, each to another place
 TRIED = 7  # most goals that it moves, those that end at the place of another one included
-SCREENED, TURNED = 3, 2  # most goals that are sketched, and most further ones with a joint turned to the other side
-HOPE = 1.5  # a goal is sketched if its estimate, less so many times the largest gain so far, is below the best energy
-EQUAL = 1e-5  # relative: goals whose estimates differ by less differ only in joints that cost nothing
 WORTH = 1e-3  # share of the loss that another goal must promise to save, to be solved in full
-APART = 0.35  # [rad, m] least distance of goals that are both sketched
+# share of the loss by which the errors of sketches differ, nine times in ten; and how many goals whose sketches differ
+# by less are solved in full, as it may be any of them that is the best
+NEAR, TIED = 0.05, 2
 LISTED, FREE = 40, 60  # most goals that an answer lists, and most without contact among which to choose
-
-Sketch = Callable[[Move], Trajectory]
 
 
 class Solve(Protocol):
@@ -48,7 +46,6 @@ class Solve(Protocol):
 
 
 Solved = tuple[Candidate, Result]
-Sketched = tuple[Candidate, Trajectory]
 
 
 class Chooser:
@@ -77,18 +74,18 @@ class Chooser:
         start: Pose | None = None,
         via: Sequence[Pose] = (),
     ) -> None:
-        self.tool, self.scorers, self.seed, self._worst = tool, list(scorers), seed, worst
+        self.tool, self.seed, self._screen = tool, seed, Screen(tool, list(scorers), sketch, worst)
         self.cell = cell if cell is not None and cell.checks else None
-        self._solver, self._sketch = solver, sketch
+        self._solver = solver
         self._settle = Settling(tool, scorers, self.cell, settle, start, via)
-        self.solves = self.screened = 0
+        self.solves = self.settled = 0
 
     def in_order(self, moves: Sequence[Move]) -> list[Move]:
         """Moves with different ends and via points, those with the cheapest sketches first."""
         if len(moves) == 1:
             return list(moves)
-        found = [self._sketched(move, Candidate(move.goal, np.nan)) for move in moves]
-        return [moves[k] for k in np.argsort([_cost(each[0]) if each else np.inf for each in found], kind="stable")]
+        found = [self._screen.sketched(move, Candidate(move.goal, np.nan)) for move in moves]
+        return [moves[k] for k in np.argsort([cost_of(each[0]) if each else np.inf for each in found], kind="stable")]
 
     def choose(self, move: Move, goals: Sequence[Target]) -> Chosen:
         """The cheapest motion from the move's start to any of the goals.
@@ -107,15 +104,15 @@ class Chooser:
         if not open_:
             raise self._no_goal_error(move, goals, found)
         promising = self._improved(move, open_)
-        tried = self._screened(move, promising)
+        tried = self._screen(move, promising)
         # within limits, which a sketch need not be: each replaces its sketch
         tried = [found for item in tried for found in self._settling(move, *item, False) or [item]]
         answer, solved = self._solved_in_full(move, promising, tried)
         settled = next((found for found in tried if found[0].goal is answer[0].goal), None)
-        if settled is None or abs(_cost(settled) - _cost(answer)) >= self._least_saving(answer):
+        if settled is None or abs(cost_of(settled) - cost_of(answer)) >= self._least_saving(answer):
             answer = self._refined(move, answer, solved)
         nearest = min(open_, key=lambda c: self._distance(move, c.goal))
-        near = self._compared(move, nearest, answer)
+        near = self._compared(move, nearest, answer, solved)
         if near is not None and _rank(near) < _rank(answer):  # the search found a worse answer
             solved.append(near)
             answer = self._refined(move, near, solved)
@@ -125,7 +122,8 @@ class Chooser:
         rest.sort(key=lambda c: (c.energy is None, c.status != "looked_at", c.estimate))
         return Chosen(
             answer[0].moved(move), answer[1], tuple([*listed, *rest][:LISTED]),
-            nearest if near is None else near[0], None if near is None else near[1], self.solves, self.screened,
+            nearest if near is None else near[0], None if near is None else near[1],
+            self.solves, self._screen.count + self.settled,
         )  # fmt: skip
 
     def _candidates(self, move: Move, goals: Sequence[Target]) -> list[Candidate]:
@@ -133,8 +131,8 @@ class Chooser:
         out: list[Candidate] = []
         for goal in goals:
             pose = goal if isinstance(goal, Pose) else None
-            found = positions_of(self.tool, goal, None, near=_last_leg(move), seed=self.seed)
-            possible, energy = self._estimates(move, found)
+            found = positions_of(self.tool, goal, None, near=last_leg(move), seed=self.seed)
+            possible, energy = self._screen.estimates(move, found)
             out += [
                 Candidate(q, float(e), status="looked_at" if can else "too_fast", pose=pose)
                 for q, e, can in zip(found, energy, possible, strict=True)
@@ -153,94 +151,32 @@ class Chooser:
                 out[k] = replace(out[k], status="colliding")
         return out
 
-    def _estimates(self, move: Move, goals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Whether straight moves to goals (K, n) are possible (K,), and their energy (K,) [J]."""
-        found = curves(self.scorers, np.broadcast_to(_last_leg(move), goals.shape), goals)
-        if move.duration is not None:
-            return found.shortest <= move.duration, found.at(np.full((len(goals), 1), move.duration))[:, 0]
-        longest = np.inf if move.max_duration is None else move.max_duration
-        return found.shortest <= longest, found.cheapest(longest=longest)[0]
-
     def _improved(self, move: Move, goals: Sequence[Candidate]) -> list[Candidate]:
         """The goals in order of their estimates, the first of them moved along their freedom."""
 
         def cost(q: np.ndarray) -> np.ndarray:
-            possible, energy = self._estimates(move, q)
+            possible, energy = self._screen.estimates(move, q)
             return np.where(possible, energy, np.inf)
 
         out: list[Candidate] = []
-        tried = 0
+        tried = moved = 0
         for goal in goals:
-            if len(out) == IMPROVED or tried == TRIED:
-                break
-            if any(self._is_equivalent(goal, other) for other in out):
+            free = goal.pose is not None and has_freedom(self.tool, goal.pose)
+            if free and (moved == IMPROVED or tried == TRIED):
                 continue
-            if goal.pose is not None and has_freedom(self.tool, goal.pose):
+            if any(self._screen.is_equivalent(goal, other) for other in out):
+                continue
+            if goal.pose is not None and free:
                 tried += 1
                 q = improved(self.tool, goal.pose, goal.goal, cost, self.cell)
                 goal = replace(goal, goal=q, estimate=float(cost(q[None])[0]))
-                same = [k for k, other in enumerate(out) if self._is_equivalent(goal, other)]
+                same = [k for k, other in enumerate(out) if self._screen.is_equivalent(goal, other)]
                 if same:  # it found the optimum of another one: keep the cheaper
                     out[same[0]] = min(goal, out[same[0]], key=lambda c: c.estimate)
                     continue
+                moved += 1
             out.append(goal)
         return sorted(out, key=lambda c: c.estimate)
-
-    def _is_equivalent(self, one: Candidate, two: Candidate) -> bool:
-        """True if goals are near each other apart from a shift along their freedom, or cost the same."""
-        if abs(one.estimate - two.estimate) < EQUAL * abs(two.estimate):
-            return True
-        apart = one.goal - two.goal
-        if one.pose is not None and one.pose is two.pose and has_freedom(self.tool, one.pose):
-            along = directions(self.tool, one.pose, two.goal)
-            apart = apart - apart @ along.T @ along
-        return bool(np.abs(apart).max() < APART)
-
-    def _screened(self, move: Move, goals: Sequence[Candidate]) -> list[Sketched]:
-        """Sketches of goals in order, while the next may be better than the best."""
-        out: list[Sketched] = []
-        free = len(goals) > 1 or (goals[0].pose is not None and has_freedom(self.tool, goals[0].pose))
-        if not free and not self._turned(move, goals):
-            return out
-        for goal in goals:
-            if len(out) == SCREENED or not self._may_be_better(goal, out):
-                break
-            if not any(self._is_equivalent(goal, other) for other, _ in out):
-                out += self._sketched(move, goal)
-        for goal in self._turned(move, [goal for goal, _ in out])[:TURNED]:
-            if self._may_be_better(goal, out):
-                out += self._sketched(move, goal)
-        return out
-
-    @staticmethod
-    def _may_be_better(goal: Candidate, sketched: Sequence[Sketched]) -> bool:
-        """True if the sketch of a goal may take less energy than the best sketch so far."""
-        gain = max((c.estimate - (c.energy or np.inf) for c, _ in sketched), default=np.inf)
-        return goal.estimate - HOPE * max(gain, 0.0) <= min((_cost(each) for each in sketched), default=np.inf)
-
-    def _turned(self, move: Move, goals: Sequence[Candidate]) -> list[Candidate]:
-        """The goals with one joint turned to the other side of the start, in order of their estimates."""
-        out: list[Candidate] = []
-        for goal in goals:
-            if goal.pose is not None:
-                q = other_turns(goal.goal, _last_leg(move), self.tool.robot)
-                can, energy = self._estimates(move, q)
-                out += [replace(goal, goal=q[k], estimate=float(energy[k]), energy=None) for k in np.flatnonzero(can)]
-        return sorted(out, key=lambda c: c.estimate)
-
-    def _sketched(self, move: Move, goal: Candidate) -> list[Sketched]:
-        """The sketch of a goal; empty if it is not possible."""
-        self.screened += 1
-        try:
-            found = self._sketch(replace(move, goal=goal.goal))
-        except Infeasible:
-            return []
-        return [(replace(goal, energy=self._energy(found), status="screened"), found)]
-
-    def _energy(self, trajectory: Trajectory) -> float:
-        """The energy [J] by which goals are compared: the mean or the worst of the models."""
-        totals = [scorer.energy(trajectory).total for scorer in self.scorers]
-        return float(max(totals) if self._worst else np.mean(totals))
 
     def _solved_or_reason(self, move: Move, goal: Candidate, warm: Sequence[Trajectory] = ()) -> Solved | Infeasible:
         """A goal solved in full, or why it cannot be."""
@@ -249,24 +185,26 @@ class Chooser:
             result = self._solver(goal.moved(move), warm, confirm=False)
         except Infeasible as error:
             return error
-        return replace(goal, energy=self._energy(result.trajectory), status=result.status), result
+        return self._rated(goal, result)
+
+    def _rated(self, goal: Candidate, result: Result) -> Solved:
+        return replace(goal, energy=self._screen.energy(result.trajectory), status=result.status), result
 
     def _settling(self, move: Move, goal: Candidate, motion: Trajectory, clear: bool) -> list[Sketched]:
         """The optimum near a motion within its goal's freedom, see `Settling`; none if there is none."""
         found = self._settle(move, goal, motion, clear)
-        self.screened += found is not None
-        rated = [(replace(each, energy=self._energy(at), status="screened"), at) for each, at in found or ()]
-        return sorted(rated, key=_cost)[:1]
+        self.settled += found is not None
+        rated = [(replace(each, energy=self._screen.energy(at), status="screened"), at) for each, at in found or ()]
+        return sorted(rated, key=cost_of)[:1]
 
     def _least_saving(self, item: Solved) -> float:
         """The least energy [J] that another goal must promise to save, to be solved in full."""
-        losses = [scorer.energy(item[1].trajectory).loss for scorer in self.scorers]
-        return WORTH * float(np.mean(losses))
+        return WORTH * self._screen.loss(item[1].trajectory)
 
     def _refined(self, move: Move, answer: Solved, solved: list[Solved]) -> Solved:
         """The answer; if its freedom promises less energy, it is solved once more, which is added to `solved`."""
         better = self._settling(move, answer[0], answer[1].trajectory, True)
-        if not better or _cost(better[0]) >= _cost(answer) - self._least_saving(answer):
+        if not better or cost_of(better[0]) >= cost_of(answer) - self._least_saving(answer):
             return answer
         again = self._solved_or_reason(move, better[0][0], [better[0][1]])
         if isinstance(again, Infeasible):
@@ -280,13 +218,15 @@ class Chooser:
         """The best of the sketched goals solved in full, and all solved ones; other goals only if none of these
         works.
         """
-        sketched = sorted(tried, key=_cost)
+        sketched = sorted(tried, key=cost_of)
+        tied = cost_of(sketched[0]) + NEAR * self._screen.loss(sketched[0][1]) if sketched else -np.inf
         rest = [goal for goal in goals if not any(np.array_equal(goal.goal, c.goal) for c, _ in tried)]
         failed: list[Candidate] = []
         out: list[Solved] = []
         for goal, warm in [*((c, [motion]) for c, motion in sketched), *((c, []) for c in rest)]:
             least = min((c.energy or np.inf for c, _ in out if c.status == "solved"), default=None)
-            if least is not None and (goal.energy is None or goal.energy >= least):
+            energy = cost_of((goal,))
+            if least is not None and energy >= least and (energy > tied or len(out) >= TIED):
                 break
             found = self._solved_or_reason(move, goal, warm)
             if isinstance(found, Infeasible):
@@ -295,14 +235,15 @@ class Chooser:
                 out.append(found)
         if not out:  # solve again for the shortest duration that is tried
             result = self._solver(failed[0].moved(move), confirm=True)
-            out.append((replace(failed[0], energy=self._energy(result.trajectory), status=result.status), result))
+            out.append(self._rated(failed[0], result))
         out.sort(key=_rank)
         return out[0], out
 
-    def _compared(self, move: Move, nearest: Candidate, answer: Solved) -> Solved | None:
-        """The nearest goal and its motion, at the duration of the answer."""
-        if np.array_equal(nearest.goal, answer[0].goal):
-            return answer
+    def _compared(self, move: Move, nearest: Candidate, answer: Solved, solved: Sequence[Solved]) -> Solved | None:
+        """The nearest goal and its motion, at the duration of the answer; one that is `solved` is not solved again."""
+        for item in (answer, *(solved if move.duration is not None else ())):
+            if np.array_equal(nearest.goal, item[0].goal):
+                return item
         at = replace(move, duration=answer[1].trajectory.duration, max_duration=None)
         found = self._solved_or_reason(at, nearest)
         if isinstance(found, Infeasible) and move.duration is None:  # it takes longer than the answer
@@ -311,17 +252,15 @@ class Chooser:
 
     def _distance(self, move: Move, goal: np.ndarray) -> float:
         """Seconds to a goal; among equally quick goals, one with shorter travel of other joints counts as nearer."""
-        distance = np.abs(goal - _last_leg(move))
-        return float(fastest(self.tool.robot, _last_leg(move), goal)) + 1e-3 * float(distance.sum())
+        distance = np.abs(goal - last_leg(move))
+        return float(fastest(self.tool.robot, last_leg(move), goal)) + 1e-3 * float(distance.sum())
 
     def _no_goal_error(self, move: Move, goals: Sequence[Target], found: Sequence[Candidate]) -> Infeasible:
         """The error if no goal remains: all are in contact, or those that are not take too long."""
         name = next((goal.name for goal in goals if isinstance(goal, Pose)), "--goal")
         free = [c for c in found if c.status != "colliding"]
         if not free and self.cell is not None:
-            contact: Contact | None = self.cell.touching(found[0].goal)
-            text = f"{name}: every joint position that reaches it touches something; {contact}"
-            return Infeasible(text, limit="clearance")
+            return touching_error(name, np.array([c.goal for c in found]), self.cell)
         nearest = min(free, key=lambda c: self._distance(move, c.goal))
         longest = move.duration or move.max_duration
         text = f"{name}: no goal is reached" + (f" in {longest:.6g} s" if longest else "")
@@ -333,16 +272,7 @@ class Chooser:
         return Infeasible(text, limit="duration")
 
 
-def _last_leg(move: Move) -> np.ndarray:
-    """The start of the last part of a move."""
-    return move.via[-1] if move.via else move.start
-
-
 def _rank(item: Solved) -> tuple[bool, float]:
     """Solved goals first, then by energy."""
     goal, result = item
     return result.status != "solved", np.inf if goal.energy is None else goal.energy
-
-
-def _cost(item: Sketched | Solved) -> float:
-    return np.inf if item[0].energy is None else item[0].energy

@@ -53,6 +53,14 @@ class Candidate:
         return {"goal": self.goal, "estimate": estimate, "energy": energy, "status": self.status}
 
 
+Sketched = tuple[Candidate, Trajectory]
+
+
+def cost_of(item: tuple[Candidate, *tuple[object, ...]]) -> float:
+    """The energy [J] of a goal that was solved or sketched; infinite if it was not."""
+    return np.inf if item[0].energy is None else item[0].energy
+
+
 @dataclass(frozen=True)
 class Chosen:
     """The cheapest goal and its motion.

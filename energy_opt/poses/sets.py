@@ -110,9 +110,15 @@ def positions_of(
     free = free_of(found.positions, cell)
     if not len(free):
         assert cell is not None
-        text = f"{target.name}: every joint position that reaches it touches something"
-        raise Infeasible(f"{text}; {cell.touching(found.positions[0])}", limit="clearance")
+        raise touching_error(target.name, found.positions, cell)
     return free
+
+
+def touching_error(name: str, positions: np.ndarray, cell: Cell) -> Infeasible:
+    """The error of a pose that every position (K, n) reaches in contact; it names the contact that is least deep."""
+    found = [contact for q in positions if (contact := cell.touching(q)) is not None]
+    least = min(found, key=lambda contact: contact.depth)
+    return Infeasible(f"{name}: every joint position that reaches it touches something; {least}", limit="clearance")
 
 
 def left_out(

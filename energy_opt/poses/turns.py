@@ -7,7 +7,7 @@ it goes: branches are compared at the turns that are nearest to each other, and 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import product
+from itertools import combinations, product
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from energy_opt.poses.inverse import TURN, other_turns
 from energy_opt.robot import Robot
 
 TURNS = (0, -1, 1)  # whole turns to try
+TURNED = 3  # most joints that are turned together: both turns of joints that travel about half a turn are alike
 ROUNDS = 6  # most rounds of `turned`
 Travel = tuple[float, tuple[float, ...]]  # travel [rad, m] of a joint, and its positions
 HIGHER = 1e-6  # among chains of equal travel that nearer to zero is taken
@@ -83,6 +84,16 @@ def turned(
             break
         best = [at[k] for at, k in zip(sets, chosen, strict=True)]
     return best
+
+
+def with_turns(robot: Robot, q: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """Positions (K, n) within the limits: q (n,) first, then with up to `TURNED` joints turned to the other side.
+
+    Args:
+        robot: for its limits. q: the turns of its joints are those nearest to `near` (n,), whose other side it is.
+    """
+    one = other_turns(q, near, robot) - q
+    return np.array([q + sum(some) for count in range(TURNED + 1) for some in combinations(one, count)])
 
 
 def _shifted(robot: Robot, q: np.ndarray, turns: int) -> np.ndarray:

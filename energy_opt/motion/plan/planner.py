@@ -238,11 +238,11 @@ class Planner:
             raise (self._confirmed(error, move, progress) if confirm else error) from None
         return replace(result, warnings=(*result.warnings, *self._cell_warnings, *long_turns(self.robot, move)))
 
-    def sketch(self, move: Move, warm: Sequence[Trajectory] = ()) -> Trajectory:
-        """A quick estimate of the answer, in a fraction of the time of `solve`: without bodies, limits nearly held."""
+    def sketch(self, move: Move, *, rough: bool = False) -> Trajectory:
+        """A quick estimate of the answer, without bodies, limits nearly held; `rough`: coarser, in half the time."""
         if move.mode == "retime" or below_resolution(move):
-            return self.solve(move, warm, confirm=False).trajectory
-        return sketched(replace(self.context(move), cell=None), move, warm)
+            return self.solve(move, confirm=False).trajectory
+        return sketched(replace(self.context(move), cell=None), move, rough)
 
     def settle(self, move: Move, motion: Trajectory, open_: Open = FIXED, clear: bool = True) -> Settled:
         """The optimum near `motion`, with the coordinates in `open_`, and its via positions; `clear`: of bodies."""

@@ -181,9 +181,9 @@ class RobustPlanner:
         found = self._planner.with_trajectory(best.result, move, baseline.trajectory)
         return replace(self._answer(replace(found, chosen=baseline.name, message=message)), bound=best.bound)
 
-    def sketch(self, move: Move, warm: Sequence[Trajectory] = ()) -> Trajectory:
+    def sketch(self, move: Move, *, rough: bool = False) -> Trajectory:
         """A guess of the answer under the models' mean; see `Planner.sketch`."""
-        return self.planner.sketch(move, warm)
+        return self.planner.sketch(move, rough=rough)
 
     def settle(self, move: Move, motion: Trajectory, open_: Open = FIXED, clear: bool = True) -> Settled:
         """See `Planner.settle`; under the models' mean."""

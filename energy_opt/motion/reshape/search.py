@@ -128,6 +128,11 @@ class Reshaper:
         best, more = self.refined(task, optima, stopped)
         return Answer(best, used, spent + more, tuple(optima))
 
+    def outline(self, task: Task, line: Line, starts: int, seed: int, stopped: Callable[[], bool]) -> Outcome:
+        """The best optimum of the coarse problem from a few starts: a quick guess of the answer; see `search`."""
+        there = replace(task, width=WIDE * task.width)
+        return min(search(self.coarse(task.vias), there, line, starts, seed, stopped).found, key=there.coarse_rank)
+
     def optima(
         self,
         task: Task,

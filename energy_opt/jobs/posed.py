@@ -313,30 +313,31 @@ def run_posed(
     settings, cell = settings or Settings(), cell or CellRequest()
     progress("joint positions of the poses", 0.0)
     posed = Posed(job, model, settings, cell, None if ends is None else {k: q[None] for k, q in ends.items()})
-    asked = ends
     known: dict[str, Any] = {"cell": cell, "stopped": stopped, **more}
-    solves, errors = 0, []
+    solves, errors, first, greedy = 0, [], None, None
     best: tuple[Ends, JobResult] | None = None
-    greedy: float | None = None
     for name in ("cycle", "nearest") if compare else ("cycle",):
         part = partial(_part, progress, 0.0 if name == "cycle" else 0.5, 0.5 if compare else 1.0)
-        ends = posed.greedy() if name == "nearest" else posed.estimated()[0] if asked is None else asked
+        at = posed.greedy() if name == "nearest" else posed.estimated()[0] if ends is None else ends
         if name == "cycle" and refine:
-            ends = posed.settled(RoughCycles(model, settings, job, stopped), ends)[0]
-        solves += 1
+            at = posed.settled(RoughCycles(model, settings, job, stopped), at)[0]
+        if first is not None and all(np.abs(q - first[k]).max() <= SAME for k, q in at.items()):
+            greedy = None if best is None else best[1].energy
+            break
+        first, solves = at, solves + 1
         try:
-            found = run_job(job.at(ends), model, settings, progress=part, **known)
+            found = run_job(job.at(at), model, settings, progress=part, **known)
         except Infeasible as error:
             errors.append(error)
             continue
         greedy = found.energy if name == "nearest" else greedy
         if best is None or _rank(found) < _rank(best[1]):
-            best = ends, found
+            best = at, found
     if best is None:
         raise errors[0]
     branches = {k: len(posed.sets[k]) for k in posed.poses}
-    ends = {k: best[0][k] for k in posed.poses}
-    return replace(best[1], choice=Choice(ends, posed.asked, branches, best[1].energy, greedy, solves, cell.tool))
+    chosen = {k: best[0][k] for k in posed.poses}
+    return replace(best[1], choice=Choice(chosen, posed.asked, branches, best[1].energy, greedy, solves, cell.tool))
 
 
 def _rank(result: JobResult) -> tuple[bool, float]:

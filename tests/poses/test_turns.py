@@ -138,3 +138,15 @@ def test_poses_of_a_job_are_turned_towards_its_joint_positions(tmp_path: Path, u
     posed = Posed(job, source_model(ur.robot), Settings(), CellRequest())
     for ends in (posed.estimated()[0], posed.greedy()):
         assert np.abs(ends[1] - GOAL)[5] < np.pi
+
+
+def test_a_cycle_of_the_nearest_positions_is_not_solved_twice(tmp_path: Path) -> None:
+    """The comparison with the nearest positions solved the same cycle once more."""
+    home, tool = [0.0, -1.57, 1.57, -1.57, -1.57, 0.0], ToolKinematics(load_robot("ur5e"))
+    pose = pose_at(tool, np.array([0.5, -1.4, 1.5, -1.6, -1.5, 0.3])).matrix
+    place = [*pose[:3, 3].tolist(), *Rotation.from_matrix(pose[:3, :3]).as_euler("xyz").tolist()]
+    text = f'format = "energy-opt/job/1"\nrobot = "ur5e"\ncycle_time = 4.0\nmode = "retime"\nhome = {home}\n'
+    (tmp_path / "job.toml").write_text(text + f'[[step]]\npose = {place}\n[[step]]\nto = "home"\n')
+    found = eo.job(tmp_path / "job.toml", model="source-method-2", self_collision=False).document()
+    assert found["choice"]["greedy_nearest"] == found["choice"]["energy_total"]
+    assert found["choice"]["solves"] == 1

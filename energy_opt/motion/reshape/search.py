@@ -41,6 +41,9 @@ WIDE, MIDDLE = 10.0, 3.0  # factors of the width of kinks on the coarse problem,
 AGAIN = 20
 NEAR_KINKS = 0.02  # [rad, m] first step of descents with kinked laws
 WIDTHS, ROUGHLY = (3.0, 1.7), 20  # decreasing factors of that width before the final solve, and most iterations of each
+# The same where the descent before did not converge: at kinks of power, steps shrink until a search ends far from an
+# optimum (`benchmarks/restarts.py`).
+WIDER = (10.0, *WIDTHS)
 RUNG = 1.5  # ratio of the durations at which starts are solved
 FOLLOWED = 2.3  # largest ratio of durations over which optima are continued: other valleys are the best beyond
 # most valleys compared at the move's own duration, and their largest cost relative to the best
@@ -221,23 +224,14 @@ class Reshaper:
         Args:
             near: the curve is an optimum of nearly the same task: neither smoothed laws nor IPOPT are used.
         """
-        level = self._level(curve.shape)
-        spent = 0
-        for width in WIDTHS if self._nodes.kinked and not near else ():
-            there = replace(task, width=width * task.width)
-            rough = there.descended(
-                there.model(level), curve, ROUGHLY, trust=TRUST / 4, tolerance=ROUGH / 3, stopped=stopped
-            )
-            curve, spent = rough.curve, spent + rough.iterations
-        trust = NEAR_KINKS if self._nodes.kinked and not near else TRUST / 4
-        model = task.model(level)
-        found = task.descended(model, curve, ITERATIONS, trust=trust, tolerance=FINE, give=EXACT, stopped=stopped)
+        level, spent = self._level(curve.shape), 0
+        kinks = self._nodes.kinked and not near
+        trust, wider = (NEAR_KINKS, WIDER) if kinks else (TRUST / 4, ())
+        found = self._descended(level, task, curve, WIDTHS if kinks else (), trust, stopped)
         for _ in range(AGAIN):  # repeat until no more is saved
             if found.converged or stopped():
                 break
-            more = task.descended(
-                model, found.curve, ITERATIONS, trust=trust / 4, tolerance=FINE, give=EXACT, stopped=stopped
-            )
+            more = self._descended(level, task, found.curve, wider, trust if wider else trust / 4, stopped)
             spent += more.iterations
             better = min(found, more, key=task.rank)  # if it is the one before, the next descent would be the same
             settled = better is found or task.cost(found) - task.cost(more) < ROUGH * abs(task.cost(found))
@@ -249,6 +243,23 @@ class Reshaper:
         polished = task.polished(level, found)
         best, spent = min(polished, found, key=task.rank), found.iterations + polished.iterations
         return replace(best, iterations=spent, converged=found.converged or polished.converged)
+
+    @staticmethod
+    def _descended(
+        level: Level, task: Task, curve: Curve, widths: Sequence[float], trust: float, stopped: Callable[[], bool]
+    ) -> Outcome:
+        """A descent from a curve with a first step `trust` [rad, m], after rough ones with these widths of kinks."""
+        spent = 0
+        for width in widths:
+            there = replace(task, width=width * task.width)
+            rough = there.descended(
+                there.model(level), curve, ROUGHLY, trust=TRUST / 4, tolerance=ROUGH / 3, stopped=stopped
+            )
+            curve, spent = rough.curve, spent + rough.iterations
+        found = task.descended(
+            task.model(level), curve, ITERATIONS, trust=trust, tolerance=FINE, give=EXACT, stopped=stopped
+        )
+        return replace(found, iterations=spent + found.iterations)
 
     def from_line(self, line: Line, task: Task) -> Outcome:
         """The optimum near a line."""

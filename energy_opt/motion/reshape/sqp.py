@@ -97,6 +97,7 @@ def descend(
         known = model.multipliers(point, now.keys, now.multipliers)
         hessian, gradient = model.hessian(point, known, now.convex), model.gradient(point)
         near = model.linear_constraints(point).joined(model.other_constraints(point, trust))
+        swung = np.zeros(len(point.linear), dtype=bool)
         constraints, failed = near, 0
         # try less than before; the program adds what convexity needs
         damping = now.damping / 3 if now.damping > 2 * LEAST_DAMPING else 0.0
@@ -143,7 +144,14 @@ def descend(
                 elif ratio < FAIR:
                     trust = max(0.7 * step, LEAST_TRUST)
                 break
-            # the step failed: a second-order correction, or a smaller trust region
+            # the step failed: bounds on the other side, a second-order correction, or a smaller trust region
+            crossed = model.crossed(point, trial, give) & ~swung
+            if crossed.any():
+                swung |= crossed
+                near = near.joined(model.linear_constraints(point, crossed, np.sign(trial.linear)))
+                constraints = near
+                damping = found.damping
+                continue
             failed += 1
             damping, corrected = found.damping, constraints is not near
             now.smooth |= model.excess(trial) > max(2 * model.excess(point), 0.0) + FAR

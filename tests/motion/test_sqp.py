@@ -10,6 +10,7 @@ from test_program import everything
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.reshape.curve import fitted
+from energy_opt.motion.reshape.evaluation import Point
 from energy_opt.motion.reshape.layout import Ends, Shape
 from energy_opt.motion.reshape.model import Model
 from energy_opt.motion.reshape.nodes import node_functions
@@ -29,6 +30,10 @@ def dense(matrix: Banded) -> np.ndarray:
 
 def matrix_of(held: Constraints, size: int) -> np.ndarray:
     return np.array([held.times(d) for d in np.eye(size)]).T
+
+
+def constraints_of(model: Model, point: Point) -> Constraints:
+    return model.other_constraints(point, np.inf).joined(model.via_constraints(point))
 
 
 @pytest.fixture(scope="module")
@@ -67,12 +72,12 @@ def test_derivatives(built, free_acceleration: bool, vias: int, moving: bool, fi
     slope = np.array([(a.cost - b.cost) / (2 * h) for a, b in zip(ahead, behind, strict=True)])
     assert np.allclose(work.gradient(point), slope, atol=2e-6 * max(1, np.abs(slope).max()))
     # the effort and via rows' curvature, weighted by multipliers, is part of the Hessian
-    held = work.other_constraints(point, np.inf)
+    held = constraints_of(work, point)
     lam = rng.normal(size=held.count)
     known = work.multipliers(point, held.keys, lam)
 
     def lagrangian(p):
-        out, rows = work.gradient(p), work.other_constraints(p, np.inf)
+        out, rows = work.gradient(p), constraints_of(work, p)
         return out + matrix_of(rows, size).T @ lam if rows.count == held.count else out
 
     rows = np.array([lagrangian(a) - lagrangian(b) for a, b in zip(ahead, behind, strict=True)]) / (2 * h)

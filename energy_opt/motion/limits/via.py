@@ -20,6 +20,17 @@ PASSED = 1e-4  # [rad] largest joint error at a passed point: less than an arm's
 NEWTON = 8  # most Newton steps from the nearest sample to the nearest instant
 
 
+def distinct(move: Move) -> list[np.ndarray]:
+    """The via points (n,) [rad, m] of a move without those that it passes with the point before, or with its goal."""
+    out, close = [move.start], PASSED / 2
+    for point in move.via:
+        if np.abs(point - out[-1]).max() > close:
+            out.append(point)
+    while len(out) > 1 and np.abs(move.goal - out[-1]).max() <= close:
+        out.pop()
+    return out[1:]
+
+
 class ViaPoints(Limit):
     """Points (vias, n) [rad]."""
 

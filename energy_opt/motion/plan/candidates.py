@@ -14,6 +14,7 @@ import numpy as np
 from energy_opt.errors import Infeasible
 from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.limits.base import Limit
+from energy_opt.motion.limits.via import distinct
 from energy_opt.motion.move import Move
 from energy_opt.motion.plan.context import Context, path_of
 from energy_opt.motion.plan.refusals import never_held, too_short
@@ -177,7 +178,7 @@ def task_of(context: Context, move: Move, reference: float, duration: float | No
         longest = move.max_duration or LONGEST * reference
         durations = (min(SHORTEST * reference, longest), longest)
     v_start, v_goal = move.end_velocities
-    via = np.array(move.via).reshape(len(move.via), context.robot.n)
+    via = np.array(distinct(move)).reshape(-1, context.robot.n)
     ends = Ends(np.asarray(move.start), np.asarray(move.goal), v_start, v_goal, via)
     counts = duration is not None and context.settings.objective == "energy"
     offset = context.model.constant_power(context.robot.n) if counts else 0.0

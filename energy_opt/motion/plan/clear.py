@@ -18,7 +18,7 @@ from energy_opt.motion.plan.candidates import REPAIRS, Candidate, reference_time
 from energy_opt.motion.plan.context import Context, path_of
 from energy_opt.motion.plan.further import alike, further_lines, line_along, wider_optima
 from energy_opt.motion.reshape.clear import PLACES, TRUST, ClearSearch
-from energy_opt.motion.reshape.curve import Curve, Outcome, between
+from energy_opt.motion.reshape.curve import Curve, Outcome
 from energy_opt.motion.reshape.search import trajectory_of
 from energy_opt.motion.reshape.sqp import Descent
 from energy_opt.motion.reshape.task import Line, Task
@@ -181,7 +181,7 @@ class Clearing:
     def _mixture(self, optimum: Curve) -> tuple[Curve | None, float]:
         """The curve nearest to an optimum, of mixtures of it with the first path, that keeps clear, and its share."""
         for share in TOWARDS:
-            mix = between(self.first, optimum, share)
+            mix = self.task.between(self.first, optimum, share)
             if self.search.gap(mix) > -HAIR:
                 return mix, share
         return None, 0.0
@@ -205,7 +205,7 @@ class Clearing:
             curve = None if outcome is None else outcome.curve
             if curve is not None and curve.shape is shape and not any(alike(curve, other) for other in out):
                 out.append(curve)
-        return out[:OPTIMA]
+        return out if self.task.vias else out[:OPTIMA]  # those that pass via points at other times are other starts
 
     def best_of(self, starts: Sequence[Start]) -> None:
         """Run a short trial from each start that may be the best, and finish the most promising ones."""
@@ -269,7 +269,7 @@ class Clearing:
         least = self.task.cost(self.best)
         if least - self._cost(optima[0]) < HALF * least:
             return
-        middle = between(self.best.curve, optima[0], 0.5)
+        middle = self.task.between(self.best.curve, optima[0], 0.5)
         curve = self._second_start(self.search.trial(middle, BOLD))
         if curve is not None:
             self.finish(curve, TRUST)

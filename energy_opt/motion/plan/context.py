@@ -19,6 +19,7 @@ from energy_opt.motion.judge.certificate import Certificate, certificate_of, cer
 from energy_opt.motion.judge.clearance import clearance_of
 from energy_opt.motion.judge.energy import DENSER, Energy, Scorer
 from energy_opt.motion.limits.base import Limit
+from energy_opt.motion.limits.via import distinct
 from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.path import JointPath, straight, through
 from energy_opt.motion.path_dynamics import SharedByStructure
@@ -218,5 +219,5 @@ def path_of(move: Move) -> JointPath:
     if move.path is not None:
         return move.path
     if move.via:
-        return through(np.vstack([move.start, *move.via, move.goal]))
+        return through(np.vstack([move.start, *distinct(move), move.goal]))
     return straight(move.start, move.goal)

@@ -21,6 +21,7 @@ from energy_opt.motion.initial_paths.room import Room, steps
 from energy_opt.motion.judge.clearance import clearance_along
 from energy_opt.motion.limits.base import Limit, box_of
 from energy_opt.motion.limits.keep import Keep
+from energy_opt.motion.limits.via import distinct
 from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.path import JointPath, inside, straight, through
 from energy_opt.motion.path_dynamics import PathDynamics, points_of
@@ -117,7 +118,7 @@ def _further_paths(
 
     if move.via and move.path is None:
         legs: list[InitialPath] = []
-        for start, goal in itertools.pairwise([move.start, *move.via, move.goal]):
+        for start, goal in itertools.pairwise([move.start, *distinct(move), move.goal]):
             leg = between(start, goal, 1)
             if not leg:
                 return []
@@ -143,7 +144,7 @@ def room_between(
 
 def _straight_legs(robot: Robot, move: Move) -> list[InitialPath]:
     """The straight lines between the start, the via points and the goal of a move."""
-    ends = [np.stack(pair) for pair in itertools.pairwise([move.start, *move.via, move.goal])]
+    ends = [np.stack(pair) for pair in itertools.pairwise([move.start, *distinct(move), move.goal])]
     return [InitialPath(straight(*pair), "straight", 0.0, length(pair, robot.limits.velocity)) for pair in ends]
 
 

@@ -84,6 +84,8 @@ def settled(context: Context, move: Move, motion: Trajectory, open_: Open) -> Se
 
 def _optimum(context: Context, move: Move, motion: Trajectory, open_: Open) -> Settled:
     task = task_of(context, move, motion.duration, move.duration)
+    if any(open_.via):  # points that coincide now may part
+        task = replace(task, ends=replace(task.ends, via=np.array(move.via)))
     task = replace(task, open=open_)
     reshaper = context.reshaper("energy")
     level = reshaper.fine(task.vias)
@@ -93,16 +95,16 @@ def _optimum(context: Context, move: Move, motion: Trajectory, open_: Open) -> S
     curve = task.curve(level.shape, replace(line, q=bent))
     if context.cell is None:
         best = reshaper.solved(curve, task, context.stopped, near=not open_.any)
-        return (motion, move.via) if best.broken > FEASIBLE else _settled(context, best.curve, task)
+        return (motion, move.via) if best.broken > FEASIBLE else _settled(context, move, best.curve, task)
     cost, _ = level.excess(curve, task.parameters, task.limits, task.width)
     scale = 1 / max(abs(cost - task.offset * curve.duration), 1e-6)
     search = ClearSearch(context.cell, context.robot.joints, level, task, scale, context.stopped)
     found = search.descent(curve, ITERATIONS, FIRST, SETTLED)
-    return _settled(context, search.curve_of(found), task)
+    return _settled(context, move, search.curve_of(found), task)
 
 
-def _settled(context: Context, curve: Curve, task: Task) -> Settled:
-    via = list(task.ends.via)
+def _settled(context: Context, move: Move, curve: Curve, task: Task) -> Settled:
+    via = list(move.via)
     for k, (surface, q) in enumerate(zip(task.open.via, curve.position(curve.via_u), strict=False)):
         via[k] = via[k] if surface is None else surface.reached(q, np.zeros(len(q)))
     return trajectory_of(curve, context.robot.joints), tuple(via)

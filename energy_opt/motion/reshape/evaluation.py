@@ -262,6 +262,18 @@ class Evaluation:
         via_u = np.clip(point.via_u + border[len(border) - s.vias :], 0, 1) if s.vias else point.via_u
         return points, duration, via_u
 
+    def passing(self, points: np.ndarray, via_u: np.ndarray) -> np.ndarray:
+        """Control points of a curve that is moved so that it passes its via points at their times."""
+        s = self.shape
+        if not s.vias:
+            return points
+        q = s.basis.matrix(via_u) @ points
+        off, _ = passed(self.open, self.ends.via, q)
+        points = s.passing(points[None], via_u[None], q - off)[0]
+        inner = slice(s.pinned, len(points) - s.pinned)
+        points[inner] = np.clip(points[inner], *self.box)
+        return points
+
     def broken(self, point: Point, give: float, slack: float) -> float:
         """The sum of all excesses, which the merit function prices.
 

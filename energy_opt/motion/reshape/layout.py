@@ -133,6 +133,31 @@ class Shape:
         return out
 
     @cached_property
+    def _yielding(self) -> np.ndarray:
+        """Control points' response to forces on them, (controls, controls), if the integral of |q''|^2 over u resists.
+
+        Those that end conditions determine do not move.
+        """
+        inner, w = slice(self.pinned, self.basis.controls - self.pinned), self.grid[1]
+        bent = self.matrices[2][:, inner]
+        out = np.zeros((self.basis.controls, self.basis.controls))
+        out[inner, inner] = np.linalg.inv((bent * w[:, None]).T @ bent)
+        return out
+
+    def passing(self, points: np.ndarray, u: np.ndarray, q: np.ndarray) -> np.ndarray:
+        """Control points (C, controls, n) of curves moved so that each passes given positions.
+
+        Of all such changes this has the least integral of |q''|^2 over u.
+
+        Args:
+            points: (C, controls, n) [rad, m] of the curves. u: (C, V) times. q: (V, n) [rad, m] the positions.
+        """
+        basis = self.basis.matrix(u.ravel()).reshape(*u.shape, -1)
+        pulled = basis @ self._yielding
+        strength = np.linalg.pinv(pulled @ basis.transpose(0, 2, 1), hermitian=True)
+        return points + pulled.transpose(0, 2, 1) @ (strength @ (q - basis @ points))
+
+    @cached_property
     def end_slopes(self) -> np.ndarray:
         """Control-point offsets (2, pinned) per unit of u-velocity at the start and the end, acceleration zero."""
         zero, one = np.zeros(1), np.ones(1)

@@ -20,6 +20,7 @@ SPARE = 0.02  # added to a step's first-order reach, to select constraints at pl
 HOT = 0.8  # share of a bound from which a limit at a node gets a constraint
 
 AXES = 6  # most ranges of a via point's pose
+ORDER = 1 << 20  # number of the first constraint on the order of via points: more than ends have
 LINEAR, AT_NODES, VIA, AT_PLACES = range(4)  # kinds of constraints: a constraint's key is its kind + 4 times a number
 
 
@@ -181,21 +182,15 @@ class Model(Evaluation):
         """True for limits at nodes (nodes, columns) whose share exceeds `share`, or that are always held."""
         return np.asarray((point.used[len(point.linear) :].reshape(point.hot.shape) > share) | self._hot_always)
 
-    def other_constraints(
-        self, point: Point, far: float, hot: np.ndarray | None = None, equalities: bool = True
-    ) -> Constraints:
-        """Constraints at nodes near their bounds, at via points, and numeric ones that steps of `far` can reach.
+    def other_constraints(self, point: Point, far: float, hot: np.ndarray | None = None) -> Constraints:
+        """Constraints at nodes near their bounds, and numeric ones that steps of `far` can reach.
 
         Args:
             far: [rad, m] most that control points will move; infinite for all numeric constraints.
             hot: (nodes, columns) the constraints at nodes; None for those near their bounds.
-            equalities: include via points; False if two linearisations are held at once, which would leave no step.
         """
-        s, n = self.shape, self.shape.joints
-        hot = self.hot(point, HOT) if hot is None else hot
+        n, hot = self.shape.joints, self.hot(point, HOT) if hot is None else hot
         out = self._hot_constraints(point, hot) if hot.any() else Constraints.of(n, self.border)
-        if s.vias and equalities:
-            out = out.joined(self._via_constraints(point))
         for number, placed, q, value in point.placed:
             gradient, off = placed.gradient(q), np.minimum(value - placed.lower, placed.upper - value)
             reach = np.abs(gradient).sum(axis=1) * far + SPARE if np.isfinite(far) else np.inf
@@ -232,9 +227,11 @@ class Model(Evaluation):
             floor=np.where(self._hot_one[j], -np.inf, -1 - point.hot[k, j]), ceiling=1 - point.hot[k, j],
         )  # fmt: skip
 
-    def _via_constraints(self, point: Point) -> Constraints:
+    def via_constraints(self, point: Point) -> Constraints:
         """Constraints that the curve passes the via points."""
         s, n = self.shape, self.shape.joints
+        if not s.vias:
+            return Constraints.of(n, self.border)
         basis, speed = s.basis.matrix(point.via_u), s.basis.matrix(point.via_u, 1) @ point.points
         begin = s.first(point.via_u)
         local = np.take_along_axis(basis, begin[:, None] + np.arange(LOCAL), axis=1)
@@ -253,6 +250,19 @@ class Model(Evaluation):
             border=np.vstack([passed.slope @ edge[i] for i, passed in enumerate(point.passed)]),
             floor=np.concatenate([passed.low for passed in point.passed]),
             ceiling=np.concatenate([passed.high for passed in point.passed]), keys=np.concatenate(keys) * 4 + VIA,
+        )  # fmt: skip
+
+    def order_constraints(self, point: Point) -> Constraints:
+        """Constraints that via points are passed in order: no step takes more than half of the time between two."""
+        n, count = self.shape.joints, max(self.shape.vias - 1, 0)
+        border = np.zeros((count, self.border))
+        border[:, self.border - count :] += np.eye(count)
+        border[:, self.border - count - 1 : self.border - 1] -= np.eye(count)
+        none = np.zeros(count, dtype=np.int64)
+        return Constraints.of(
+            n, self.border, first=none, joint=none, coefficient=np.zeros((count, LOCAL)), border=border,
+            floor=-np.diff(point.via_u) / 2 if count else np.zeros(0), ceiling=np.full(count, np.inf),
+            keys=-1 - 4 * (ORDER + np.arange(count)),
         )  # fmt: skip
 
     def _end_bounds(self, point: Point) -> Constraints:

@@ -66,7 +66,8 @@ class PolishProgram:
     @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper bounds of all constraints, (R,) each, in the order of `constraints`."""
-        held = self.model.other_constraints(self._begin, np.inf, self._hot)
+        begin = self._begin
+        held = self.model.other_constraints(begin, np.inf, self._hot).joined(self.model.via_constraints(begin))
         value = self._values(self._begin)[self._linear :]
         none = np.zeros(self._linear)
         return np.concatenate([none - np.inf, held.floor + value]), np.concatenate([none, held.ceiling + value])
@@ -113,13 +114,23 @@ class PolishProgram:
 
     def _constraints(self, point: Point) -> Constraints:
         linear = self.model.linear_constraints(point, self._held, self._side)
-        return linear.joined(self.model.other_constraints(point, np.inf, self._hot))
+        others = self.model.other_constraints(point, np.inf, self._hot)
+        return linear.joined(others).joined(self.model.via_constraints(point))
 
     def _values(self, point: Point) -> np.ndarray:
         """All constraints' values, those on derivatives first."""
         linear = (self._side * point.linear)[self._held] - 1
         placed = [value for *_, value in point.placed]
         return np.concatenate([self._stretch(point) * linear, point.hot[self._hot], point.via.ravel(), *placed])
+
+
+def _in_order(point: Point, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest step that leave via points in order: at most half of the time to the next one."""
+    half, count = np.diff(point.via_u) / 2, len(point.via_u)
+    if count > 1:
+        low[1 - count :] = np.maximum(low[1 - count :], -half)
+        high[-count:-1] = np.minimum(high[-count:-1], half)
+    return low, high
 
 
 def polished(model: Model, curve: Curve) -> Outcome:
@@ -134,7 +145,7 @@ def polished(model: Model, curve: Curve) -> Outcome:
         program = PolishProgram(model, point, side, hot)
         options: dict[str, object] = {"tol": TOLERANCE, "max_iter": ITERATIONS - spent, "mu_init": BARRIER}
         none = np.zeros(model.shape.size + model.border)
-        answer = ipopt.solve(program, none, box(model, point, LOCAL), program.bounds, options)
+        answer = ipopt.solve(program, none, _in_order(point, *box(model, point, LOCAL)), program.bounds, options)
         point, spent = program.at(answer.x), spent + answer.iterations
         beyond = np.abs(point.linear) > 1 + BROKEN
         new = (beyond & (side != np.sign(point.linear))).any() or (~hot & model.hot(point, 1 + BROKEN)).any()

@@ -48,6 +48,7 @@ RUNG = 1.5  # ratio of the durations at which starts are solved
 FOLLOWED = 2.3  # largest ratio of durations over which optima are continued: other valleys are the best beyond
 # most valleys compared at the move's own duration, and their largest cost relative to the best
 KEPT, WORTH_KEEPING = 3, 2.0
+KEPT_WITH_VIAS = 8  # of curves that pass via points at different times
 REFINED, WORTH_REFINING = 2, 1.03  # most of these solved in full, and their largest cost relative to the best
 EXACT = 1e-6  # share of a bound: accepted excess while searching the answer
 
@@ -174,7 +175,7 @@ class Reshaper:
         best = min(kept[rung].found, key=there.coarse_rank)
         most = at_most(there.cost(best), WORTH_KEEPING)
         near = [o for o in kept[rung].found if o is best or (o.broken <= REPAIRABLE and there.cost(o) <= most)]
-        optima = islice(valleys(coarse, there, near), KEPT)
+        optima = islice(valleys(coarse, there, near), KEPT_WITH_VIAS if task.vias else KEPT)
         guesses = [refined(task.within(o.curve), fine.shape, task.ends) for o in optima]
         guesses += [task.curve(fine.shape, line) for line in lines[1:]]
         compared: list[Outcome] = []

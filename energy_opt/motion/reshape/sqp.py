@@ -96,8 +96,9 @@ def descend(
             break
         known = model.multipliers(point, now.keys, now.multipliers)
         hessian, gradient = model.hessian(point, known, now.convex), model.gradient(point)
-        near = model.linear_constraints(point).joined(model.other_constraints(point, trust))
-        swung = np.zeros(len(point.linear), dtype=bool)
+        within = model.linear_constraints(point).joined(model.other_constraints(point, trust))
+        within = within.joined(model.order_constraints(point))
+        near, swung = within.joined(model.via_constraints(point)), np.zeros(len(point.linear), dtype=bool)
         constraints, failed = near, 0
         # try less than before; the program adds what convexity needs
         damping = now.damping / 3 if now.damping > 2 * LEAST_DAMPING else 0.0
@@ -128,7 +129,8 @@ def descend(
             price = max(0.5 * price, 2 * most_price, 1.0) if not elastic else PRICE
             predicted += price * (broken - elastic)
             step = float(np.abs(found.d[: model.shape.size]).max(initial=0.0))
-            trial = model.at(*model.moved(point, found.d), 2 * step)
+            points, duration, via_u = model.moved(point, found.d)
+            trial = model.at(model.passing(points, via_u), duration, via_u, 2 * step)
             trial_broken = model.broken(trial, give, slack)
             won = point.cost - trial.cost + price * (broken - trial_broken)
             ratio = won / max(predicted, 1e-12)
@@ -148,16 +150,20 @@ def descend(
             crossed = model.crossed(point, trial, give) & ~swung
             if crossed.any():
                 swung |= crossed
-                near = near.joined(model.linear_constraints(point, crossed, np.sign(trial.linear)))
-                constraints = near
+                within = within.joined(model.linear_constraints(point, crossed, np.sign(trial.linear)))
+                constraints = near = within.joined(model.via_constraints(point))
                 damping = found.damping
                 continue
             failed += 1
             damping, corrected = found.damping, constraints is not near
             now.smooth |= model.excess(trial) > max(2 * model.excess(point), 0.0) + FAR
-            again = model.other_constraints(trial, step, equalities=False) if model.deepest(trial) < SHALLOW else None
-            if again is not None and again.count:
-                constraints = near.joined(again.moved(found.d))
+            again = model.other_constraints(trial, step) if model.deepest(trial) < SHALLOW else None
+            if again is not None and (again.count or model.shape.vias):
+                # via points only as linearised at the step's end: at two linearisations at once, they leave no step
+                again = again.joined(model.via_constraints(trial))
+                s, ahead = model.shape, found.d.copy()
+                ahead[: s.size] += (trial.points - points)[s.pinned : len(points) - s.pinned].ravel()
+                constraints = within.joined(again.moved(ahead))
             # the excess of a corrected program is that of both ends: a small decrease does not mean that it converged
             tries = KINKED if now.convex or now.smooth else TRIES
             worth = not broken and predicted > LITTLE * max(abs(point.cost), 0.02)  # shorter steps along tight limits

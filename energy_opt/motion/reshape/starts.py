@@ -17,9 +17,10 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 
 from energy_opt.motion.limits.base import box_of
-from energy_opt.motion.reshape.curve import Curve, Outcome, between
+from energy_opt.motion.reshape.curve import Curve, Outcome, fitted
 from energy_opt.motion.reshape.task import REPAIRABLE, Level, Line, Task, at_most
 
 log = logging.getLogger(__name__)
@@ -31,7 +32,11 @@ SAME = 0.5  # [rad] coarse curves of equal cost that differ by less everywhere a
 # a joint's range, and number of draws, of which the cheapest is the start. Some moves' best optima are found from
 # bends of all joints, others' from bends of a few; about every third start of the right kind finds them.
 BENDS = ((1.0, 0.8, 16), (0.4, 1.1, 4))
+# The same between via points, and the standard deviation of the logarithms by which the shares of the time between them
+# change: large bends there cost much, but at each other passing time the path is another one.
+BENDS_WITH_VIAS, SHIFTS = ((1.0, 0.16, 4), (0.4, 0.22, 4)), 0.8
 HOPELESS = 20.0  # times a bound: a bend that exceeds a limit by more, as on a tiny move, is halved
+LOOKED = 100  # points of a curve that is fitted with other passing times
 SMALLEST = 1e-9  # [rad] smallest bend
 TOLERANCE = 2e-3  # of a coarse solve: enough to tell optima apart
 ITERATIONS, TRUST = 60, 0.6  # iterations of a coarse solve, and its first step [rad, m]
@@ -69,7 +74,8 @@ def search(
     used, iterations, enough = known.starts, known.iterations, False
     while used < starts and not enough:
         guess = _bent(level, straight, task, seed, used - 1) if used else straight
-        rival = min(costs, default=np.inf)
+        # with via points, most descents that end at a lower cost are above it for long, while passing times change
+        rival = np.inf if task.vias else min(costs, default=np.inf)
         outcome = task.descended(model, guess, ITERATIONS, trust=TRUST, tolerance=TOLERANCE, rival=rival)
         used, iterations = used + 1, iterations + outcome.iterations
         text = "start %d of at most %d: cost %.6g, %d iterations"
@@ -107,21 +113,29 @@ def _enough(costs: np.ndarray, starts: int) -> bool:
 def _bent(level: Level, straight: Curve, task: Task, seed: int, k: int) -> Curve:
     """The cheapest of some randomly bent copies of a curve; a broken limit increases a copy's cost.
 
-    Two successive starts bend to opposite sides.
+    Two successive starts bend to opposite sides. Copies pass via points, each at other times (`SHIFTS`).
     """
     side, shape = 1 - 2 * (k % 2), level.shape
     lower, upper = box_of(task.limits, shape.joints)
-    share, deviation, drawn = BENDS[k // 2 % len(BENDS)]
+    kinds = BENDS_WITH_VIAS if task.vias else BENDS
+    share, deviation, drawn = kinds[k // 2 % len(kinds)]
     size = side * deviation * np.clip((upper - lower) / 2, 0, np.pi)
     u = np.linspace(0, 1, shape.basis.controls)
 
-    def bent(amplitudes: np.ndarray) -> np.ndarray:
-        """Control points (C, controls, n) of copies bent by amplitudes (C, 2, n): to one side, and to both in turn."""
+    def bent(amplitudes: np.ndarray, shifts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Control points (C, controls, n) of copies bent by amplitudes (C, 2, n): to one side, and to both in turn.
+
+        Also the times (C, vias) at which they pass the via points, shifted by `shifts` (C, vias + 1).
+        """
         waves = np.stack([np.sin(np.pi * u) ** 2, np.sin(2 * np.pi * u) ** 3])
-        points = np.clip(straight.points + np.einsum("wu,cwj->cuj", waves, amplitudes), lower, upper)
+        before, times = _shifted(straight, task, shifts)
+        points = before + np.einsum("wu,cwj->cuj", waves, amplitudes)
+        if task.vias:
+            points = shape.passing(points, times, task.ends.via)
+        points = np.clip(points, lower, upper)
         points[:, : shape.pinned] = straight.points[: shape.pinned]
         points[:, -shape.pinned :] = straight.points[-shape.pinned :]
-        return points
+        return points, times
 
     def rated(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Costs of copies, more by their excess, and by how many times they exceed a limit."""
@@ -130,26 +144,46 @@ def _bent(level: Level, straight: Curve, task: Task, seed: int, k: int) -> Curve
         costs = costs - task.offset * straight.duration
         return costs + np.abs(costs) * excess, excess
 
-    sizes, chosen = _drawn(seed, k // 2, drawn, shape.joints)
-    amplitudes = sizes * [[1.0], [0.5]] * size * (chosen < share)
-    points = bent(amplitudes)
+    sizes, even, logarithms = _drawn(seed, k // 2, drawn, shape.joints, task.vias)
+    amplitudes, shifts = sizes * [[1.0], [0.5]] * size * (even < share), side * SHIFTS * logarithms
+    points, times = bent(amplitudes, shifts)
     costs, excess = rated(points)
     least = int(np.argmin(costs))
-    best, points, excess = amplitudes[least], points[least : least + 1], excess[least : least + 1]
+    chosen = slice(least, least + 1)
+    best, shift, points, times, excess = (x[chosen] for x in (amplitudes, shifts, points, times, excess))
     while excess[0] > HOPELESS and np.abs(best).max() >= SMALLEST:
-        best = best / 2
-        points = bent(best[None])
+        best, shift = best / 2, shift / 2
+        points, times = bent(best, shift)
         excess = rated(points)[1]
-    return replace(straight, points=points[0])
+    return replace(straight, points=points[0], via_u=times[0])
+
+
+def _shifted(curve: Curve, task: Task, shifts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Control points (C or 1, controls, n) of a curve that passes its via points at other times, and these (C, vias).
+
+    Args:
+        shifts: (C, vias + 1) logarithms by which the shares of the time before, between and after them change.
+    """
+    if not task.vias:
+        return curve.points[None], np.zeros((len(shifts), 0))
+    u, now = np.linspace(0, 1, LOOKED), np.concatenate([[0.0], curve.via_u, [1.0]])
+    spans = np.diff(now) * np.exp(shifts)
+    after = np.cumsum(np.pad(spans, ((0, 0), (1, 0))), axis=1) / spans.sum(axis=1, keepdims=True)
+    curves = (fitted(curve.shape, u, curve.position(PchipInterpolator(x, now)(u)), task.ends, curve.duration)
+              for x in after)  # fmt: skip
+    return np.stack([x.points for x in curves]), after[:, 1:-1]
 
 
 @lru_cache(maxsize=64)
-def _drawn(seed: int, number: int, count: int, joints: int) -> tuple[np.ndarray, np.ndarray]:
-    """Random numbers of a pair of starts: normal (count, 2, joints), and even in [0, 1) (count, 1, joints)."""
+def _drawn(seed: int, number: int, count: int, joints: int, vias: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Random numbers of a pair of starts.
+
+    Normal (count, 2, joints) and even in [0, 1) (count, 1, joints) ones of bends, normal (count, vias + 1) of shifts.
+    """
     rng = np.random.default_rng([seed, number])
     pairs = [(rng.normal(size=(2, joints)), rng.random((1, joints))) for _ in range(count)]
     normal, even = (np.stack(part) for part in zip(*pairs, strict=True))
-    return normal, even
+    return normal, even, rng.normal(size=(count, vias + 1))
 
 
 def _same(a: Outcome, b: Outcome, task: Task) -> bool:
@@ -185,7 +219,7 @@ def joined(level: Level, task: Task, a: Outcome, b: Outcome) -> bool:
     """
     ridge = max(task.cost(a), task.cost(b))
     for share in BETWEEN:
-        curve = between(a.curve, b.curve, share)
+        curve = task.between(a.curve, b.curve, share)
         cost, shares = level.shares(curve, task.parameters, task.limits, task.width)
         excess = 0.0 if task.fixed else max((float(np.max(x, initial=0.0)) - 1 for x in shares.values()), default=0.0)
         if at_most(cost - task.offset * curve.duration, 1 + max(excess, 0.0) / 2) > ridge + NEAR * abs(ridge):

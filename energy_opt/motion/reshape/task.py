@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 
 from energy_opt.motion.limits.base import Limit, values_of
-from energy_opt.motion.reshape.curve import SPENT, Curve, Outcome, fitted
+from energy_opt.motion.reshape.curve import SPENT, Curve, Outcome, between, fitted
 from energy_opt.motion.reshape.layout import Ends, Shape
 from energy_opt.motion.reshape.model import Model
 from energy_opt.motion.reshape.nodes import NodeFunctions
@@ -119,6 +119,7 @@ SLACK = 0.01  # the same for a constraint at a place, as beside bodies and in tu
 # multiple of its rival's cost. Multiples from 1 to 1.1 lose no optimum in `benchmarks/starts.py`.
 SOON, MORE, HOPELESS = 4, 3.0, 1.05
 FEASIBLE = 1e-4  # an outcome with a larger excess over a bound counts as infeasible
+EARLIEST = 0.02  # first time u at which a guess passes via points; the last one is as long before the goal
 REPAIRABLE = 0.05  # share of a bound: an excess that more control points, or IPOPT, may still repair
 
 
@@ -221,11 +222,33 @@ class Task:
     def curve(self, shape: Shape, line: Line) -> Curve:
         """The curve of a shape nearest to a line, with the task's ends."""
         duration = float(np.clip(line.duration, *self.durations))
-        places = np.linspace(0, 1, self.vias + 2)[1:-1]
-        for i, via in enumerate(self.ends.via):  # where the guess passes nearest, in order
-            k = int(np.argmin(np.abs(line.q - via).sum(axis=1)))
-            places[i] = np.clip(line.u[k], 0.02, 0.98)
-        return fitted(shape, line.u, line.q, self.ends, duration, np.sort(places))
+        return fitted(shape, line.u, line.q, self.ends, duration, self._nearest(line))
+
+    def _nearest(self, line: Line) -> np.ndarray:
+        """The times u (vias,), one after the other, at which a line's samples are nearest to the via points in the sum.
+
+        If the samples nearest to each point are in order, these are they.
+        """
+        inside = (line.u >= EARLIEST) & (line.u <= 1 - EARLIEST)
+        u, q = line.u[inside], line.q[inside]
+        least, before = np.zeros(len(u)), []
+        for via in self.ends.via:
+            # the best time of the point before, if this point is passed at the k-th time
+            best = np.maximum.accumulate(np.where(least == np.minimum.accumulate(least), np.arange(len(u)), 0))
+            best = np.concatenate([[0], best[:-1]])
+            before.append(best)
+            least = np.where(np.arange(len(u)) < len(before), np.inf, least[best] + np.abs(q - via).sum(axis=1))
+        at, k = np.zeros(self.vias, dtype=int), int(np.argmin(least))
+        for i in reversed(range(self.vias)):
+            at[i], k = k, int(before[i][k])
+        return np.asarray(u[at])
+
+    def between(self, a: Curve, b: Curve, share: float) -> Curve:
+        """The mixture (1 - share) a + share b of two curves of one shape, moved so that it passes the via points."""
+        mixed = between(a, b, share)
+        if not self.vias:
+            return mixed
+        return replace(mixed, points=a.shape.passing(mixed.points[None], mixed.via_u[None], self.ends.via)[0])
 
     def cost(self, outcome: Outcome) -> float:
         """The part of an outcome's cost that depends on the path."""

@@ -163,12 +163,6 @@ class Model(Evaluation):
             out.matrix  # noqa: B018  # made once for all that share it
         return out
 
-    def crossed(self, point: Point, trial: Point, give: float) -> np.ndarray:
-        """Which bounds (L,) on derivatives a step breaks on the side at which they are not linearised in T."""
-        if self.fixed:
-            return np.zeros(len(point.linear), dtype=bool)
-        return np.asarray((np.abs(trial.linear) > 1 + give) & (np.sign(trial.linear) != np.sign(point.linear)))
-
     def smooth_steps(self, constraints: Constraints, point: Point, most: float) -> Constraints:
         """Constraints that begin with all `linear_constraints`, with |d2q/du2| of a step at most `most` [rad, m]."""
         count = len(self.order)

@@ -98,7 +98,7 @@ def descend(
         hessian, gradient = model.hessian(point, known, now.convex), model.gradient(point)
         within = model.linear_constraints(point).joined(model.other_constraints(point, trust))
         within = within.joined(model.order_constraints(point))
-        near, swung = within.joined(model.via_constraints(point)), np.zeros(len(point.linear), dtype=bool)
+        near = within.joined(model.via_constraints(point))
         constraints, failed = near, 0
         # try less than before; the program adds what convexity needs
         damping = now.damping / 3 if now.damping > 2 * LEAST_DAMPING else 0.0
@@ -130,7 +130,8 @@ def descend(
             predicted += price * (broken - elastic)
             step = float(np.abs(found.d[: model.shape.size]).max(initial=0.0))
             points, duration, via_u = model.moved(point, found.d)
-            trial = model.at(model.passing(points, via_u), duration, via_u, 2 * step)
+            # onto the via points, unless the trust region leaves the step short of them
+            trial = model.at(points if elastic else model.passing(points, via_u), duration, via_u, 2 * step)
             trial_broken = model.broken(trial, give, slack)
             won = point.cost - trial.cost + price * (broken - trial_broken)
             ratio = won / max(predicted, 1e-12)
@@ -146,14 +147,7 @@ def descend(
                 elif ratio < FAIR:
                     trust = max(0.7 * step, LEAST_TRUST)
                 break
-            # the step failed: bounds on the other side, a second-order correction, or a smaller trust region
-            crossed = model.crossed(point, trial, give) & ~swung
-            if crossed.any():
-                swung |= crossed
-                within = within.joined(model.linear_constraints(point, crossed, np.sign(trial.linear)))
-                constraints = near = within.joined(model.via_constraints(point))
-                damping = found.damping
-                continue
+            # the step failed: a second-order correction, or a smaller trust region
             failed += 1
             damping, corrected = found.damping, constraints is not near
             now.smooth |= model.excess(trial) > max(2 * model.excess(point), 0.0) + FAR

@@ -130,13 +130,16 @@ def descend(
             predicted += price * (broken - elastic)
             step = float(np.abs(found.d[: model.shape.size]).max(initial=0.0))
             points, duration, via_u = model.moved(point, found.d)
-            # onto the via points, unless the trust region leaves the step short of them
-            trial = model.at(points if elastic else model.passing(points, via_u), duration, via_u, 2 * step)
-            trial_broken = model.broken(trial, give, slack)
-            won = point.cost - trial.cost + price * (broken - trial_broken)
-            ratio = won / max(predicted, 1e-12)
-            now.iterations += 1
-            good = ratio > ACCEPTED or abs(predicted) < 1e-9
+            # onto the via points, or towards them if the trust region leaves the step short of them
+            for onto in (model.passing(points, via_u), points)[: 2 if elastic and model.shape.vias else 1]:
+                trial = model.at(onto, duration, via_u, 2 * step)
+                trial_broken = model.broken(trial, give, slack)
+                won = point.cost - trial.cost + price * (broken - trial_broken)
+                ratio = won / max(predicted, 1e-12)
+                now.iterations += 1
+                good = ratio > ACCEPTED or abs(predicted) < 1e-9
+                if good:
+                    break
             if good:
                 point, broken = trial, trial_broken
                 now.keys, now.multipliers, now.damping = constraints.keys, found.multipliers, found.damping

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from poses import GOAL, START
 
-from energy_opt import optimize
+from energy_opt import Trajectory, load_robot, optimize
 
 BESIDE = (START + GOAL) / 2 + [0.1, -0.1, 0.2, -0.1, 0, 0.1, 0.1]
 
@@ -42,3 +42,12 @@ def test_a_point_beside_the_start_leaves_the_next_one_its_time():
     result = solved(beside, BESIDE)
     assert result.status == "solved" and result.energy.loss < 4.3
     assert missed(result, beside) < 2e-3 and missed(result, BESIDE) < 2e-3
+
+
+def test_a_path_of_two_samples_may_have_via_points():
+    """The times at which it passes them were sought at its samples alone, which ended in a traceback."""
+    ends, none = np.array([START, GOAL]), np.zeros((2, len(START)))
+    path = Trajectory(tuple(load_robot("panda").joints), np.array([0.0, 2.0]), ends, none, none)
+    for via in ([BESIDE], [BESIDE, BESIDE + 0.2]):
+        result = optimize("panda", "source-method-2", path=path, via=[q.tolist() for q in via], duration=2.0)
+        assert result.status == "solved" and all(missed(result, q) < 2e-3 for q in via)

@@ -119,6 +119,7 @@ SLACK = 0.01  # the same for a constraint at a place, as beside bodies and in tu
 # multiple of its rival's cost. Multiples from 1 to 1.1 lose no optimum in `benchmarks/starts.py`.
 SOON, MORE, HOPELESS = 4, 3.0, 1.05
 FEASIBLE = 1e-4  # an outcome with a larger excess over a bound counts as infeasible
+FEWEST = 100  # least places of a guess at which it may pass via points; a file may have two samples
 EARLIEST = 0.02  # first time u at which a guess passes via points; the last one is as long before the goal
 REPAIRABLE = 0.05  # share of a bound: an excess that more control points, or IPOPT, may still repair
 
@@ -229,8 +230,9 @@ class Task:
 
         If the samples nearest to each point are in order, these are they.
         """
-        inside = (line.u >= EARLIEST) & (line.u <= 1 - EARLIEST)
-        u, q = line.u[inside], line.q[inside]
+        u = line.u if len(line.u) >= FEWEST else np.union1d(line.u, np.linspace(0, 1, FEWEST))
+        u = u[(u >= EARLIEST) & (u <= 1 - EARLIEST)]
+        q = np.column_stack([np.interp(u, line.u, x) for x in line.q.T])
         least, before = np.zeros(len(u)), []
         for via in self.ends.via:
             # the best time of the point before, if this point is passed at the k-th time

@@ -12,49 +12,21 @@ The path is passed forwards, so the sign of a joint's velocity is that of q' and
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
 
-from energy_opt.effects import COBOT, EXACT, ArmSize, Signals
+from energy_opt.effects import EXACT, Signals
 from energy_opt.motion.path import JointPath
 from energy_opt.numerics.batch import Batch
 from energy_opt.power import PowerModel, drive_terms
 from energy_opt.power.drive_law import rigid_torque
+from energy_opt.power.structure import SharedByStructure
 from energy_opt.robot import Robot, Tool
 
 AFFINE = 1e-9  # relative: torque that deviates less from its tangent counts as affine
 CRAWL = 1e-9  # [1/s^2] squared path speed for "about to move": friction has its sign, other dynamic terms vanish
-
-
-def size_of(robot: Robot) -> ArmSize:
-    """The size of a robot's drives."""
-    return ArmSize.of(float(robot.rated.effort.max()), robot.rated.power)
-
-
-@dataclass(frozen=True, eq=False)
-class SharedByStructure:
-    """A model that equals any other of the same structure, for an arm of the same size: the cache key of functions."""
-
-    model: PowerModel
-    size: ArmSize = COBOT
-
-    @classmethod
-    def on(cls, robot: Robot, model: PowerModel) -> SharedByStructure:
-        """The model on a robot."""
-        return cls(model, size_of(robot))
-
-    @property
-    def _key(self) -> tuple[object, ...]:
-        return self.model.structure, self.size
-
-    def __hash__(self) -> int:
-        return hash(self._key)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, SharedByStructure) and other._key == self._key
 
 
 def offsets(model: PowerModel, n: int) -> list[int]:

@@ -17,7 +17,6 @@ import numpy as np
 from energy_opt.effects import BaseTilt, MeterDelay, MeterFilter, MeterGain, Payload, Signals, Smooth
 from energy_opt.motion.limits.base import Limit, box_of, scaled
 from energy_opt.motion.limits.registry import joint_limits
-from energy_opt.motion.path_dynamics import size_of
 from energy_opt.motion.reshape.curve import Curve, fitted
 from energy_opt.motion.reshape.layout import Ends, Shape
 from energy_opt.motion.reshape.nodes import NodeFunctions, NodeSymbols, derived, symbolic_torque
@@ -25,6 +24,7 @@ from energy_opt.motion.reshape.search import trajectory_of
 from energy_opt.motion.reshape.task import Level, Task
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel, drive_terms
+from energy_opt.power.structure import size_of
 from energy_opt.robot import Limits, Robot
 
 PAUSE, PAUSE_SAMPLES = 0.4, 20  # [s]

@@ -39,6 +39,7 @@ from energy_opt.effects import (
 )
 from energy_opt.effects.parameter import MOVING_SPEED, along
 from energy_opt.power.model import PowerModel
+from energy_opt.power.structure import SharedByStructure
 from energy_opt.robot import PointMass, RigidBody
 
 
@@ -174,11 +175,22 @@ def drive_function(
 ) -> tuple[ca.Function, tuple[str, ...]]:
     """The law as a function (q, v, a, tau, t, p) -> (tau_m, power, parts), and the names of the parts in order.
 
+    Models of the same structure share the function, which is built once.
+
     Args:
         model, joints: the effects, and the number of joints. kinks, holds: as `drive_terms`.
         past: whether the function also takes `idle` [s] and `returned` [W] (see `Signals`) before p, and also returns
             `bus` and `powers` of `DriveTerms`.
     """
+    return _drive(SharedByStructure(model), joints, kinks, past, holds)
+
+
+@lru_cache(maxsize=64)
+def _drive(
+    shared_by: SharedByStructure, joints: int, kinks: Kinks, past: bool, holds: bool
+) -> tuple[ca.Function, tuple[str, ...]]:
+    """`drive_function`, kept for further models of the same structure."""
+    model = shared_by.model
     q, v, a = (ca.SX.sym(name, joints) for name in ("q", "v", "a"))
     tau = ca.SX.sym("tau", joints * len(model.bodies))
     known = {name: ca.SX.sym(name) for name in ("idle", "returned")} if past else {}

@@ -18,11 +18,11 @@ from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.judge.energy import Energy
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.limits.clearance import ClearanceConstraints
-from energy_opt.motion.path_dynamics import size_of
 from energy_opt.motion.reshape.clear import REACH, Margins, Places
 from energy_opt.motion.reshape.nodes import NodeFunctions, node_functions
 from energy_opt.numerics import ipopt
 from energy_opt.numerics.compile import compiled
+from energy_opt.power.structure import size_of
 from energy_opt.profiles.chain import Chain
 from energy_opt.profiles.profile_program import SHARP, Program
 

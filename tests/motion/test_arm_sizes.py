@@ -9,8 +9,8 @@ import pytest
 
 from energy_opt.effects import COBOT, ArmSize, CopperLoss, CoulombFriction, Regeneration
 from energy_opt.motion import Move, Planner, Settings
-from energy_opt.motion.path_dynamics import size_of
 from energy_opt.power import PowerModel
+from energy_opt.power.structure import size_of
 from energy_opt.robot import load_robot
 
 LINK = """<link name="{name}"><inertial><mass value="{mass}"/><origin xyz="0 0 {com}"/>

@@ -26,7 +26,7 @@ from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.limits.joint import Effort, JerkAlongPath
 from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.path import JointPath, straight, through
-from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure
+from energy_opt.motion.path_dynamics import PathDynamics
 from energy_opt.motion.retime.fastest import minimum_time
 from energy_opt.motion.retime.nlp import CurvedConstraints, LinearConstraints, PathConstraints, RetimeProgram
 from energy_opt.motion.retime.points import PathLaw, Symbolic
@@ -40,6 +40,7 @@ from energy_opt.motion.timing.toppra import fastest
 from energy_opt.numerics.bspline import greville
 from energy_opt.power import Mixture, PowerModel, drive_function
 from energy_opt.power.known import named_model
+from energy_opt.power.structure import SharedByStructure
 from energy_opt.robot import Robot, load_robot
 
 

@@ -22,7 +22,6 @@ from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.limits.via import distinct
 from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.path import JointPath, straight, through
-from energy_opt.motion.path_dynamics import SharedByStructure
 from energy_opt.motion.plan.anytime import Progress
 from energy_opt.motion.reshape.curve import Curve
 from energy_opt.motion.reshape.nodes import NodeFunctions, node_functions
@@ -33,6 +32,7 @@ from energy_opt.motion.timing.spline_timing import Timing
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics.compile import compiled
 from energy_opt.power import PowerModel
+from energy_opt.power.structure import SharedByStructure
 from energy_opt.robot import RigidBody, Robot
 
 

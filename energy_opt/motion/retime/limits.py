@@ -13,11 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from energy_opt.motion.limits.base import Functions, Limit, Linear
-from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure
+from energy_opt.motion.path_dynamics import PathDynamics
 from energy_opt.motion.retime.nlp import CurvedConstraints, LinearConstraints, PathConstraints
 from energy_opt.motion.retime.points import Symbolic
 from energy_opt.motion.retime.quadrature import Lift, kept_lift, lift
 from energy_opt.motion.retime.sums import WIDTHS, point_numbers
+from energy_opt.power.structure import SharedByStructure
 
 MARGIN = 5e-7  # share of every bound that is kept free, for excesses between the points
 BROKEN = 1e-7  # share of a bound: a larger excess is a violation

@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from energy_opt.motion.limits.base import Limit
-from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure
+from energy_opt.motion.path_dynamics import PathDynamics
 from energy_opt.motion.retime.sums import (
     DEGREES,
     WIDTHS,
@@ -29,6 +29,7 @@ from energy_opt.motion.retime.sums import (
 )
 from energy_opt.numerics.batch import Batch
 from energy_opt.power import PowerModel
+from energy_opt.power.structure import SharedByStructure
 
 
 class Cost(Protocol):

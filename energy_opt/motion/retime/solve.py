@@ -223,20 +223,20 @@ def _equality(work: Retiming, start: Timing, price: float, duration: float) -> _
 def _best(
     work: Retiming, start: Timing, *, price: float, longest: float, floor: float, exactly: bool = False
 ) -> Solved:
-    """The answer from `start`; for a nonconvex model, the better of this and the answer from the convex optimum.
+    """The answer from `start`; if the solver fails under a nonconvex model, that from the convex optimum.
 
-    The convex optimum is that of the model without its nonconvex effects.
+    The convex optimum is that of the model without its nonconvex effects. It is tried only then: in 640 retimings under
+    ten laws it took longer than the answer itself, and won more than 0.05 % of the energy in 4 of them.
     """
     found = work.optimise(start, price=price, longest=longest, floor=floor, exactly=exactly)
-    if work.convex:
+    if found.solved or work.convex:
         return found
     simpler = work.with_model(work.model.kept(lambda effect: effect.convex_in_retiming))
     second = simpler.optimise(start, price=simpler.convex_price() if exactly else price, longest=longest, floor=floor)
-    if second.solved:
-        again = work.optimise(second.timing, price=price, longest=longest, floor=floor, exactly=exactly)
-        if again.solved and not (found.solved and found.energy <= again.energy):
-            return again
-    return found
+    if not second.solved:
+        return found
+    again = work.optimise(second.timing, price=price, longest=longest, floor=floor, exactly=exactly)
+    return again if again.solved else found
 
 
 def _feasible_start(work: Retiming, start: Timing, reason: str, bound: float | None = None) -> _Plan:

@@ -22,9 +22,10 @@ import numpy as np
 from energy_opt.effects import COBOT, ArmSize, Kinks, Signals
 from energy_opt.effects.parameter import bearing
 from energy_opt.motion.limits.base import Limit, State
-from energy_opt.motion.path_dynamics import PathDynamics, SharedByStructure, offsets
+from energy_opt.motion.path_dynamics import PathDynamics, offsets
 from energy_opt.numerics.batch import Batch
 from energy_opt.power import drive_terms
+from energy_opt.power.structure import SharedByStructure
 
 # Widths of the smoothed kinks, as multiples of those in each law: the program is solved with wide kinks first, since an
 # interior-point method finds the place of sharp kinks only in short steps.

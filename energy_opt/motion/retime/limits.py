@@ -17,7 +17,7 @@ from energy_opt.motion.path_dynamics import PathDynamics
 from energy_opt.motion.retime.nlp import CurvedConstraints, LinearConstraints, PathConstraints
 from energy_opt.motion.retime.points import Symbolic
 from energy_opt.motion.retime.quadrature import Lift, kept_lift, lift
-from energy_opt.motion.retime.sums import WIDTHS, point_numbers
+from energy_opt.motion.retime.sums import NARROW, point_numbers
 from energy_opt.power.structure import SharedByStructure
 
 MARGIN = 5e-7  # share of every bound that is kept free, for excesses between the points
@@ -259,7 +259,7 @@ class PathLimits:
     def _symbolic(self, held: AtPoints, unit: float) -> CurvedConstraints:
         """A limit that is not linear: all its columns at every place where one is held."""
         d, limit, k = self.dynamics, held.limit, np.unique(np.nonzero(held.held)[0])
-        shared = np.concatenate([d.model.values(d.robot.n), [unit, WIDTHS[-1]], limit.values])
+        shared = np.concatenate([d.model.values(d.robot.n), [unit, NARROW], limit.values])
         numbers = point_numbers(d, np.zeros(len(d.s)))[:, k]
         scale = 1 / (limit.scale * held.tight[k] * held.reserve[k])
         functions = Symbolic.of(SharedByStructure.on(d.robot, d.model), d.robot.n, limit, numbers, shared, scale)

@@ -17,7 +17,7 @@ from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.path_dynamics import PathDynamics
 from energy_opt.motion.retime.sums import (
     DEGREES,
-    WIDTHS,
+    NARROW,
     AlongPath,
     LimitByStructure,
     Tangents,
@@ -171,7 +171,7 @@ class PathLaw:
     def of(cls, model: PowerModel, dynamics: PathDynamics, unit: float, time: np.ndarray) -> PathLaw:
         """At the points of `dynamics`, which are passed at `time` (M,) [s]; `unit` of squared speed [1/s^2]."""
         numbers, n = point_numbers(dynamics, time), dynamics.robot.n
-        shared = np.append(model.values(n), [unit, WIDTHS[0]])
+        shared = np.append(model.values(n), [unit, NARROW])
         shared_by = SharedByStructure.on(dynamics.robot, model)
         return cls(shared_by, n, numbers, unit, compressed(shared_by, n, numbers, shared))
 
@@ -196,7 +196,7 @@ class PathLaw:
 
         At z = (a, b) (2, M) in `unit`.
         """
-        shared = np.append(self.shared_by.model.values(self.joints), [unit, WIDTHS[-1]])
+        shared = np.append(self.shared_by.model.values(self.joints), [unit, NARROW])
         values = np.repeat(shared[:, None], z.shape[1], axis=1)
         lines, smooth = (
             np.array(law_function(self.shared_by, self.joints, form)(z, self.numbers, values)[0]).ravel()

@@ -29,7 +29,7 @@ from energy_opt.motion.retime.limits import MARGIN, PathLimits
 from energy_opt.motion.retime.nlp import PathConstraints, RetimeProgram
 from energy_opt.motion.retime.points import PathLaw
 from energy_opt.motion.retime.quadrature import GAUSS, quadrature
-from energy_opt.motion.retime.sums import WIDTHS
+from energy_opt.motion.retime.sums import NARROW, WIDE
 from energy_opt.motion.timing.spline_timing import Timing
 from energy_opt.numerics.bspline import greville
 from energy_opt.power import PowerModel
@@ -271,36 +271,34 @@ class Retiming:
             cost = law.cost(weight, unit, clock * energy / size, -price * clock / size, width)
             return RetimeProgram(points, weight, cost, ends, longest / clock, constraints, timed)
 
-        whole = program(PathConstraints(), WIDTHS[0])
+        whole = program(PathConstraints(), NARROW)
         size = max(abs(whole.cost(x)), 1e-3 * abs(price) * start.duration, 1e-12)
         # limits that the shortest timing or the start uses nearly in full will probably bind
         self.limits.add_broken(self.shortest.control, always=True)
         self.limits.add_broken(start.control, always=True)
-        widths = [WIDTHS[-1]] if law.coefficients is not None else list(WIDTHS)
-        wider: tuple[float, np.ndarray] | None = None  # the last width that was solved, and its answer
-        rounds, rough, halved = 0, False, False  # `halved`: True if a width between two others was tried
+        width, widened = NARROW, law.coefficients is not None  # True if wide kinks were tried, or there are no kinks
+        wide: np.ndarray | None = None  # the answer with wide kinks
+        rounds, rough = 0, False
         while True:
             before = time.perf_counter()
             constraints = self.limits.constraints(unit)
-            whole = program(constraints, widths[0])
+            whole = program(constraints, width)
             built = time.perf_counter()
-            near = law.coefficients is None and widths[0] < WIDTHS[0]
+            near = wide is not None and width == NARROW
             answer = whole.solve(
                 x, (lower, upper), exactly=exactly, near=near, loosely=only_bound and law.coefficients is not None
             )
             self.tally.iterations += answer.iterations
             self.tally.build += built - before
             self.tally.solve += time.perf_counter() - built
-            if len(widths) > 1 and answer.status != INFEASIBLE:  # solve all widths under the same constraints
-                width = widths.pop(0)
-                wider, x = ((width, answer.x), answer.x) if answer.success else (wider, x)
+            if not (answer.success or widened or answer.status == INFEASIBLE):
+                width, widened = WIDE, True
                 continue
-            # with narrow kinks no step succeeds: keep the last width's answer
-            if not answer.success and wider is not None:
-                between, narrow = float(np.sqrt(wider[0] * widths[0])), widths[0]
-                x, rough = wider[1], halved
-                widths, wider = ([wider[0]], None) if halved else ([between, narrow], wider)
-                halved = True
+            if width == WIDE and answer.success and not rough:
+                width, x, wide = NARROW, answer.x, answer.x
+                continue
+            if not answer.success and wide is not None and not rough:  # keep the answer with wide kinks
+                width, x, rough = WIDE, wide, True
                 continue
             x = answer.x
             control = unit * whole.control(x)

@@ -27,9 +27,9 @@ from energy_opt.numerics.batch import Batch
 from energy_opt.power import drive_terms
 from energy_opt.power.structure import SharedByStructure
 
-# Widths of the smoothed kinks, as multiples of those in each law: the program is solved with wide kinks first, since an
-# interior-point method finds the place of sharp kinks only in short steps.
-WIDTHS = (100.0, 1.0)
+# Widths of the smoothed kinks, as multiples of those in each law. Wide kinks come first only where a solve with narrow
+# ones failed.
+NARROW, WIDE = 1.0, 100.0
 
 
 @dataclass(frozen=True)

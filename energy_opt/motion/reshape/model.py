@@ -248,14 +248,16 @@ class Model(Evaluation):
 
     def order_constraints(self, point: Point) -> Constraints:
         """Constraints that via points are passed in order: no step takes more than half of the time between two."""
-        n, count = self.shape.joints, max(self.shape.vias - 1, 0)
+        n, count = self.shape.joints, self.shape.vias - 1
+        if count <= 0:
+            return Constraints.of(n, self.border)
         border = np.zeros((count, self.border))
         border[:, self.border - count :] += np.eye(count)
         border[:, self.border - count - 1 : self.border - 1] -= np.eye(count)
         none = np.zeros(count, dtype=np.int64)
         return Constraints.of(
             n, self.border, first=none, joint=none, coefficient=np.zeros((count, LOCAL)), border=border,
-            floor=-np.diff(point.via_u) / 2 if count else np.zeros(0), ceiling=np.full(count, np.inf),
+            floor=-np.diff(point.via_u) / 2, ceiling=np.full(count, np.inf),
             keys=-1 - 4 * (ORDER + np.arange(count)),
         )  # fmt: skip
 

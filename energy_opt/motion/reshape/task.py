@@ -194,12 +194,14 @@ class Task:
     def descended(
         self, model: Model, guess: Curve, iterations: int, *, trust: float, tolerance: float,
         give: float = FREE, stopped: Callable[[], bool] = lambda: False, rival: float = np.inf,
+        arrived: Callable[[Outcome], bool] | None = None,
     ) -> Outcome:  # fmt: skip
         """Result of sequential quadratic programming on the task's model from a guess.
 
         Args:
             iterations, trust, tolerance, give, stopped: see `sqp.descend`.
             rival: cost of an optimum that is known; a search that is far above it is given up (`HOPELESS`).
+            arrived: True for an outcome after which the search need not go on.
         """
         lower, upper = model.box
         point = model.at_curve(replace(guess, points=np.clip(guess.points, lower, upper)))
@@ -212,11 +214,14 @@ class Task:
             nonlocal last
             cost, saved = now.point.cost, last - now.point.cost
             last = cost
-            return stopped() or (now.iterations >= SOON and cost - MORE * max(saved, 0.0) > HOPELESS * scale * rival)
+            if arrived is not None and arrived(model.outcome(now.point, now.iterations, False)):
+                return True
+            hopeless = 0 < rival < np.inf and cost - MORE * max(saved, 0.0) > HOPELESS * scale * rival
+            return stopped() or (now.iterations >= SOON and hopeless)
 
         descend(
             model, now, iterations, trust, tolerance=tolerance, give=give, slack=min(give, SLACK),
-            stopped=ended if 0 < rival < np.inf else stopped,
+            stopped=ended,
         )  # fmt: skip
         return model.outcome(now.point, now.iterations, now.converged, "sqp" if now.iterations < iterations else SPENT)
 

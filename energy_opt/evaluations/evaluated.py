@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from energy_opt.motion.path import of_trajectory
 from energy_opt.motion.plan.choice import within_limits
 from energy_opt.motion.plan.robust_models import Rival
 from energy_opt.motion.retime.fastest import minimum_time
+from energy_opt.motion.timing.spline_timing import Timing
 from energy_opt.motion.trajectory import Trajectory, whole
 from energy_opt.robot import Robot
 
@@ -210,7 +212,7 @@ def _baselines(
             trajectory = part_of(motion.trajectory, i.start, i.end)
             if i in timings:
                 judge = Judging(first(i), tuple(limits))
-                fastest = within_limits(timings[i], judge, robot.joints)
+                fastest = within_limits(timings[i], partial(_judged, judge))
                 timing = fastest if name == "toppra" else fastest.slowed(seconds)
                 trajectory = timing.trajectory(robot.joints)
                 valid = valid and judge(trajectory).within_limits
@@ -219,6 +221,10 @@ def _baselines(
         energies = {model: _energy(of, parts).total for model, of in scorers.items()}
         out.append(Baseline(name, duration, energies, valid))
     return tuple(out)
+
+
+def _judged(judge: Judging, timing: Timing) -> Certificate:
+    return judge(timing.trajectory(judge.scorer.robot.joints))
 
 
 def _stopping(trajectory: Trajectory, interval: Stretch) -> Trajectory:

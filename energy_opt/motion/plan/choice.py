@@ -229,19 +229,21 @@ def baselines_of(context: Context, move: Move, timing: Timing | None, duration: 
     return [(name, context.judge(trajectory)) for name, trajectory in out]
 
 
-def within_limits(timing: Timing, judge: Callable[[Trajectory], Certificate], joints: tuple[str, ...]) -> Timing:
+def within_limits(timing: Timing, judge: Callable[[Timing], Certificate]) -> Timing:
     """The fastest timing, slowed to the next whole nanosecond, so that a move can be asked for in its duration.
 
     It is slowed a little more if it breaks a limit between the grid points of its program.
 
     Args:
-        timing: the fastest of a path. judge: gives the certificate of its trajectory. joints: their names.
+        timing: the fastest of a path. judge: gives the certificate of its trajectory.
     """
     if np.any(timing.control[[0, -1]]):
         return timing
-    excess = judge(timing.trajectory(joints)).violation
-    duration = timing.duration * (1 + (2 * excess if ALLOWED < excess < HAIR else 0.0))
-    return timing.slowed(float(np.ceil(duration * 1e9) / 1e9))
+    whole = timing.slowed(float(np.ceil(timing.duration * 1e9) / 1e9))
+    excess = judge(whole).violation
+    if not ALLOWED < excess < HAIR:
+        return whole
+    return timing.slowed(float(np.ceil(timing.duration * (1 + 2 * excess) * 1e9) / 1e9))
 
 
 def _baseline(name: str, judged: Judged) -> Baseline:

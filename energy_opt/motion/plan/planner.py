@@ -180,8 +180,11 @@ class Planner:
         return trajectory if self.certify(trajectory, move).valid else None
 
     @one_thread
-    def timing(self, move: Move) -> Timing:
+    def timing(self, move: Move, judge: Judge | None = None) -> Timing:
         """The fastest timing of a move along its path, computed once for all durations.
+
+        Args:
+            judge: of the move, which judges the timing as a baseline later; None for one of its own.
 
         Raises:
             Infeasible: the path breaks limits at any timing.
@@ -191,8 +194,8 @@ class Planner:
             if all(a is b for a, b in zip(under, given, strict=True)) and asked == timeless:
                 return timing
         context = self.context(timeless)
-        found = context.fastest(path_of(timeless))
-        found = within_limits(found, lambda trajectory: context.judge(trajectory).within, self.robot.joints)
+        look = context.judge if judge is None else judge
+        found = within_limits(context.fastest(path_of(timeless)), lambda t: look.slowed(t, t.duration).within)
         self._timings[:] = [*self._timings[1 - REMEMBERED :], (timeless, *given, found)]
         return found
 

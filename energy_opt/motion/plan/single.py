@@ -25,7 +25,7 @@ from energy_opt.motion.plan.candidates import (
 )
 from energy_opt.motion.plan.choice import Work, baselines_of, choose, is_at_rest
 from energy_opt.motion.plan.clear import kept_clear, nearly_clear
-from energy_opt.motion.plan.context import Context, path_of
+from energy_opt.motion.plan.context import Context, Judge, path_of
 from energy_opt.motion.plan.refusals import below_bound
 from energy_opt.motion.plan.unsearched import below_resolution, without_search
 from energy_opt.motion.reshape.curve import Outcome
@@ -223,7 +223,7 @@ class Solved:
 class Single:
     """Solves one move at any duration; what durations share is computed once."""
 
-    def __init__(self, context: Context, move: Move, first: FirstPath, timing: Callable[[Move], Timing]) -> None:
+    def __init__(self, context: Context, move: Move, first: FirstPath, timing: Callable[[Move, Judge], Timing]) -> None:
         self.context, self.first, self._timing = context, first, timing
         self.move = replace(move, duration=None, max_duration=None)
         self.kept: Kept = {}  # coarse results of the starts, by duration
@@ -231,7 +231,7 @@ class Single:
     @cached_property
     def timing(self) -> Timing | None:
         """The fastest timing of the first path; None if a reshaped move's path has none."""
-        return first_timing(self.move, partial(self._timing, self.move))
+        return first_timing(self.move, partial(self._timing, self.move, self.context.judge))
 
     @cached_property
     def bare(self) -> Timing | None:

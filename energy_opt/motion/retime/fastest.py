@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from energy_opt.motion.limits.along import used
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.path import JointPath
@@ -44,7 +46,8 @@ def minimum_time(
         return first
     d = PathDynamics(robot, model, path, points_of(path, CHECKS))
     b, a, w = first.speed(d.s)
-    unknown = [limit for limit in limits if limit.inner or limit.tangent(d, a, b) is None]
+    middle, one = d.at(np.array([0.5])), np.ones(1)
+    unknown = [limit for limit in limits if limit.inner or limit.tangent(middle, one, one) is None]
     if not any(use.worst[0] > BINDING for use in used(unknown, d, a, b, w)):
         return first
     return quickest(Retiming(robot, model, first, tuple(limits)), first)

@@ -434,12 +434,12 @@ static void bordered(const double *ab, const double *edge, const double *corner,
 }
 
 /* The interior-point loop; see `interior.py` for what goes in. `given`: gradient, both bounds of the box (size,) each,
-   floors and ceilings (R,) each, infinite for none. Out: d (size,), multipliers `by_row` (R,), and `found`: sum of e,
+   floors and ceilings (R,) each, infinite for none; `trying`: as in `minimise`. Out: d (size,), multipliers `by_row` (R,), and `found`: sum of e,
    damping (in and out), steps, decrease of the cost. Returns 0, 1 where no damping makes the program convex, 2 where
    there is no memory. */
 int banded_interior(const double *band_, const double *edge_, const double *corner_, const double *mass,
              const double *mass_corner, I width, I size, const double *given, const Matrix *matrix, double price,
-             double tolerance, double *d) {
+             double tolerance, I trying, double *d) {
     Matrix own = *matrix, *a = &own;
     I count = a->border, inner = size - count, rows = a->one + a->wide + a->placed;
     const double *g = given, *low_box = g + size, *high_box = low_box + size, *floor_ = high_box + size;
@@ -499,12 +499,14 @@ int banded_interior(const double *band_, const double *edge_, const double *corn
     for (I i = 0; i < size; i++) residual[i] = g[i] - part[i];
     I steps = 0;
     for (; steps < STEPS; steps++) {
-        double mu = 0, dual = 0;
+        double mu = 0, dual = 0, excess = 0;
+        for (I i = begin; i < total; i++) excess += e[i];
         for (I i = 0; i < total; i++) mu += t[i] * lam[i];
         for (I i = begin; i < total; i++) mu += e[i] * room[i];
         mu /= pairs;
         for (I i = 0; i < size; i++) dual = larger(dual, fabs(residual[i]));
         if (mu < tolerance && dual < DUAL && primal < PRIMAL) break;
+        if (trying && excess > HOPELESS && mu * pairs < price * excess) break;
         for (I i = 0; i < total; i++) weight[i] = 1 / (t[i] / lam[i] + e[i] / room[i]);
         while (true) {
             memcpy(ab, band, inner * width * sizeof(double));

@@ -16,6 +16,9 @@ STUCK = 0.1
 CLOSE = 0.995  # share of the distance to the nearest bound that a step may use
 STEPS = 40
 PRIMAL, DUAL = 1e-5, 1e-4  # residuals at which the loop ends
+# sum of excesses from which a program whose gap is less than their price counts as one that cannot be met: it never was
+# one that could in 128 of a search
+HOPELESS = 0.1
 LEAST_DAMPING = 0.0005
 MOST_DAMPING = 1e9
 
@@ -91,13 +94,14 @@ def add_nodes(band: np.ndarray, blocks: np.ndarray, local: np.ndarray, first: np
 
 def interior(
     parts: Parts, mass: Parts, g: np.ndarray, box: tuple[np.ndarray, np.ndarray], a: csr_matrix, floor: np.ndarray,
-    ceiling: np.ndarray, price: float, damping: float, tolerance: float,
+    ceiling: np.ndarray, price: float, damping: float, tolerance: float, trying: bool = False,
 ) -> tuple[np.ndarray, np.ndarray, float, float, int, float]:  # fmt: skip
     """The step d (N + k,), multipliers (R,), sum of e, damping, steps, and by how much the cost falls.
 
     Args:
         parts: the Hessian; mass: the matrix for its damping.
         box: bounds of d; a: the matrix of constraints (R, N + k); floor, ceiling: (R,), infinite for none.
+        trying: see `quadratic.minimise`.
 
     Raises:
         LinAlgError: no damping makes the program convex.
@@ -120,6 +124,9 @@ def interior(
     while steps < STEPS:
         mu = (t @ lam + (e * room)[elastic].sum()) / pairs
         if mu < tolerance and np.abs(residual).max() < DUAL and primal < PRIMAL:
+            break
+        excess = float(e[begin:].sum())
+        if trying and excess > HOPELESS and mu * pairs < price * excess:
             break
         steps += 1
         weight = 1 / (t / lam + e / room)

@@ -28,6 +28,7 @@ FLAGS = (
 LEVELS = ("-O2", "-ftree-vectorize", "-fvect-cost-model=dynamic", "-finline-functions", "-fno-ivopts"), ("-O3",)
 DEFINED = (
     "BARRIER", "BEGIN_BOX", "BEGIN_ROW", "STUCK", "CLOSE", "STEPS", "PRIMAL", "DUAL", "LEAST_DAMPING", "MOST_DAMPING",
+    "HOPELESS",
 )  # fmt: skip
 # One library for each module that calls it, so that several compilers run at once. All begin with `common.c`.
 FILES = {"quadratic": ("banded.c",), "hulls": ("clouds.c", "hulls.c"), "vectors": ("program.c",)}

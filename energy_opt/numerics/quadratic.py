@@ -219,7 +219,7 @@ class Minimum:
 
 def minimise(
     h: Banded, g: np.ndarray, box: tuple[np.ndarray, np.ndarray], held: Constraints, price: float, mass: Banded,
-    damping: float = 0.0, tolerance: float = 1e-6,
+    damping: float = 0.0, tolerance: float = 1e-6, trying: bool = False,
 ) -> Minimum:  # fmt: skip
     """Solve the program of the module.
 
@@ -231,6 +231,7 @@ def minimise(
         held: the constraints A d. price: of a unit of their excess; no multiplier is larger.
         mass: positive definite, the metric of the damping. damping: its multiple to begin with.
         tolerance: barrier parameter at which the method ends.
+        trying: end as soon as the constraints clearly cannot be met; of the result only `broken` counts then.
 
     Raises:
         LinAlgError: no damping makes the program convex, as if numbers overflowed.
@@ -239,14 +240,14 @@ def minimise(
     if c is None:
         parts, heavy = (h.band, h.border, h.corner), (mass.band, mass.border, mass.corner)
         a, bounds = held.sparse(inner), (held.floor, held.ceiling)
-        return Minimum(*interior.interior(parts, heavy, g, box, a, *bounds, price, damping, tolerance))
+        return Minimum(*interior.interior(parts, heavy, g, box, a, *bounds, price, damping, tolerance, trying))
     given = np.concatenate([g, *box, held.floor, held.ceiling])
     out = np.empty(size + held.count + 4)  # d, multipliers, and four numbers
     out[-3] = damping
     failed = c.banded_interior(
         pointer(h.band), pointer(h.border), pointer(h.corner), pointer(mass.band), pointer(mass.corner),
         ctypes.c_int64(h.band.shape[1]), ctypes.c_int64(size), pointer(given), ctypes.byref(held.matrix),
-        ctypes.c_double(price), ctypes.c_double(tolerance), pointer(out),
+        ctypes.c_double(price), ctypes.c_double(tolerance), ctypes.c_int64(trying), pointer(out),
     )  # fmt: skip
     if failed:
         raise np.linalg.LinAlgError("not positive definite" if failed == 1 else "no memory")

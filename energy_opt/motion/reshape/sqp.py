@@ -106,10 +106,11 @@ def descend(
             bounds = box(model, point, trust)
             try:
                 held = model.smooth_steps(constraints, point, BEND * trust) if now.smooth else constraints
-                found = minimise(hessian, gradient, bounds, held, PRICE, model.mass, damping, barrier)
+                allowed = model.relaxed(held, give, slack)
+                other = allowed is not held
+                found = minimise(hessian, gradient, bounds, held, PRICE, model.mass, damping, barrier, trying=other)
                 least = tolerance * max(abs(point.cost), 0.02)
-                unmet = found.broken > UNMET or found.saved < least
-                if unmet and (allowed := model.relaxed(held, give, slack)) is not held:
+                if other and (found.broken > UNMET or found.saved < least):
                     found = minimise(hessian, gradient, bounds, allowed, PRICE, model.mass, damping, barrier)
             except np.linalg.LinAlgError:  # no damping makes the program convex, because numbers overflowed
                 return now

@@ -20,6 +20,7 @@ from energy_opt.motion.reshape.layout import Ends, Shape
 from energy_opt.motion.reshape.nodes import NodeFunctions
 from energy_opt.motion.reshape.open import FIXED, Open, Passed, passed
 from energy_opt.numerics.batch import Batch
+from energy_opt.numerics.quadratic import Constraints
 
 # [m] bodies get constraints that are nearer than this and what they keep, and this much more for each rad that joints
 # may turn
@@ -87,6 +88,7 @@ class Evaluation:
         self.fixed = durations[0] == durations[1]
         self.durations = durations
         self.clearance: ClearanceConstraints | None = None
+        self._constant: dict[float, Constraints] = {}  # constraints on derivatives at a fixed duration, for all copies
         self.offset = offset if self.fixed else 0.0
         self._at_places, self._none = (b"", np.zeros((0, 0))), np.zeros((0, s.joints))
         self._values = np.concatenate([parameters, values_of(limits, width)])
@@ -150,10 +152,11 @@ class Evaluation:
         bounds = [np.tile(1 / limit.bound, count) for count, limit in zip(counts, held, strict=True)]
         self._per = np.concatenate([np.zeros(0), *bounds])
         self._by_time = 0.0, self._per
+        self._site_rows = np.concatenate([np.zeros((0, self.shape.basis.controls)), *self._sites])
 
     def _derivatives(self, points: np.ndarray) -> np.ndarray:
         """Bounded derivatives (L,) of control points, times powers of T."""
-        return np.concatenate([site @ points for site in self._sites]).ravel() if self._sites else np.zeros(0)
+        return (self._site_rows @ points).ravel()
 
     def _set_hot(self) -> None:
         """Set the limits at nodes."""

@@ -27,8 +27,6 @@ LINEAR, AT_NODES, VIA, AT_PLACES = range(4)  # kinds of constraints: a constrain
 class Model(Evaluation):
     """One problem of a shape, with the parts of its quadratic program."""
 
-    _constant: tuple[float, Constraints] | None = None  # constraints on derivatives at the last fixed duration
-
     @cached_property
     def _break_curvature(self) -> Batch:
         return Batch(self._nodes.curvature, len(self._breaks)).fixing(1, self._u[self._breaks], self._values)
@@ -141,8 +139,8 @@ class Model(Evaluation):
             side: (L,) 1 or -1, the bound at which each is linearised; None for the nearer one.
         """
         constant = held is None and self.fixed and not self.moving
-        if constant and self._constant is not None and self._constant[0] == point.duration:
-            return self._constant[1].within(-1 - point.linear, 1 - point.linear)
+        if constant and point.duration in self._constant:
+            return self._constant[point.duration].within(-1 - point.linear, 1 - point.linear)
         which = np.arange(len(point.linear)) if held is None else np.flatnonzero(held)
         time = 1 / point.duration ** self.order[which]
         border = np.zeros((len(which), self.border))
@@ -159,7 +157,7 @@ class Model(Evaluation):
             floor=-1 - share, ceiling=1 - share, keys=which * 4 + LINEAR,
         )  # fmt: skip
         if constant:
-            self._constant = point.duration, out
+            self._constant[point.duration] = out
             out.matrix  # noqa: B018  # made once for all that share it
         return out
 

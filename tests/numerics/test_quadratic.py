@@ -112,7 +112,12 @@ def test_a_program_far_from_any_free_point_ends_at_the_least_cost_with_excesses(
     eye, none = Banded(banded(np.eye(SIZE)), np.zeros((SIZE, 0)), np.zeros((0, 0))), np.zeros((SIZE, 0))
     low, high = np.full(SIZE, -0.2), np.full(SIZE, 0.2)
     g = np.zeros(SIZE)
-    found = minimise(eye, g, (low, high), held, PRICE, Banded(eye.band, none, np.zeros((0, 0))))
+    mass = Banded(eye.band, none, np.zeros((0, 0)))
+    found = minimise(eye, g, (low, high), held, PRICE, mass)
+    soon = minimise(eye, g, (low, high), held, PRICE, mass, trying=True)
+    assert soon.steps < found.steps and soon.broken > 1
+    free = minimise(eye, g, (low, high), held.within(held.floor - 3, held.ceiling), PRICE, mass, trying=True)
+    assert free.broken < 1e-3
     d = cvxpy.Variable(SIZE)
     excess = cvxpy.sum(cvxpy.pos(held.floor - held.sparse(SIZE).toarray() @ d))
     best = cvxpy.Problem(cvxpy.Minimize(cvxpy.sum_squares(d) / 2 + PRICE * excess), [d >= low, d <= high])

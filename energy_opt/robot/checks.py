@@ -174,7 +174,9 @@ def _reach(links: Sequence[Link], k: int, depth: int) -> float:
 
 
 SMALLEST = 1e-6  # [N m or N] a smaller limit counts as none
-EQUAL = 100.0  # equal limits of all joints are placeholders from this multiple of the largest gravity torque on
+# equal limits of all joints are placeholders from this multiple of the largest gravity torque on. Two or three joints
+# may have the same drive; of four and more, arms as sold have limits of 1.5 to 6 times it, and not all the same
+EQUAL, EQUAL_OF_MANY, MANY = 100.0, 8.0, 4
 # multiples of the torque that holds the arm out straight: from here on a warning, and a placeholder on one joint
 DOUBTFUL, ABSURD = 100.0, 1e4
 MOST = 0.5  # share of postures: a drive that cannot hold its arm in more of them has a wrong limit
@@ -200,7 +202,8 @@ def believed_efforts(
     """
     out, said = effort.copy(), []
     most = float(np.abs(gravity).max()) or holding
-    turning = ~np.asarray(slides, dtype=bool) & ~given
+    turning = ~np.asarray(slides, dtype=bool) & ~given & np.isfinite(effort) & (effort >= SMALLEST)
+    far = (EQUAL if turning.sum() < MANY else EQUAL_OF_MANY) * most
     same = turning.sum() > 1 and bool((effort[turning] == effort[turning][0]).all())
     short = np.mean(np.abs(gravity) > effort, axis=0)  # share of postures that each joint cannot hold
     one_for_all = same and bool((short[turning] > MOST).any())
@@ -208,7 +211,7 @@ def believed_efforts(
         unit = unit_of("effort", slides[j])
         stated, times = f"{joint}: effort limit {effort[j]:g} {unit}", effort[j] / max(holding, SMALLEST)
         large = f"{stated}, {times:.4g} times what holds the arm out straight"
-        alike = same and bool(turning[j]) and effort[j] >= EQUAL * most
+        alike = same and bool(turning[j]) and effort[j] >= far
         weak = float(short[j])
         if not np.isfinite(effort[j]) or effort[j] < SMALLEST:
             said.append(f"{joint}: no effort limit; assumed: none")

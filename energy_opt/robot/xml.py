@@ -150,4 +150,7 @@ def refuse_unread(
             raise BadInput(f"{where}: <{tag[:60]}> is not read here; expected {read}")
     unread = [] if attributes is None else [key for key in element.attrib if key not in attributes]
     if unread and attributes is not None:
-        raise BadInput(f"{where}: attribute {unread[0]!r} is not known; expected {', '.join(attributes)}")
+        raise BadInput(
+            f"{where}: attribute {unread[0]!r} is not known; expected {', '.join(attributes)}; if it changes no place, "
+            "size or mass, remove it from the file"
+        )

@@ -56,6 +56,32 @@ def test_the_same_effort_on_all_joints_and_far_above_gravity_is_a_placeholder(tm
     assert len(said) == 2 and all("limits with max_effort" in w for w in said)
 
 
+def chain(path: Path, *efforts: str) -> str:
+    """A URDF of links of 0.3 kg and 0.2 m in a row; each hinge is level, with the given effort limit [N m]."""
+    parts = ['<robot name="chain"><link name="l0"/>']
+    for k, effort in enumerate(efforts):
+        limit = f'<limit lower="-1" upper="1" velocity="3" {effort}/>'
+        parts.append(
+            f'<joint name="j{k}" type="revolute"><parent link="l{k}"/><child link="l{k + 1}"/>'
+            f'<origin xyz="{0.2 if k else 0} 0 0"/><axis xyz="0 1 0"/>{limit}</joint><link name="l{k + 1}"><inertial>'
+            '<mass value="0.3"/><origin xyz="0.1 0 0"/>'
+            '<inertia ixx="1e-3" ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial></link>'
+        )
+    path.write_text("".join(parts) + "</robot>")
+    return str(path)
+
+
+def test_one_effort_for_a_whole_arm_and_far_above_gravity_is_a_placeholder(tmp_path: Path) -> None:
+    """Out straight this arm takes 0.3 * 9.81 * (0.1 + 0.3 + 0.5 + 0.7) = 4.7 N m; a Piper as shipped has 11 times."""
+    equal = load_robot(chain(tmp_path / "equal.urdf", *4 * ['effort="52"']))
+    assert np.isinf(equal.limits.effort).all()
+    assert equal.rated.effort.max() < 20, "friction and electrical values follow the arm's own weight"
+    with_wheel = load_robot(chain(tmp_path / "wheel.urdf", *4 * ['effort="75"'], 'effort="0"'))
+    assert np.isinf(with_wheel.limits.effort).all(), "a joint without a limit does not make the others' credible"
+    for name, efforts in {"strong": 4 * ['effort="25"'], "own": [*3 * ['effort="52"'], 'effort="20"']}.items():
+        assert np.isfinite(load_robot(chain(tmp_path / f"{name}.urdf", *efforts)).limits.effort).all()
+
+
 def test_an_effort_that_cannot_hold_the_arm_is_a_placeholder_unless_a_limits_file_says_so(tmp_path: Path) -> None:
     path = two_joints(tmp_path, effort="0.1")
     Path(path).write_text(Path(path).read_text().replace('axis xyz="0 0 1"', 'axis xyz="0 1 0"'))

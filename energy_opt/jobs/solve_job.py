@@ -186,6 +186,7 @@ def run_job(
     if shares.bound is not None and retimed and not work.scorers.of(job.steps[0]).depends_on_past:
         waits = [step for step in job.steps if step.wait is not None]
         bound = shares.bound + sum(standing_power(work.scorers, step, step.brakes) * (step.wait or 0) for step in waits)
+        bound = min(bound, energy(best))  # joints that friction holds while they turn round may save a little more
     pairs = list(zip(asked, given, legs, strict=True))
     changed = [leg.name for before, _, leg in pairs if before.mode != leg.mode]
     faster = [leg.name for _, before, leg in pairs if before is not leg]

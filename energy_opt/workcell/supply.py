@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from energy_opt.schedule import Move, Schedule, Wait
 from energy_opt.schedule.problem import keeps
@@ -23,6 +24,7 @@ from energy_opt.workcell.arm import Arm
 from energy_opt.workcell.file import MOTORS, SupplyTable, WorkCell
 
 STEP, FINE = 5e-3, 1e-3  # [s] time steps of the power sums, while starts are shifted and in the result
+INSTANT = 1e-9  # [s] a shorter step counts as a wait of this length
 CYCLES = 3  # cycles after which the state of the store repeats
 SHIFTS = (0.4, -0.4, 0.1, -0.1, 0.025, -0.025)  # [s] shifts of a start to try
 ROUNDS = 4  # most sweeps over all moves
@@ -92,7 +94,8 @@ class Supply:
         count = max(int(np.ceil(cell.cycle_time / step)), 2)
         self._step = cell.cycle_time / count
         self.time = (np.arange(count) + 0.5) * self._step
-        self._moves: dict[tuple[int, str, float], tuple[np.ndarray, np.ndarray]] = {}
+        # seconds after the start of a step, and the energies [J] until then at the link and elsewhere
+        self._moves: dict[tuple[int, str, float], tuple[np.ndarray, ...]] = {}
 
     def drawn(self, schedule: Schedule, shared: bool) -> Supplied:
         """The power drawn by a schedule, from each robot's own link or from one that is `shared`."""
@@ -107,27 +110,28 @@ class Supply:
         return Supplied(self.time, power, energy, lost, self.table.max_power, self.table.resistor)
 
     def _add(self, schedule: Schedule, r: int, k: int, bus: np.ndarray, rest: np.ndarray) -> None:
-        """Add a step's power to the grid: at the link (`bus`) if an arm moves or is held, else to `rest`."""
-        start, length = float(schedule.starts[r][k]), float(schedule.durations[r][k])
-        cycle, energy = self.cell.cycle_time, float(schedule.energies[r][k])
+        """Add a step's power to the grid: at the link (`bus`) if an arm moves or is held, else to `rest`.
+
+        A cell of the grid gets the mean power of the step's part in it, so that no energy of a step is lost.
+        """
+        start, length = float(schedule.starts[r][k]), max(float(schedule.durations[r][k]), INSTANT)
         ring, arm = schedule.problem.rings[r], self.arms[r]
-        inside = np.flatnonzero((self.time - start) % cycle < length)
-        if not len(inside):
-            if length > 0:
-                rest[int((start % cycle) / self._step) % len(rest)] += energy / self._step
-            return
-        if arm is None or schedule.modes[r][k] not in ("", MOTORS):
-            rest[inside] += energy / (len(inside) * self._step)
-            return
-        key = (r, ring.steps[k].name, round(length, 6))
-        if key not in self._moves:
-            part = arm.parts(ring, schedule.starts[r], schedule.durations[r])[k]
-            at = np.linspace(0, length, max(int(length / self._step) * 2, 2) + 1)
-            self._moves[key] = arm.powers(part, at, self._first)
-        done = (self.time[inside] - start) % cycle / length
-        share = np.linspace(0, 1, len(self._moves[key][0]))
-        for into, values in zip((bus, rest), self._moves[key], strict=True):
-            into[inside] += np.interp(done, share, values)
+        if arm is None or schedule.modes[r][k] not in ("", MOTORS) or length <= INSTANT:
+            at, energies = np.array([0.0, length]), [np.array([0.0, float(schedule.energies[r][k])])]
+            into = [rest]
+        else:
+            key = (r, ring.steps[k].name, round(length, 6))
+            if key not in self._moves:
+                part = arm.parts(ring, schedule.starts[r], schedule.durations[r])[k]
+                at = np.linspace(0, length, max(int(length / self._step) * 2, 2) + 1)
+                powers = arm.powers(part, at, self._first)
+                self._moves[key] = at, *(cumulative_trapezoid(power, at, initial=0) for power in powers)
+            at, *energies = self._moves[key]
+            into = [bus, rest]
+        cells = np.arange(np.floor(start / self._step), np.floor((start + length) / self._step) + 1)
+        edges = np.append(cells, cells[-1] + 1) * self._step - start
+        for sums, until in zip(into, energies, strict=True):
+            np.add.at(sums, cells.astype(int) % len(sums), np.diff(np.interp(edges, at, until)) / self._step)
 
     def heaviest(self, schedule: Schedule, found: Supplied) -> list[tuple[int, int]]:
         """Moves (robot, step) that make a schedule invalid, those with the largest share first.

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from job_texts import AROUND, POST, RETIMED, written
 
+import energy_opt as eo
 from energy_opt.cell.load import load_cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.cli.main import main
@@ -136,6 +137,25 @@ def test_waits_last_as_long_as_the_job_says(panda: Robot, tmp_path: Path) -> Non
     assert (rest.name, rest.trajectory.duration, rest.mode) == ("rest", 0.6, "")
     assert left.mode == "brakes" and left.energy == pytest.approx(88.04 * left.trajectory.duration, rel=1e-9)
     assert rest.energy > 88.1 * 0.6
+
+
+def test_no_lower_bound_is_above_the_energy() -> None:
+    """Joints that turn round under dry friction take less than retiming assumes."""
+    steps = [
+        {"to": [0.6652, -1.3685, 1.1695, -0.7458, -1.6316, 0.147], "stop": False},
+        {"to": [0.1043, -1.7112, 0.9341, -0.8828, -1.4773, 0.1789]},
+    ]
+    job = {
+        "format": "energy-opt/job/1",
+        "robot": "ur10e",
+        "cycle_time": 2.5,
+        "mode": "retime",
+        "step": [*steps, {"wait": 0.5, "brakes": True}],
+    }
+    robot = eo.load_robot("ur10e")
+    friction = eo.effects.CoulombFriction(tau_c=[18.475, 18.6607, 4.943, 1.7099, 2.2375, 2.4977])
+    result = eo.job(job, model=eo.source_model(robot) + friction)
+    assert 0.99 * result["energy_total"] < result["optimality"]["lower_bound"] <= result["energy_total"]
 
 
 SWING = """format = "energy-opt/job/1"

@@ -76,6 +76,22 @@ def test_an_arm_is_shifted_to_where_it_takes_what_the_other_brakes() -> None:
     assert supply.in_phase(schedule, lambda _: False) is schedule
 
 
+def test_the_supply_gives_what_the_steps_take_wherever_they_begin() -> None:
+    class Steady(Swings):
+        def powers(self, part: str, at: np.ndarray, first: bool = False) -> tuple[np.ndarray, np.ndarray]:
+            return np.full(len(at), 400.0 if part == "move" else 0.0), np.full(len(at), 50.0)
+
+    document = {"format": "energy-opt/job/2", "cycle_time": 4.0, "supply": {}}
+    robots = [{"name": "a", "step": [{"wait": 1.0, "power": {"motors": 50.0}}]}]
+    supply = Supply(workcell_of({**document, "robot": robots}, Path("cell")), [Steady()])
+    for length in (0.0013, 0.73337, 1.0, 3.99871):
+        move = Move("move", length, length, Hull.of([(length, 450 * length)]))
+        schedule = solve(Problem(4.0, (Ring("a", (move, Wait("wait", 0.0, 9.0, (Mode("motors", 50.0),)))),)))
+        for begin in (0.0, 1.23456, 3.9):
+            drawn = supply.drawn(replace(schedule, starts=(schedule.starts[0] + begin,)), True)
+            assert drawn.energy == pytest.approx(400 * length + 50 * 4, abs=1e-6)
+
+
 def test_what_was_shifted_begins_with_the_first_robot() -> None:
     steps = (Move("move", 1.0, 1.0, Hull.of([(1.0, 150.0)])), Wait("wait", 0.0, 9.0, (Mode("motors", 50.0),)))
     rings = tuple(Ring(name, steps) for name in "abc")

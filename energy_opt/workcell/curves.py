@@ -12,7 +12,7 @@ from itertools import combinations
 
 from energy_opt.errors import BadInput
 from energy_opt.schedule import Exclusion, Lag, Mode, Move, Polynomial, Problem, Ring, Run, Wait
-from energy_opt.workcell.file import MOST, ModeTable, RobotTable, StepTable, WorkCell, groups_of, step_name
+from energy_opt.workcell.file import MOST, ModeTable, RobotTable, StepTable, WorkCell, groups_of, step_label, step_name
 
 ADDED = "wait after {}"
 SHORTEST = 1e-3  # [s] shorter durations are not evaluated, because a curve may have negative powers of the duration
@@ -45,14 +45,12 @@ def ring_of(cell: WorkCell, robot: RobotTable) -> Ring:
     """
     steps: list[Move | Wait] = []
     for k, step in enumerate(robot.step):
-        name = step_name(k, step)
+        name, label = step_name(k, step), f"robot {robot.name}: {step_label(k, step)}"
         least, most = step.span
         if step.wait is not None:
             modes = modes_at(cell, robot, step)
             if not modes:
-                raise BadInput(
-                    f"robot {robot.name}: step {name}: no mode is possible here; `posture` of each names others"
-                )
+                raise BadInput(f"{label}: no mode is possible here; `posture` of each names others")
             steps.append(Wait(name, least, most, modes))
             continue
         curve = Polynomial(tuple(step.curve or ()))
@@ -60,12 +58,12 @@ def ring_of(cell: WorkCell, robot: RobotTable) -> Ring:
         ends = [curve.value(d) for d in (least, max(least, most))]
         if not max(map(abs, ends)) <= MOST:
             raise BadInput(
-                f"robot {robot.name}: step {name}: its curve gives {ends[0]:g} J at {least:g} s and {ends[1]:g} J at "
+                f"{label}: its curve gives {ends[0]:g} J at {least:g} s and {ends[1]:g} J at "
                 f"{most:g} s; expected {MOST:g} J at most"
             )
         if not curve.is_convex(least, max(least, most)):
             raise BadInput(
-                f"robot {robot.name}: step {name}: its curve is not convex between {least:g} and {most:g} s; "
+                f"{label}: its curve is not convex between {least:g} and {most:g} s; "
                 "expected a fit of energy over duration whose slope never decreases"
             )
         steps.append(Move(name, least, max(least, most), curve, step.as_is))

@@ -205,6 +205,11 @@ def step_name(number: int, step: StepTable) -> str:
     return step.name or f"step {number + 1}"
 
 
+def step_label(number: int, step: StepTable) -> str:
+    """A step in messages: `step pick`, or `step 3` if it has no name."""
+    return f"step {step.name or number + 1}"
+
+
 def groups_of(robot: RobotTable) -> list[Group]:
     """The steps of a robot that may be done in any order, in blocks: a move with `any_order`, and the waits after it.
 
@@ -281,10 +286,10 @@ def _wrong_names(cell: WorkCell) -> list[str]:
         faults += [f"{where}: two steps are named {n!r}" for n in sorted({n for n in steps if steps.count(n) > 1})]
         modes = {mode.name for mode in (*cell.mode, *robot.mode)} | ({MOTORS} if robot.robot is not None else set())
         for k, step in enumerate(robot.step):
-            known = modes | set(step.power)
+            known, label = modes | set(step.power), f"{where}: {step_label(k, step)}"
             for mode in step.modes or ():
                 if mode not in known:
-                    faults.append(f"{where}: step {steps[k]}: no mode {mode!r}{suggest(mode, known)}")
+                    faults.append(f"{label}: no mode {mode!r}{suggest(mode, known)}")
             waits, arm = step.wait is not None, robot.robot is not None
             said = {
                 "a wait needs a [[mode]], or power = { NAME = W }": waits and not arm and not known,
@@ -293,16 +298,16 @@ def _wrong_names(cell: WorkCell) -> list[str]:
                 "power: the power of its motors follows from the arm's power model": MOTORS in step.power and arm,
                 "any_order belongs to a move; its waits go with it": step.any_order and not step.moves and arm,
             }
-            faults += [f"{where}: step {steps[k]}: {text}" for text, wrong in said.items() if wrong]
+            faults += [f"{label}: {text}" for text, wrong in said.items() if wrong]
             other = robot.step[k + 1].zone if step.passes and k + 1 < len(steps) else None
             if step.zone and other and step.zone != other:
                 faults.append(
                     f"{where}: steps {steps[k]} and {steps[k + 1]}: one motion, as stop = false, in two zones"
                 )
             if step.after is not None:
-                faults += _unknown(cell, step.after, f"{where}: step {steps[k]}: after")
+                faults += _unknown(cell, step.after, f"{label}: after")
                 if step.after == f"{robot.name}.{steps[k]}":
-                    faults.append(f"{where}: step {steps[k]}: after = {step.after!r} is the step itself; name another")
+                    faults.append(f"{label}: after = {step.after!r} is the step itself; name another")
         for group in groups_of(robot):
             if tied := sorted(i for i, j in group.before if i == j):
                 names_ = " and ".join(steps[group.blocks[b][0]] for b in tied)

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 import tomli_w
 
+import energy_opt as eo
 from energy_opt.cli.main import main
 
 
@@ -91,3 +92,13 @@ def test_check_reads_the_positions_of_every_arm(tmp_path: Path, capsys: pytest.C
     document["robot"][1]["step"] = [{"name": "pick", "to": [9.0, 0.5, 0.0, -1.6, 0.0, 2.1, 0.7]}]
     assert refused(tmp_path, document, "check") == 2
     assert "robot b: step 1 (pick): panda_joint1 = 9 is outside" in "".join(capsys.readouterr())
+
+
+def test_a_step_without_a_name_is_named_once_in_messages() -> None:
+    steps = [{"duration": [1, 2], "curve": [[2, -5.0]]}, {"wait": [0, 9], "power": {"on": 10.0}, "modes": ["off"]}]
+    job = {"format": "energy-opt/job/2", "cycle_time": 6.0, "robot": [{"name": "a", "step": steps}]}
+    with pytest.raises(eo.BadInput, match=r"robot a: step 2: no mode 'off'"):
+        eo.job(job)
+    del steps[1]["modes"]
+    with pytest.raises(eo.BadInput, match=r"robot a: step 1: its curve is not convex"):
+        eo.job(job)

@@ -74,8 +74,8 @@ class Chooser:
         start: Pose | None = None,
         via: Sequence[Pose] = (),
     ) -> None:
-        self.tool, self.seed, self._screen = tool, seed, Screen(tool, list(scorers), sketch, worst)
         self.cell = cell if cell is not None and cell.checks else None
+        self.tool, self.seed, self._screen = tool, seed, Screen(tool, list(scorers), sketch, worst, self.cell)
         self._solver = solver
         self._settle = Settling(tool, scorers, self.cell, settle, start, via)
         self.solves = self.settled = 0
@@ -188,14 +188,13 @@ class Chooser:
         return self._rated(goal, result)
 
     def _rated(self, goal: Candidate, result: Result) -> Solved:
-        return replace(goal, energy=self._screen.energy(result.trajectory), status=result.status), result
+        return replace(goal, energy=self._screen.energy(result.trajectory), status=result.status, detour=0.0), result
 
     def _settling(self, move: Move, goal: Candidate, motion: Trajectory, clear: bool) -> list[Sketched]:
         """The optimum near a motion within its goal's freedom, see `Settling`; none if there is none."""
         found = self._settle(move, goal, motion, clear)
         self.settled += found is not None
-        rated = [(replace(each, energy=self._screen.energy(at), status="screened"), at) for each, at in found or ()]
-        return sorted(rated, key=cost_of)[:1]
+        return sorted((self._screen.rated(*each) for each in found or ()), key=cost_of)[:1]
 
     def _least_saving(self, item: Solved) -> float:
         """The least energy [J] that another goal must promise to save, to be solved in full."""

@@ -30,6 +30,7 @@ class Candidate:
             bodies; "looked_at", "not_looked_at", "colliding", "too_fast" or "infeasible".
         pose: the pose that it reaches; None if it was given by its joints.
         start, via: (n,) start and via points of the move, if these were optimized with the goal.
+        detour: [J] assumed cost of going around what its sketch touches; 0 if it touches nothing.
     """
 
     goal: np.ndarray
@@ -39,6 +40,7 @@ class Candidate:
     pose: Pose | None = None
     start: np.ndarray | None = None
     via: tuple[np.ndarray, ...] = ()
+    detour: float = 0.0
 
     def moved(self, move: Move) -> Move:
         """The move that ends there."""
@@ -57,8 +59,8 @@ Sketched = tuple[Candidate, Trajectory]
 
 
 def cost_of(item: tuple[Candidate, *tuple[object, ...]]) -> float:
-    """The energy [J] of a goal that was solved or sketched; infinite if it was not."""
-    return np.inf if item[0].energy is None else item[0].energy
+    """The energy [J] of a goal that was solved or sketched, with its detour; infinite if it was neither."""
+    return np.inf if item[0].energy is None else item[0].energy + item[0].detour
 
 
 @dataclass(frozen=True)

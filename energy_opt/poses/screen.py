@@ -13,21 +13,26 @@ from typing import Protocol
 
 import numpy as np
 
+from energy_opt.cell.cell import Cell
 from energy_opt.errors import Infeasible
 from energy_opt.motion import Move, Trajectory
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.poses.chosen import Candidate, Sketched, cost_of
 from energy_opt.poses.estimate import curves
-from energy_opt.poses.freedom import directions, has_freedom
+from energy_opt.poses.freedom import directions, has_freedom, is_free
 from energy_opt.poses.inverse import SAME, TURN, ToolKinematics
 from energy_opt.poses.turns import with_turns
 
 # Most goals that are outlined, and most that are sketched: on 29 moves of a ur5e, more save less than they take.
-SCREENED, SKETCHED = 12, 3
+# MOST: most that are outlined if each outline touches something; a clear one saves solves around bodies.
+SCREENED, MOST, SKETCHED = 12, 24, 3
 HOPE = 3.0  # a goal is outlined if its estimate, less so many times the largest gain so far, is below the best energy
 EQUAL = 1e-5  # relative: goals whose estimates differ by less differ only in joints that cost nothing
 ALIKE = 0.03  # share of the loss: of the turns of a goal whose energies differ by less, one is outlined and sketched
 APART = 0.35  # [rad, m] least distance of goals that are both outlined
+# Assumed cost of going around what a sketch touches, as a share of its loss. In four slow ur5e moves it was 0.25 to
+# 1.5; with 0.3, goals whose detours are short are missed. LOOKS: places of a sketch to check.
+DETOUR, LOOKS = 0.1, 24
 
 
 class Sketch(Protocol):
@@ -43,6 +48,7 @@ class Screen:
 
     Attributes:
         scorers: of the models of the plan; worst: goals are compared by the worst of them, else the mean.
+        cell: bodies that motions must keep clear of; None for none.
         count: number of sketches and outlines so far.
     """
 
@@ -50,6 +56,7 @@ class Screen:
     scorers: Sequence[Scorer]
     sketch: Sketch
     worst: bool
+    cell: Cell | None = None
     count: int = 0
 
     def __call__(self, move: Move, goals: Sequence[Candidate]) -> list[Sketched]:
@@ -66,14 +73,20 @@ class Screen:
         outlined: list[Sketched] = []
         least = 0.0  # [J] difference of energy that counts
         for goal in ranked:
-            if len(seen) == SCREENED or not self._may_be_better(goal, outlined):
+            most = SCREENED if any(not c.detour for c, _ in outlined) else MOST
+            if len(seen) >= most or not self._may_be_better(goal, outlined):
                 break
-            if any(self._is_alike(goal, other, goal.estimate - other.estimate, least) for other in seen):
+            # another turn of a goal whose outline touches something may be clear
+            if any(
+                self._is_alike(goal, other, goal.estimate - other.estimate, 0.0 if other.detour else least)
+                for other in seen
+            ):
                 continue
-            seen.append(goal)
-            for found in self.sketched(move, goal, rough=True):
-                outlined.append(found)
-                loss = ALIKE * self.loss(found[1])
+            found = self.sketched(move, goal, rough=True)
+            seen += [found[0][0] if found else goal]
+            outlined += found
+            for _, motion in found:
+                loss = ALIKE * self.loss(motion)
                 least = min(least or loss, loss)
         if move.mode == "retime" or (len(outlined) == 1 and not free):  # solved already, or nothing to compare
             return outlined
@@ -98,7 +111,15 @@ class Screen:
             found = self.sketch(replace(move, goal=goal.goal), rough=rough)
         except Infeasible:
             return []
-        return [(replace(goal, energy=self.energy(found), status="screened"), found)]
+        return [self.rated(goal, found)]
+
+    def rated(self, goal: Candidate, motion: Trajectory) -> Sketched:
+        """A goal with its sketch, whose energy and contacts are judged."""
+        detour = 0.0
+        places = np.linspace(motion.time[0], motion.time[-1], LOOKS + 2)[1:-1]
+        if not all(is_free(self.cell, q) for q in motion.sample(places)[0]):
+            detour = DETOUR * max(self.loss(motion), 0.0)
+        return replace(goal, energy=self.energy(motion), status="screened", detour=detour), motion
 
     def energy(self, trajectory: Trajectory) -> float:
         """The energy [J] by which goals are compared: the mean or the worst of the models."""
@@ -132,7 +153,7 @@ class Screen:
     @staticmethod
     def _may_be_better(goal: Candidate, outlined: Sequence[Sketched]) -> bool:
         """True if the outline of a goal may take less energy than the best so far."""
-        gain = max((c.estimate - cost_of((c,)) for c, _ in outlined), default=np.inf)
+        gain = max((c.estimate + c.detour - cost_of((c,)) for c, _ in outlined), default=np.inf)
         return goal.estimate - HOPE * max(gain, 0.0) <= min(map(cost_of, outlined), default=np.inf)
 
     def _is_alike(self, one: Candidate, two: Candidate, saved: float, least: float) -> bool:

@@ -10,19 +10,22 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.formats.waypoints import KINDS, Samples, repeated
+from energy_opt.measured.stamps import restamped
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.tables import read_table, write_table
 
 # headers of times with their unit: time_ms, t [s], timestamp(us)
 STAMPS = re.compile(r"(?:time|time_?stamp|stamp|elapsed|t)(?:_|\s*[\[(]\s*)(s|ms|us|ns)\s*[\])]?", re.IGNORECASE)
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+MANY = 20  # least samples of a recording, whose recorder may repeat a stamp; in a table of fewer this is a mistake
 LIKE_TIME = ("t", "ms", "stamp", "seconds", "secs")  # names like time, besides all that begin with "time"
 
 
 def read(path: Path) -> Samples:
     """Columns `<joint>.position` (or plainly `<joint>`), `.velocity`, `.acceleration`, `.effort` and `time` of a file.
 
-    Times are seconds, or in the unit that the header states: `time_ms`, `t [us]`.
+    Times are seconds, or in the unit that the header states: `time_ms`, `t [us]`. Samples of a recording that repeat a
+    stamp are put on the controller's clock or left out, as in a measured set; a note says so.
 
     Raises:
         BadInput: names file, row and column at fault: a value is no number, time does not rise, or a joint lacks a
@@ -49,14 +52,21 @@ def read(path: Path) -> Samples:
     if stamps is not None:
         stated = STAMPS.fullmatch(stamps)
         time = table[stamps] * (1.0 if stated is None else SECONDS[stated[1].lower()])
-        keep = ~repeated(time, blocks["position"])
-        late = np.flatnonzero((np.diff(time) <= 0) & keep[1:])
-        if late.size:
-            k = int(late[0])
-            before, after = table[stamps][k : k + 2]
-            raise BadInput(f"{path}: row {k + 3}, column {stamps}: {after:g} does not come after {before:g}")
-        blocks = {kind: block[keep] for kind, block in blocks.items()}
-        return Samples(str(path), tuple(joints), time=time[keep], timed=stated is not None, **blocks)
+        notes: tuple[str, ...] = ()
+        steps = np.diff(time)
+        if len(time) >= MANY and steps.min() == 0 and np.count_nonzero(steps) > 1:
+            kept, time, remarks = restamped(time, np.column_stack(list(blocks.values())))
+            notes = tuple(f"{path}: {remark}" for remark in remarks)
+        else:
+            fresh = ~repeated(time, blocks["position"])
+            late = np.flatnonzero((steps <= 0) & fresh[1:])
+            if late.size:
+                k = int(late[0])
+                before, after = table[stamps][k : k + 2]
+                raise BadInput(f"{path}: row {k + 3}, column {stamps}: {after:g} does not come after {before:g}")
+            kept, time = np.flatnonzero(fresh), time[fresh]
+        blocks = {kind: block[kept] for kind, block in blocks.items()}
+        return Samples(str(path), tuple(joints), time=time, timed=stated is not None, notes=notes, **blocks)
     like = [name for name in table if name.lower() in LIKE_TIME or name.lower().startswith("time")][:1]
     untimed = "expected a column time [s], or with its unit, such as time_ms"
     untimed += f"; found {like[0]!r}, which is not read" if like else ""

@@ -76,6 +76,11 @@ class Samples:
                     "times in ms, us or ns? expected seconds)"
                 )
 
+    @property
+    def doubtful(self) -> np.ndarray | None:
+        """Times (N,) whose unit is not sure; None where there are none."""
+        return None if self.timed else self.time
+
     def of(self, joints: Sequence[str], prefix: str = "", following: Iterable[str] = ()) -> Samples:
         """The same samples for the robot's `joints`, in their order; in the file their names begin with `prefix`.
 

@@ -37,7 +37,7 @@ from energy_opt.power.model import model_from_document
 from energy_opt.requests.verbs import CheckRequest
 from energy_opt.results import Found
 from energy_opt.robot import Robot, known_robots, load_robot
-from energy_opt.robot.degrees import refuse_degrees, slow_times
+from energy_opt.robot.degrees import doubted_units
 from energy_opt.robot.limits import names_in
 from energy_opt.robot.srdf import read_srdf
 from energy_opt.workcell.as_job import check_workcell
@@ -211,10 +211,9 @@ def _trajectory(file: Path, request: CheckRequest, notes: list[str]) -> list[str
         robot = robot_of(request)
     samples = samples.of(robot.joints, request.joint_prefix, robot.followers)
     notes += samples.notes
-    notes += refuse_degrees(robot, samples.position, samples.where)
+    notes += doubted_units(robot, samples.doubtful, samples.position, samples.where)
     if samples.time is None:
         return []
-    notes += () if samples.timed else slow_times(robot, samples.time, samples.position, samples.where)
     trajectory, more = motion_of(samples)
     notes += more
     scorer = Scorer(robot, on_arm(model_from(request.model, robot), request, robot))

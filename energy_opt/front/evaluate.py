@@ -32,7 +32,7 @@ from energy_opt.motion.trajectory import Trajectory
 from energy_opt.requests.verbs import EvaluateRequest
 from energy_opt.results import exit_of
 from energy_opt.robot import Robot, known_robots, load_robot
-from energy_opt.robot.degrees import refuse_degrees, slow_times
+from energy_opt.robot.degrees import doubted_units
 
 FORMAT = "energy-opt/evaluation/1"
 ANSWER = "evaluate.json"
@@ -175,8 +175,7 @@ def _motions(given: AnyMotion, robot: Robot, prefix: str) -> list[Recorded]:
             return load_set(path, robot)
         found = load(path, robot.joints, prefix, robot.followers)
         t = found.trajectory
-        warnings = refuse_degrees(robot, t.position, found.name)
-        warnings += () if found.timed else slow_times(robot, t.time, t.position, found.name)
+        warnings = doubted_units(robot, None if found.timed else t.time, t.position, found.name)
         return [replace(found, notes=(*found.notes, *warnings))]
     q, v, a = (np.asarray(x) for x in (given.position, given.velocity, given.acceleration))
     samples = Samples("the trajectory", given.joints, q, given.time - given.time[0], v, a)

@@ -27,7 +27,7 @@ from energy_opt.poses.given import Ends, Given, poses_of_request
 from energy_opt.poses.pose import EXACT, AnyOf, Freedom, Pose
 from energy_opt.requests.moves import MoveRequest
 from energy_opt.robot import Robot
-from energy_opt.robot.degrees import onto_limits, refuse_degrees
+from energy_opt.robot.degrees import doubted_units, onto_limits, refuse_degrees
 
 SAMPLED = 401  # points at which a path given as a function is sampled
 DERIVED = ("draw ", "rival ")  # prefixes of models that follow from another one's covariance and rivals
@@ -47,7 +47,7 @@ def path_from(given: Any, robot: Robot, prefix: str = "", say: Say = lambda _: N
     """
     if isinstance(given, (str, PathLike)):
         table = read(Path(given)).of(robot.joints, prefix, robot.followers)
-        warnings = refuse_degrees(robot, table.position, table.where)
+        warnings = doubted_units(robot, table.doubtful, table.position, table.where)
         inside, moved = onto_limits(robot, table.position, table.where)
         given, more = path_of(replace(table, position=inside))
         for note in (*table.notes, *warnings, *moved, *more):

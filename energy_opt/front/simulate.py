@@ -29,7 +29,7 @@ from energy_opt.power.variants import of_joints
 from energy_opt.requests.verbs import SimulateRequest
 from energy_opt.results import FoundSet
 from energy_opt.robot import Robot, robot_named
-from energy_opt.robot.degrees import refuse_degrees, slow_times
+from energy_opt.robot.degrees import doubted_units
 from energy_opt.virtual_arm.plant import Plant, load_plant
 from energy_opt.virtual_arm.simulate import Instruments, Reference, Run, pose
 from energy_opt.virtual_arm.simulate import simulate as simulated
@@ -179,10 +179,9 @@ def _played(path: Path, robot: Robot, prefix: str, desk: Desk) -> Trajectory:
         BadInput: no motion can be read, or its positions are degrees.
     """
     samples = read(path).of(robot.joints, prefix, robot.followers)
-    degrees = refuse_degrees(robot, samples.position, samples.where)
+    doubts = doubted_units(robot, samples.doubtful, samples.position, samples.where)
     trajectory, notes = motion_of(samples)
-    slow = () if samples.timed else slow_times(robot, trajectory.time, trajectory.position, samples.where)
-    for note in (*samples.notes, *notes, *degrees, *slow):
+    for note in (*samples.notes, *notes, *doubts):
         desk.say(f"note: {note}")
     return trajectory
 

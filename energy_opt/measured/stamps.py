@@ -32,11 +32,36 @@ class Stamped:
 
 
 def clean(time: np.ndarray, values: np.ndarray) -> Stamped:
-    """Samples with increasing stamps out of samples with stamps that do not decrease.
+    """Samples with the stamps of `restamped`, and the gaps between them.
+
+    Args:
+        time: (N,) s, not decreasing. values: (N, m) of all that is logged.
+    """
+    kept, stamps, remarks = restamped(time, values)
+    if len(stamps) < 3:
+        return Stamped(kept, stamps, (), tuple(remarks))
+    step = np.diff(stamps)
+    usual = float(np.median(step))
+    limit = max(GAP, GAP_STEPS * usual)
+    wide = step > limit
+    missing = np.rint(step / usual).astype(int) - 1
+    skipped = (step > SKIPPED * usual) & ~wide
+    if skipped.any() and skipped.mean() < 0.1:
+        remarks.append(f"{int(missing[skipped].sum())} rows missing in {int(skipped.sum())} places: bridged")
+    if wide.any():
+        begins = stamps[:-1][wide] - stamps[0]
+        lengths = ", ".join(f"{x:.3g} s after {t:.4g} s" for x, t in zip(step[wide][:3], begins, strict=False))
+        more = f" and {int(wide.sum()) - 3} more" if wide.sum() > 3 else ""
+        remarks.append(f"cut at {int(wide.sum())} gap(s) without rows ({lengths}{more})")
+    return Stamped(kept, stamps, tuple(int(k) for k in np.flatnonzero(wide)), tuple(remarks))
+
+
+def restamped(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """Indices (K,) of kept samples, their increasing stamps (K,), and remarks.
 
     A sample that repeats the one before it, stamp and values, is dropped. Samples that share a stamp but differ are
     spread evenly where stamps are coarser than the samples, moved into the place of a missing sample after them if
-    there is one, and dropped otherwise.
+    there is one, and dropped otherwise. Stamps in bunches are spread; irregular ones become an even clock's.
 
     Args:
         time: (N,) s, not decreasing. values: (N, m) of all that is logged.
@@ -76,22 +101,7 @@ def clean(time: np.ndarray, values: np.ndarray) -> Stamped:
         remarks = [
             f"stamps are up to {off:.2g} ms late or early: rows put on an even clock, as they run smoothly on it"
         ]
-    if len(stamps) < 3:
-        return Stamped(kept, stamps, (), tuple(remarks))
-    step = np.diff(stamps)
-    usual = float(np.median(step))
-    limit = max(GAP, GAP_STEPS * usual)
-    wide = step > limit
-    missing = np.rint(step / usual).astype(int) - 1
-    skipped = (step > SKIPPED * usual) & ~wide
-    if skipped.any() and skipped.mean() < 0.1:
-        remarks.append(f"{int(missing[skipped].sum())} rows missing in {int(skipped.sum())} places: bridged")
-    if wide.any():
-        begins = stamps[:-1][wide] - stamps[0]
-        lengths = ", ".join(f"{x:.3g} s after {t:.4g} s" for x, t in zip(step[wide][:3], begins, strict=False))
-        more = f" and {int(wide.sum()) - 3} more" if wide.sum() > 3 else ""
-        remarks.append(f"cut at {int(wide.sum())} gap(s) without rows ({lengths}{more})")
-    return Stamped(kept, stamps, tuple(int(k) for k in np.flatnonzero(wide)), tuple(remarks))
+    return kept, stamps, remarks
 
 
 def _spread_bunches(stamps: np.ndarray) -> np.ndarray | None:

@@ -9,9 +9,8 @@ from energy_opt.robot.limits import TURNS, look_like_degrees
 from energy_opt.robot.robot import ROUNDING, Robot
 
 DEGREES = 4 * 3.15  # [rad] beyond a limit from which a position is assumed to be in degrees: two turns
-SLOW = (
-    1e-3  # share of the velocity limits that a motion reaches at most if its times are milliseconds, taken for seconds
-)
+# share of the velocity limits that a motion reaches at most if its times are milliseconds, taken for seconds
+SLOW = 1e-3
 MOVED = 0.05  # [rad, m] a motion is at least so long
 NOTED = 1e-9  # [rad, m] smaller changes of a position are not noted
 
@@ -58,12 +57,22 @@ def onto_limits(robot: Robot, position: np.ndarray, where: str = "") -> tuple[np
     return np.where(moved, inside, position), tuple(notes)
 
 
-def slow_times(robot: Robot, time: np.ndarray, position: np.ndarray, where: str) -> tuple[str, ...]:
-    """A remark where a motion is so slow that its times may be milliseconds.
+def doubted_units(robot: Robot, time: np.ndarray | None, position: np.ndarray, where: str) -> tuple[str, ...]:
+    """Remarks where a motion's positions may be degrees, or is so slow that its times may be milliseconds.
 
     Args:
-        time: (N,), taken for s. position: (N, n) [rad, m]. where: the file.
+        time: (N,), taken for s; None where there are none, or their unit is sure. position: (N, n) [rad, m]. where: the
+            file.
+
+    Raises:
+        BadInput: as `refuse_degrees`.
     """
+    degrees = refuse_degrees(robot, position, where)
+    return degrees if time is None else (*degrees, *_slow_times(robot, time, position, where))
+
+
+def _slow_times(robot: Robot, time: np.ndarray, position: np.ndarray, where: str) -> tuple[str, ...]:
+    """A remark where a motion is so slow that its times may be milliseconds."""
     limit = robot.limits.velocity
     if len(time) < 2 or np.ptp(position, axis=0).max() < MOVED or not np.isfinite(limit).all():
         return ()

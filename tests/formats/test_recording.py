@@ -181,6 +181,28 @@ def test_a_point_that_is_given_twice_counts_once(ur: Robot, tmp_path: Path) -> N
         assert read(tmp_path / name).time == pytest.approx([0.0, 2.0])
 
 
+@pytest.mark.parametrize("kind", ["late", "twice", "coarse"])
+def test_a_recorder_may_repeat_a_stamp(kind: str, ur: Robot, tmp_path: Path) -> None:
+    """Such recordings were refused, though `import` reads them."""
+    time = np.arange(0, 2.0, 0.002)
+    q = moved(time, 0.2)[0]
+    stamps, rows = time.copy(), np.arange(len(time))
+    some = 5 + 10 * np.random.default_rng(2).choice(95, 40, replace=False)
+    if kind == "late":
+        stamps[some] = stamps[some - 1]
+    elif kind == "twice":  # two rows in one tick of 2 ms
+        rows = np.sort(np.concatenate([rows, some]))
+        q = q[rows] + 1e-6 * np.concatenate([[0], np.diff(rows) == 0])[:, None]
+    else:
+        stamps = np.round(time, 2)
+    header = ",".join(["time", *ur.joints])
+    np.savetxt(tmp_path / "run.csv", np.c_[stamps[rows], q], delimiter=",", header=header, comments="", fmt="%.9f")
+    samples = read(tmp_path / "run.csv")
+    assert any("stamp" in note for note in samples.notes)
+    t, _ = motion_of(samples)
+    np.testing.assert_allclose(t(t.time, 1), moved(t.time, 0.2)[1], atol=0.02)
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_encoder_steps_at_the_ends_of_a_recording_are_no_speed(seed: int) -> None:
     """A move played on the virtual arm, with 0.3 s at rest before and after it, was infeasible as --path."""

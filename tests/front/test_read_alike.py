@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from energy_opt.cli.main import main
+from energy_opt.front.moves import path_from
 from energy_opt.measured import read_set
 from energy_opt.robot import load_robot
 
@@ -86,6 +87,13 @@ def test_times_in_milliseconds_are_remarked_on(verb: str, tmp_path: Path, capsys
             words = [*played(file, tmp_path), "--repeat", "1000" if slow else "1"]  # too long: refused after reading
         text = said(words, capsys)[1]
         assert ("are its times milliseconds? Then name their column time_ms" in text) == slow
+
+
+@pytest.mark.parametrize(("scale", "slow"), [(1000.0, True), (20.0, False)])
+def test_times_of_a_path_in_milliseconds_are_remarked_on(scale: float, slow: bool, tmp_path: Path) -> None:
+    heard = list[str]()
+    path_from(table(tmp_path / "run.csv", scale=scale), load_robot("ur5e"), say=heard.append)
+    assert any("are its times milliseconds?" in note for note in heard) == slow
 
 
 def test_positions_in_degrees_are_not_played(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

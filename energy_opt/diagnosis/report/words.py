@@ -218,6 +218,8 @@ def speeds_seen(found: Inference, joints: Sequence[str]) -> list[str]:
             continue
         usual = float(np.median(v))
         sums = [float(law(np.array([usual]), j)[0]) for law in laws]
+        if not any(sums):  # they depend on the load alone
+            continue
         speed, unit = (unit_of(kind, s.body.slides[j]) for kind in ("velocity", "effort"))
         span = f"{min(sums):.2g} to {max(sums):.2g} {unit}"
         out.append(f"Friction of {joint} at {usual:.2g} {speed} is {span} under all these alternatives.")

@@ -10,8 +10,8 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.formats.waypoints import KINDS, Samples, repeated
-from energy_opt.measured.stamps import restamped
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.numerics.stamps import restamped
 from energy_opt.tables import read_table, write_table
 
 # headers of times with their unit: time_ms, t [s], timestamp(us)

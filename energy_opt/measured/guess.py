@@ -15,8 +15,8 @@ from energy_opt.measured.joint_units import MOST_AMPERES, TOO_FAST, joint_units,
 from energy_opt.measured.meter_names import alternating, energy_column, power_column, product_columns, robots_own
 from energy_opt.measured.names import UNITS, cut, joint_columns, names_joint, time_columns
 from energy_opt.measured.plausible import are_degrees
-from energy_opt.measured.stamps import EPOCH, stamp_factor
 from energy_opt.measured.table import Table
+from energy_opt.numerics.stamps import EPOCH, stamp_factor
 from energy_opt.power.known import by_name
 from energy_opt.robot import Robot, known_robots
 

@@ -21,8 +21,8 @@ from energy_opt.measured.log import FORMAT, NAME, read_log
 from energy_opt.measured.names import joint_columns
 from energy_opt.measured.run import Run, cut_at_standstill, is_at_rest
 from energy_opt.measured.sets import collect
-from energy_opt.measured.stamps import EPOCH
 from energy_opt.measured.table import Table
+from energy_opt.numerics.stamps import EPOCH
 from energy_opt.robot import Robot
 
 FEW = 6  # from this number of files on, recordings are not cut: each file is assumed to be one run

@@ -11,8 +11,8 @@ from energy_opt.errors import BadInput
 from energy_opt.measured.columns import Rule, factor_of
 from energy_opt.measured.plausible import degrees_fault, held_samples, leaps, spikes, step_fault
 from energy_opt.measured.run import JOINT_SIGNALS
-from energy_opt.measured.stamps import Stamped, clean, stamp_factor
 from energy_opt.measured.table import Table
+from energy_opt.numerics.stamps import Stamped, clean, stamp_factor
 from energy_opt.robot import Robot
 
 FEWEST = 8  # least samples of a run

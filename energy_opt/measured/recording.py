@@ -22,8 +22,8 @@ from energy_opt.measured.meter_names import energy_column, power_column
 from energy_opt.measured.names import time_columns
 from energy_opt.measured.plausible import glitches, update_indices
 from energy_opt.measured.run import JOINT_SIGNALS, Run, cut_at_standstill, pieces
-from energy_opt.measured.stamps import EPOCH
 from energy_opt.measured.table import Table
+from energy_opt.numerics.stamps import EPOCH
 from energy_opt.robot import Robot
 
 TICKS = 0.3  # share of samples with an unchanged counter above which only its steps are readings

@@ -434,8 +434,8 @@ static void bordered(const double *ab, const double *edge, const double *corner,
 }
 
 /* The interior-point loop; see `interior.py` for what goes in. `given`: gradient, both bounds of the box (size,) each,
-   floors and ceilings (R,) each, infinite for none; `trying`: as in `minimise`. Out: d (size,), multipliers `by_row` (R,), and `found`: sum of e,
-   damping (in and out), steps, decrease of the cost. Returns 0, 1 where no damping makes the program convex, 2 where
+   floors and ceilings (R,) each, infinite for none; `trying`: as in `minimise`. Out: d (size,), multipliers `by_row`
+   (R,), and `found`: sum of e, damping (in and out), steps, decrease of the cost. Returns 0, 1 where no damping makes the program convex, 2 where
    there is no memory. */
 int banded_interior(const double *band_, const double *edge_, const double *corner_, const double *mass,
              const double *mass_corner, I width, I size, const double *given, const Matrix *matrix, double price,

@@ -37,7 +37,7 @@ from energy_opt.effects import (
     TorqueEffect,
     WindingEffect,
 )
-from energy_opt.effects.parameter import MOVING_SPEED, along
+from energy_opt.effects.parameter import along
 from energy_opt.power.model import PowerModel
 from energy_opt.power.structure import SharedByStructure
 from energy_opt.robot import PointMass, RigidBody
@@ -203,53 +203,6 @@ def _drive(
     outputs |= {"bus": terms.bus, "powers": terms.powers} if past else {}
     function = ca.Function("drive", [*inputs.values()], [*outputs.values()], [*inputs], [*outputs])
     return function, tuple(terms.parts)
-
-
-BRIEF = 0.1  # [s] shorter motions and standstills are ignored
-
-
-def moves(time: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """True (N,) where any joint moves.
-
-    Motions and standstills shorter than `BRIEF` are ignored: speeds from positions have noise.
-
-    Args:
-        time: (N,) s, increasing. v: (N, n) rad/s.
-    """
-    moving = np.abs(v).max(axis=1) > MOVING_SPEED
-    for state in (True, False):
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], moving == state, [0]])))
-        for first, last in edges.reshape(-1, 2):
-            if time[min(last, len(time) - 1)] - time[first] < BRIEF:
-                moving[first:last] = not state
-    return moving
-
-
-def idle_time(time: np.ndarray, v: np.ndarray, before: float = -1.0) -> np.ndarray:
-    """Time (N,) [s] since the last motion ended; -1 while any joint moves and before it first does, see `moves`.
-
-    Args:
-        time: (N,) s, increasing. v: (N, n) rad/s. before: time [s] since an earlier motion ended, at the first instant;
-            negative if there was none.
-    """
-    moving = moves(time, v)
-    last = np.maximum.accumulate(np.where(moving, np.arange(len(time)), -1))
-    first = np.full(len(time), -1.0) if before < 0 else before + time - time[0]
-    return np.where(moving, -1.0, np.where(last < 0, first, time - time[np.maximum(last, 0)]))
-
-
-def dwells(time: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """How many standstills between two motions of a run have passed their middle at each instant (N,), see `moves`.
-
-    Args:
-        time: (N,) s, increasing. v: (N, n) rad/s.
-    """
-    moving = moves(time, v)
-    ends, begins = np.flatnonzero(moving[:-1] & ~moving[1:]), np.flatnonzero(~moving[:-1] & moving[1:])
-    begins = begins[np.searchsorted(begins, ends[0]) :] if ends.size else begins[:0]
-    count = min(len(ends), len(begins))
-    middles = (time[ends[:count]] + time[begins[:count]]) / 2
-    return np.searchsorted(middles, time, side="right").astype(float)
 
 
 def heated(model: PowerModel, time: np.ndarray, tau_m: np.ndarray) -> np.ndarray:

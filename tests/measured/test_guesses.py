@@ -13,7 +13,7 @@ from energy_opt.errors import BadInput
 from energy_opt.measured import inspect_set, read_set
 from energy_opt.measured.columns import ByHand
 from energy_opt.measured.importing import import_files
-from energy_opt.measured.stamps import clean
+from energy_opt.numerics.stamps import clean
 
 JOINTS = ",".join(f"q{k}" for k in SIX)
 POSITIONS = ",".join(f"{joint}.position" for joint in Z1.joints)

@@ -17,7 +17,7 @@ from energy_opt.diagnosis.data.recordings import take_samples
 from energy_opt.effects import EXACT, Signals
 from energy_opt.measured import read_set
 from energy_opt.motion.judge.energy import Scorer
-from energy_opt.power.drive_law import dwells, idle_time
+from energy_opt.power.motions import dwells, idle_time
 from energy_opt.robot import PointMass
 
 N = 6

@@ -14,8 +14,8 @@ from energy_opt.measured.importing import import_files
 from energy_opt.measured.layout import Csv, layout_of
 from energy_opt.measured.names import joint_columns, time_columns
 from energy_opt.measured.plausible import held_samples, update_indices
-from energy_opt.measured.stamps import clean
 from energy_opt.measured.table import Table
+from energy_opt.numerics.stamps import clean
 
 
 @pytest.mark.parametrize(

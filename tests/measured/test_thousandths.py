@@ -10,7 +10,7 @@ import pytest
 from energy_opt.measured import read_set
 from energy_opt.measured.importing import import_files
 from energy_opt.measured.names import UNITS, known_unit
-from energy_opt.measured.stamps import stamp_factor
+from energy_opt.numerics.stamps import stamp_factor
 from energy_opt.robot import load_robot
 
 WATTS = 120.0  # mean power of what is recorded

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from energy_opt.power.drive_law import dwells, idle_time
+from energy_opt.power.motions import dwells, idle_time
 from energy_opt.robot import RigidBody
 
 if TYPE_CHECKING:

@@ -19,7 +19,8 @@ from energy_opt.motion.judge.analytic import TorqueBound
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics.batch import Batch
 from energy_opt.power import PowerModel, drive_function
-from energy_opt.power.drive_law import body_of, idle_time, returned_power, rigid_inputs, rigid_torque, store_of
+from energy_opt.power.drive_law import body_of, returned_power, rigid_inputs, rigid_torque, store_of
+from energy_opt.power.motions import idle_time
 from energy_opt.robot import Robot
 
 DENSER = 10  # places per sample interval at which a trajectory is judged; even, for Simpson's rule

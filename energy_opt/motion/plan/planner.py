@@ -181,10 +181,7 @@ class Planner:
 
     @one_thread
     def timing(self, move: Move, judge: Judge | None = None) -> Timing:
-        """The fastest timing of a move along its path, computed once for all durations.
-
-        Args:
-            judge: of the move, which judges the timing as a baseline later; None for one of its own.
+        """The fastest timing of a move along its path, computed once for all durations; `judge`: of further motions.
 
         Raises:
             Infeasible: the path breaks limits at any timing.

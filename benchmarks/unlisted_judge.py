@@ -20,7 +20,8 @@ from misfit_world import Motion, Truth
 
 from energy_opt.effects import Kinks, effect_class
 from energy_opt.power import PowerModel, drive_function, load_model
-from energy_opt.power.drive_law import idle_time, returned_power, rigid_torque, store_of
+from energy_opt.power.drive_law import returned_power, rigid_torque, store_of
+from energy_opt.power.motions import idle_time
 from energy_opt.robot import Limits, Robot
 
 NEAR = 0.1  # of the held-out error, by which ours may differ: derivatives are estimated from positions there, true here

@@ -32,7 +32,7 @@ from energy_opt.numerics.bspline import greville
 from energy_opt.power import source_method_2
 from energy_opt.robot import Robot, load_robot
 
-MUST = 3.0
+MUST = 2.0
 
 
 def library(robot: Robot, start: np.ndarray, goal: np.ndarray, grid: np.ndarray) -> float:

@@ -16,8 +16,8 @@ STUCK = 0.1
 CLOSE = 0.995  # share of the distance to the nearest bound that a step may use
 STEPS = 40
 PRIMAL, DUAL = 1e-5, 1e-4  # residuals at which the loop ends
-# sum of excesses from which a program whose gap is less than their price counts as one that cannot be met: it never was
-# one that could in 128 of a search
+# sum of excesses from which a program whose gap is less than their price counts as one that cannot be met: in a search,
+# none of 128 such programs could be
 HOPELESS = 0.1
 LEAST_DAMPING = 0.0005
 MOST_DAMPING = 1e9

@@ -64,20 +64,19 @@ def alike(a: Noise, b: Noise) -> bool:
 def claimed(found: Search, best: Fit) -> tuple[Fit, tuple[Claim, ...]]:
     """The hypothesis `best` without its uncertain effects (the least certain is removed first), and the other claims.
 
-    No law holds in every detail. So the error of a very certain effect must not be claimed as another effect. Nor may
-    the prior: two effects that share the load of one that is larger than usual are each less unlikely than this one, so
-    the odds are also those with priors as wide as the numbers ask for. A warm-up whose rival is a meter that drifts
-    farther than meters do is claimed as soon as no rival is as likely.
+    No law holds in every detail. So the error of a very certain effect must not be claimed as another effect. A narrow
+    prior must not divide an effect that is stronger than usual between two effects of usual strength. So the odds are
+    the smaller ones of those with the usual priors and with priors as wide as the numbers ask for. A warm-up whose
+    rival is a meter that drifts farther than meters do is claimed as soon as no rival is as likely.
     """
     while True:
         claims, spare = [], []
+        reached = [_profiled(found, f) for f in (best, widened(best))]
         for k, c in enumerate(best.charts):
             if c.term.name in found.world.given:
                 continue
             less = without(found, best, k)
-            gains = (
-                _profiled(found, a) - _profiled(found, b) for a, b in ((best, less), (widened(best), widened(less)))
-            )
+            gains = [high - _profiled(found, f) for high, f in zip(reached, (less, widened(less)), strict=True)]
             claim = Claim(c.term.name, min(gains), less)
             no_drift = warms(c.term.kind) and drifts_most(less) and not is_a_line(best, claim)
             claims.append(claim)

@@ -181,7 +181,7 @@ class Planner:
 
     @one_thread
     def timing(self, move: Move, judge: Judge | None = None) -> Timing:
-        """The fastest timing of a move along its path, computed once for all durations; `judge`: of further motions.
+        """The fastest timing of a move along its path, computed once for all durations. `judge`: checks it.
 
         Raises:
             Infeasible: the path breaks limits at any timing.

@@ -226,7 +226,7 @@ def _best(
     """The answer from `start`; if the solver fails under a nonconvex model, that from the convex optimum.
 
     The convex optimum is that of the model without its nonconvex effects. It is tried only then: in 640 retimings under
-    ten laws it took longer than the answer itself, and won more than 0.05 % of the energy in 4 of them.
+    seven models it took longer than the answer itself, and won more than 0.05 % of the energy in 4 of them.
     """
     found = work.optimise(start, price=price, longest=longest, floor=floor, exactly=exactly)
     if found.solved or work.convex:

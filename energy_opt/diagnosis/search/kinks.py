@@ -22,6 +22,8 @@ AROUND, COUNTS, FEW = 1.5, (17, 5, 5), 3  # first range around the best, over an
 # as -2 log likelihood: difference within which values are alike; least gain by another value, as single readings at the
 # edge of a hold may be off
 FLAT, LEAST = 1.0, 15.0
+USUAL = ("coulomb_friction", "viscous_friction")
+BY_SPEED = ("asymmetric_friction", "power_law_friction", "sigmoid_friction", "stribeck_friction", "friction_curve")
 SEVERAL = 2  # least effects that may imitate a law of negative power together
 
 
@@ -89,8 +91,24 @@ def sizes(low: float, high: float) -> list[float]:
 
 
 def elsewhere(found: Search, f: Fit) -> list[Fit]:
-    """Fits of other laws of negative power, other lags of the meter and other options, as far as the fit has one."""
-    return [*other_drives(found, f), *other_lags(found, f), *other_options(found, f)]
+    """Fits with other laws of negative power, lags of the meter, options and friction, as far as the fit has one."""
+    return [*other_drives(found, f), *other_lags(found, f), *other_options(found, f), *usual_friction(found, f)]
+
+
+def usual_friction(found: Search, f: Fit) -> list[Fit]:
+    """The fit with dry and viscous friction in place of all its friction by speed, if another law is among this.
+
+    One law, or two, may imitate these two in the speeds of a set. No exchange of one effect reaches them.
+    """
+    own = {c.term.name for c in f.charts if c.term.name in (*USUAL, *BY_SPEED)}
+    if own <= {*USUAL} or any(e.name in own.union(USUAL) for e in f.world.declared.effects):
+        return []
+    base = f
+    while (k := next((k for k, name in enumerate(base.names) if name in own), None)) is not None:
+        base = without(found, base, k)
+    bank = found.bank(base)
+    both = {next(k for k, b in enumerate(bank.blocks) if b.name == name) for name in USUAL}
+    return [found.refit(bank, found.whole(bank) | both)]
 
 
 def other_options(found: Search, f: Fit) -> list[Fit]:

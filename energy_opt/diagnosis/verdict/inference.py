@@ -19,19 +19,18 @@ from energy_opt.diagnosis.data.noise import Noise
 from energy_opt.diagnosis.data.samples import Samples
 from energy_opt.diagnosis.data.standing import by_chance, standing_noise
 from energy_opt.diagnosis.evidence.errors import Quality, mostly_explained
-from energy_opt.diagnosis.evidence.odds import links_odds, noise_of
+from energy_opt.diagnosis.evidence.odds import links_odds
 from energy_opt.diagnosis.evidence.residual import follows
+from energy_opt.diagnosis.evidence.settling import with_settling
 from energy_opt.diagnosis.fit.posterior import Fit, Nuisance, Stopped, World
 from energy_opt.diagnosis.hypothesis.links import links_of
 from energy_opt.diagnosis.hypothesis.terms import Measured, Scale
-from energy_opt.diagnosis.search.effect_sets import Search, moved, root, without
-from energy_opt.diagnosis.search.kinks import elsewhere, settled
+from energy_opt.diagnosis.search.effect_sets import Search, moved, root
 from energy_opt.diagnosis.verdict.claims import (
     CLAIM,
     RIVAL,
     RIVAL_DETAIL,
     Claim,
-    alike,
     alternatives,
     claimed,
     clock_error,
@@ -48,6 +47,7 @@ from energy_opt.diagnosis.verdict.claims import (
     written,
 )
 from energy_opt.diagnosis.verdict.judge import Judge, by_chance_least, contradicted, same_readings, scattered
+from energy_opt.diagnosis.verdict.likeliest import likeliest_of
 from energy_opt.power import PowerModel
 from energy_opt.robot import Limits
 
@@ -58,8 +58,6 @@ ALIKE = 1.1  # factor on the held-out error within which a set predicts equally 
 HALF = 0.5  # least log odds of such a set, as a share of those of the accepted one
 BESIDE = 0.3  # share of the explained log odds that a claimed effect must have if more than noise is left
 NOISE = 1.2  # factor on the noise below which a model's held-out error counts as noise
-# most noise estimates, and search rounds before each: few, as effects that imitate a misfit hide it
-TURNS, EARLY = 5, 2
 
 
 @dataclass(frozen=True)
@@ -143,10 +141,13 @@ def infer(
         return plain(Search(world), "unexplained", follows=False)
     tried: list[Search] = []
     try:
-        searched = _searched(replace(world, stopped=stopped), nothing, tried)
-        if clock and (late := clock_error(searched[1])):
-            return plain(searched[0], "", late=late)
-        return _judged(*searched, nothing, judge, idle)
+        found, likeliest, noise, settling = likeliest_of(replace(world, stopped=stopped), nothing, tried)
+        if clock and (late := clock_error(likeliest)):
+            return plain(found, "", late=late)
+        if settling.size and held is not None:
+            judge.held = with_settling(held, settling, [1] * len(held.parts))
+        start = moved(nothing, found.world) if settling.size else nothing
+        return _judged(found, likeliest, noise, start, judge, idle)
     except Stopped:
         best = tried[-1].so_far(nothing)
         return plain(tried[-1], "", nothing if best.free else best)
@@ -234,31 +235,6 @@ def _judged(found: Search, best: Fit, noise: Noise, nothing: Fit, judge: Judge, 
         found, start, best, accepted, verdict, claims, rivals, noise, judge.noise, declared, after, model, linked, idle,
         unknown=unknown, misspecified=misspecified,
     )  # fmt: skip
-
-
-def _searched(world: World, nothing: Fit, tried: list[Search]) -> tuple[Search, Fit, Noise]:
-    """The likeliest hypothesis, under the noise that is likeliest for it; `tried` holds the search in progress."""
-    best, found = nothing, Search(world)
-    for turn in range(TURNS):
-        log.info("effects, round %d of at most %d", turn + 1, TURNS, extra={"share": 0.05 + 0.06 * turn})
-        tried[:] = [found]
-        best = found.descend(best, EARLY)
-        best = settled(found, max([best, *elsewhere(found, best)], key=found.score))
-        noise = noise_of(best)
-        if alike(noise, found.world.whiten.noise):
-            break
-        found = Search(world.under(noise))
-        best = moved(best, found.world)
-    log.info("effects under the noise that was found", extra={"share": 0.35})
-    tried[:] = [found]
-    best = found.descend(best)
-    log.info("structures that no effect has", extra={"share": 0.5})
-    found.open()
-    best = found.descend(best)
-    while (k := shaped_otherwise(found, best)) is not None:
-        likelier = max(alternatives(found, best, CLAIM), key=found.score)  # linearised evidence is not exact
-        best = without(found, best, k) if likelier is best else likelier
-    return found, settled(found, max([best, *elsewhere(found, best)], key=found.score)), noise
 
 
 def _links_are_off(found: Search, judge: Judge, start: Fit, best: Fit) -> bool:

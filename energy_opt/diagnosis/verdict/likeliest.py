@@ -1,0 +1,54 @@
+"""The likeliest hypothesis of a set of runs, under the noise and the settling that are likeliest for it."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+
+from energy_opt.diagnosis.data.clusters import repeats
+from energy_opt.diagnosis.data.noise import Noise
+from energy_opt.diagnosis.evidence.odds import noise_of
+from energy_opt.diagnosis.evidence.settling import Settling, settling_of, with_settling
+from energy_opt.diagnosis.fit.posterior import Fit, World
+from energy_opt.diagnosis.search.effect_sets import Search, moved, without
+from energy_opt.diagnosis.search.kinks import elsewhere, settled
+from energy_opt.diagnosis.verdict.claims import CLAIM, alike, alternatives, shaped_otherwise
+
+# most noise estimates, and search rounds before each: few, as effects that imitate a misfit hide it
+TURNS, EARLY = 5, 2
+log = logging.getLogger(__name__)
+
+
+def likeliest_of(world: World, nothing: Fit, tried: list[Search]) -> tuple[Search, Fit, Noise, Settling]:
+    """Search for the likeliest hypothesis, and for the noise and the settling that are likeliest for it.
+
+    Args:
+        nothing: the fit without new effects, where the search begins. tried: holds the search in progress.
+    """
+    best, found, settling, plain = nothing, Search(world), Settling(), world.samples
+    for turn in range(TURNS):
+        log.info("effects, round %d of at most %d", turn + 1, TURNS, extra={"share": 0.05 + 0.06 * turn})
+        tried[:] = [found]
+        best = found.descend(best, EARLY)
+        best = settled(found, max([best, *elsewhere(found, best)], key=found.score))
+        new = settling_of(best, plain)
+        same = new.size == settling.size == 0 or abs(new.size - settling.size) < 0.3 * settling.size
+        if not same:
+            settling, world = new, replace(world, samples=with_settling(plain, new, repeats(plain)))
+            best = moved(best, world.under(found.world.whiten.noise))
+        noise = noise_of(best)
+        if alike(noise, found.world.whiten.noise) and same:
+            break
+        found = Search(world.under(noise))
+        best = moved(best, found.world)
+    log.info("effects under the noise that was found", extra={"share": 0.35})
+    tried[:] = [found]
+    best = found.descend(best)
+    log.info("structures that no effect has", extra={"share": 0.5})
+    found.open()
+    # the steps of a descent may end beside a set with other laws that is likelier
+    best = max(alternatives(found, found.descend(best), CLAIM), key=found.score)
+    while (k := shaped_otherwise(found, best)) is not None:
+        likelier = max(alternatives(found, best, CLAIM), key=found.score)  # linearised evidence is not exact
+        best = without(found, best, k) if likelier is best else likelier
+    return found, settled(found, max([best, *elsewhere(found, best)], key=found.score)), noise, settling

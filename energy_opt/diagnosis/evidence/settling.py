@@ -43,21 +43,17 @@ def stops(samples: Samples, lasts: float) -> Shared:
     for span in samples.slices:
         t, moving = samples.t[span], samples.v[span] != 0
         last = np.maximum.accumulate(np.where(moving, np.arange(len(t))[:, None], -1), axis=0)
-        at = np.where(moving, -1, last).max(axis=1)  # index at which the last of the joints at rest stopped
-        changes = [k for k in 1 + np.flatnonzero(np.diff(at, prepend=-1)) - 1 if at[k] >= 0]
-        begins = [a for a, b in pairwise([*changes, None]) if b is None or t[b] - t[a] > TOGETHER]
-        own = []
-        for a, b in pairwise([*begins, len(t)]):
-            column = np.zeros(len(t))
-            column[a:b] = np.where(at[a:b] >= 0, np.exp(-(t[a:b] - t[a]) / lasts), 0.0)
-            own.append(column)
-        found.append(own)
+        stopped = np.where(moving, -1, last).max(axis=1)  # node at which the last of the joints at rest stopped
+        changes = [k for k in np.flatnonzero(np.diff(stopped, prepend=-1)).tolist() if stopped[k] >= 0]
+        begins = [a for a, b in pairwise([*changes, len(t)]) if b == len(t) or t[b] - t[a] > TOGETHER]
+        decays = [np.where((t >= t[a]) & (stopped >= 0), np.exp(-(t - t[a]) / lasts), 0.0) for a in begins]
+        found.append([x * (t < end) for x, end in zip(decays, [*t[begins[1:]], np.inf], strict=False)])
     columns = np.zeros((len(samples.t), max(map(len, found), default=0)))
     for span, own in zip(samples.slices, found, strict=True):
         for k, column in enumerate(own):
             columns[span, k] = column
-    rows = [np.arange(part.start, part.stop) for part in samples.parts]
-    each = tuple((row, len(own)) for row, own in zip(rows, found, strict=True) if own and len(row))
+    runs = [np.arange(part.start, part.stop) for part in samples.parts]
+    each = tuple((run, len(own)) for run, own in zip(runs, found, strict=True) if own and len(run))
     return Shared(samples.shown(columns), each)
 
 

@@ -20,6 +20,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from types import SimpleNamespace
 from typing import Any, ClassVar, Literal
@@ -177,11 +178,8 @@ class Effect:
             words: options, and lengths of free dimensions.
         """
         known = cls._extents({key: int(word) for key, word in words.items() if key not in cls.options})
-        values, at = {}, 0
-        for p in cls.parameters:
-            count = p.count(joints, known)
-            values[p.name] = np.reshape(np.asarray(vector[at : at + count], float), p.shape(joints, known) or (1,))
-            at += count
+        parts = vars(cls.split(np.asarray(vector, dtype=float), joints, known))
+        values = {p.name: parts[p.name].reshape(p.shape(joints, known) or (1,)) for p in cls.parameters}
         return cls(**values, **{key: word for key, word in words.items() if key in cls.options})
 
     @classmethod
@@ -298,18 +296,10 @@ class Effect:
 
 def _signature(cls: type[Effect]) -> inspect.Signature:
     """Parameters as keywords, annotated with unit and size; options with their default."""
-    numbers = [
-        inspect.Parameter(p.name, inspect.Parameter.KEYWORD_ONLY, annotation=described(p)) for p in cls.parameters
-    ]
-    words = [
-        inspect.Parameter(
-            key,
-            inspect.Parameter.KEYWORD_ONLY,
-            default=choice[0],
-            annotation=str if key in cls.free_options else Literal[choice],
-        )
-        for key, choice in cls.options.items()
-    ]
+    keyword = partial(inspect.Parameter, kind=inspect.Parameter.KEYWORD_ONLY)
+    numbers = [keyword(p.name, annotation=described(p)) for p in cls.parameters]
+    kinds = {key: str if key in cls.free_options else Literal[words] for key, words in cls.options.items()}
+    words = [keyword(key, default=words[0], annotation=kinds[key]) for key, words in cls.options.items()]
     return inspect.Signature([*numbers, *words])
 
 

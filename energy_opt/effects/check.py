@@ -10,20 +10,10 @@ from types import SimpleNamespace
 import casadi as ca
 import numpy as np
 
+from energy_opt.effects import stages
 from energy_opt.effects.base import Effect, Signals
 from energy_opt.effects.meter import MeterEffect
 from energy_opt.effects.parameter import EXACT, Kinks, Parameter, Smooth
-from energy_opt.effects.stages import (
-    DriveEffect,
-    HeatEffect,
-    HeatMemoryEffect,
-    PowerEffect,
-    RigidEffect,
-    StoreEffect,
-    SupplyEffect,
-    TorqueEffect,
-    WindingEffect,
-)
 from energy_opt.errors import BadInput, one_line_of
 
 SAMPLES = 60
@@ -52,7 +42,7 @@ def check_effect(kind: type[Effect], joints: int = 3, seed: int = 0) -> list[str
         kind: the effect's class. joints: number of joints of the arm that is simulated. seed: of its random states.
     """
     rng = np.random.default_rng(seed)
-    if issubclass(kind, MeterEffect | StoreEffect | HeatMemoryEffect):
+    if issubclass(kind, MeterEffect | stages.StoreEffect | stages.HeatMemoryEffect):
         law = _law_over_time(kind, rng)
     else:
         law = _law(kind, joints, rng)
@@ -181,28 +171,28 @@ def _law_of(effect: Effect, x: Signals, vector: ca.SX, joints: int, kinks: Kinks
     (as `full`).
     """
     added = _added(effect, x, effect.named(vector, joints), joints, kinks)
-    if isinstance(effect, TorqueEffect):
+    if isinstance(effect, stages.TorqueEffect):
         return added, ca.dot(added, x.v)
-    return added, ca.SX(0) if isinstance(effect, RigidEffect) else added
+    return added, ca.SX(0) if isinstance(effect, stages.RigidEffect) else added
 
 
 def _added(effect: Effect, x: Signals, p: SimpleNamespace, joints: int, kinks: Kinks) -> ca.SX:
     """What one effect adds (M, 1), as its law states it."""
     power = ca.dot(x.tau, x.v)
-    if isinstance(effect, TorqueEffect):
+    if isinstance(effect, stages.TorqueEffect):
         return effect.torque(x, p, kinks)
-    if isinstance(effect, PowerEffect):
+    if isinstance(effect, stages.PowerEffect):
         return effect.power(x, x.tau, p, kinks)
-    if isinstance(effect, HeatEffect):
+    if isinstance(effect, stages.HeatEffect):
         return effect.heat(x, x.tau, p, kinks)
-    if isinstance(effect, WindingEffect):
+    if isinstance(effect, stages.WindingEffect):
         return effect.factor(x, p) - 1
-    if isinstance(effect, DriveEffect):
+    if isinstance(effect, stages.DriveEffect):
         return effect.drawn(x.tau * x.v, p, kinks) - power
-    if isinstance(effect, SupplyEffect):
+    if isinstance(effect, stages.SupplyEffect):
         drawn = 100 + power**2
         return effect.at_meter(drawn, p, kinks) - drawn
-    if isinstance(effect, RigidEffect):
+    if isinstance(effect, stages.RigidEffect):
         links = effect.links([LINK] * joints, p)
         if links is not None:
             return ca.vertcat(*(ca.vertcat(m - LINK[0], c - LINK[1], ca.vec(i - LINK[2])) for m, c, i in links))
@@ -244,7 +234,7 @@ def refuse_unusable(kind: type[Effect], joints: int = 2) -> None:
 
 
 def _law_over_time(
-    kind: type[MeterEffect] | type[StoreEffect] | type[HeatMemoryEffect], rng: np.random.Generator
+    kind: type[MeterEffect] | type[stages.StoreEffect] | type[stages.HeatMemoryEffect], rng: np.random.Generator
 ) -> SimpleNamespace:
     """`_law` for an effect whose law runs over time, on a power over time."""
     time = np.arange(200) * 0.01
@@ -255,7 +245,7 @@ def _law_over_time(
         """Change (M,) by the effect if the power, or the root of the heat, is x (M,)."""
         if issubclass(kind, MeterEffect):
             return kind.reading(time, 90 + x, float(values[0])) - 90 - x
-        if issubclass(kind, StoreEffect):
+        if issubclass(kind, stages.StoreEffect):
             return kind.supplied(step, x, float(values[0])) - x
         none, heated = ca.DM.zeros(1), ca.DM(kind.heated(50 * time, x[:, None] ** 2, values))
         signals = Signals(none, none, none, none, none, heated=heated)
@@ -270,7 +260,7 @@ def _law_over_time(
     def given(values: np.ndarray) -> np.ndarray:
         if issubclass(kind, MeterEffect):
             return np.zeros(1)
-        return np.cumsum(run(values, wave)) * 0.01 if issubclass(kind, StoreEffect) else run(values, wave)
+        return np.cumsum(run(values, wave)) * 0.01 if issubclass(kind, stages.StoreEffect) else run(values, wave)
 
     return SimpleNamespace(
         joints=1, change=lambda values: run(values, wave), jacobian=slopes, given=given,

@@ -41,15 +41,7 @@ from itertools import count, product
 from pathlib import Path
 from typing import Any
 
-from energy_opt.batches.tables import (
-    MEAN,
-    CellTable,
-    GroupTable,
-    NamedMove,
-    joint_values,
-    posed_move,
-    random_moves,
-)
+from energy_opt.batches.tables import MEAN, CellTable, GroupTable, NamedMove, joint_values, posed_move, random_moves
 from energy_opt.batches.task import Duration, RobotSource, Surroundings, Task
 from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene_files import read_scene

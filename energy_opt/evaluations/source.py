@@ -131,7 +131,9 @@ def load(path: Path, joints: Sequence[str], prefix: str = "", following: Iterabl
     if records.velocity is not None and not records.velocity.any() and np.ptp(records.position, axis=0).any():
         notes.append(f"{records.where}: velocity is 0 in every row: the arm is taken to stop at each")
     if answer is None:
-        return replace(motion, notes=(*motion.notes, *notes, *_foreign(path)))
+        beside = [name for name in ANSWERS if (path.parent / name).is_file()]
+        notes += [f"{path}: not written by the {name} beside it, whose payload is not taken" for name in beside]
+        return replace(motion, notes=(*motion.notes, *notes))
     if _robots(answer):
         notes.append(f"{path}: of a job of several robots, whose payloads, modes of waits and bases are not taken")
     document, step = read_json(answer), STEP.fullmatch(table.name)
@@ -139,12 +141,6 @@ def load(path: Path, joints: Sequence[str], prefix: str = "", following: Iterabl
     base = _request(document).get("base")
     on = tuple(base) if isinstance(base, list) else None
     return replace(motion, stretches=stretches, notes=(*motion.notes, *notes), base=on)
-
-
-def _foreign(path: Path) -> list[str]:
-    """A remark where a file lies beside a result that did not write it."""
-    beside = [answer for answer in ANSWERS if (path.parent / answer).is_file()]
-    return [f"{path}: not written by the {answer} beside it, whose payload is not taken" for answer in beside]
 
 
 def _table(path: Path) -> Path:

@@ -99,14 +99,10 @@ def _contradicts(t: Trajectory, noisy: bool) -> bool:
     """Whether accelerations between close samples are far above those at samples, as rates do not fit the positions."""
     if len(t.time) < FEWEST or not (noisy or float(np.median(np.diff(t.time))) <= COARSE):
         return False
-    at_samples, between = (np.sqrt(np.mean(a**2, axis=0)) for a in (t.acceleration, _accelerations(t)))
+    # positions that disagree with given velocities show between the samples
+    at_samples, between = (np.sqrt(np.mean(a**2, axis=0)) for a in (t.acceleration, t.sample_denser(LOOKS)[2]))
     least = max(LEAST, SLIGHT * float(at_samples.max()))
     return bool((between > np.maximum(WHITE * at_samples, least)).any())
-
-
-def _accelerations(t: Trajectory) -> np.ndarray:
-    """Accelerations at and between samples: positions that disagree with given velocities show between them."""
-    return t.sample_denser(LOOKS)[2]
 
 
 def _standing(

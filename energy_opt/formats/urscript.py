@@ -105,7 +105,9 @@ def write_program(parts: Sequence[Part], path: Path) -> None:
             mass, *centre = payload
             lines.append(f"  set_payload({mass:.6f}, {vector(np.array(centre))})")
         if streamed:
-            lines += _streamed(part.trajectory)
+            # one servoj for every sample; a slower pace lasts longer at each
+            command = f"servoj({{}}, 0, 0, {1 / STREAM_RATE:.9f} / speed, {LOOKAHEAD}, {GAIN})"
+            lines += [f"  {command.format(vector(q))}" for q in part.trajectory.position[1:]]
         elif _rests(part):
             if part.mode:
                 lines.append(f"  # waits in mode {commented(part.mode)}")
@@ -148,12 +150,6 @@ def _followed(trajectory: Trajectory) -> list[str]:
         f"  t = quintic({step:.9f},{','.join(before)},{','.join(after)},t,dt,speed)"
         for step, before, after in zip(steps, samples, samples[1:], strict=False)
     ]
-
-
-def _streamed(trajectory: Trajectory) -> list[str]:
-    """Lines with one servoj for every sample; a slower pace lasts longer at each."""
-    command = f"servoj({{}}, 0, 0, {1 / STREAM_RATE:.9f} / speed, {LOOKAHEAD}, {GAIN})"
-    return [f"  {command.format(vector(q))}" for q in trajectory.position[1:]]
 
 
 _CALL = re.compile(r"^  (?:t = )?(quintic|rest|servoj|set_payload|movej)\((.*)\)$", re.M)

@@ -9,7 +9,7 @@ from typing import Any
 
 from energy_opt.batches.batch import Batch, run_batch
 from energy_opt.batches.compare import compare, comparison_text
-from energy_opt.batches.suite import Suite, load_suite
+from energy_opt.batches.suite import load_suite
 from energy_opt.batches.tables import CellTable
 from energy_opt.errors import BadInput
 from energy_opt.front.desk import Desk, verb
@@ -47,7 +47,9 @@ def run(request: BenchRequest, desk: Desk) -> Batch | Listing:
         Path(request.suite), overrides=overrides_of(request), seed=request.seed, compile=request.compile,
         allow_outside=request.allow_outside, allow_large=request.allow_large,
     )  # fmt: skip
-    for warning in (*suite.notes, *_models_of_other_robots(suite)):
+    pairs = {(task.model, task.robot.name): task for task in suite.tasks}.values()
+    foreign = [of_another_arm(name, model, task.robot) for task in pairs for name, model in task.powers()]
+    for warning in (*suite.notes, *filter(None, foreign)):
         desk.say(warning)
     out = Path(request.out or f"bench_{suite.name}")
     asked = replace(request, suite=str(Path(request.suite).resolve()))
@@ -64,13 +66,6 @@ def run(request: BenchRequest, desk: Desk) -> Batch | Listing:
 
 
 bench = verb(BenchRequest, run)
-
-
-def _models_of_other_robots(suite: Suite) -> list[str]:
-    """A warning for each model that was written for another robot than the one that it is used for."""
-    pairs = {(task.model, task.robot.name): task for task in suite.tasks}.values()
-    said = [of_another_arm(name, model, task.robot) for task in pairs for name, model in task.powers()]
-    return [warning for warning in said if warning]
 
 
 def overrides_of(request: BenchRequest) -> dict[str, Any]:

@@ -11,8 +11,8 @@ from energy_opt.errors import BadInput
 from energy_opt.front.controllers import check_rate_of, check_written
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, robot_of, several
-from energy_opt.front.jobs import JOB, JobAnswer, answers_of, content_of, job_from, loaded, resolved_job
-from energy_opt.front.models import rivals_from, rivals_of, said, with_careful
+from energy_opt.front.jobs import JOB, JobAnswer, answers_of, content_of, prepared
+from energy_opt.front.models import rivals_from, said, with_careful
 from energy_opt.front.moves import settings_of
 from energy_opt.jobs import job_files
 from energy_opt.jobs.models import compared, efforts_held, grounded, held, mean_of, stated, warned
@@ -39,13 +39,10 @@ def run(request: JobRequest, desk: Desk) -> JobAnswer:
         return run_workcell_job(request, desk)
     if request.jitter is not None:
         raise BadInput("--jitter belongs to a job of several robots (format = 'energy-opt/job/2')")
-    job, _ = job_from(request), request.worth
-    rivals, kind = rivals_of(request, job.robot, desk)
-    job = loaded(request, job, rivals, desk)
+    _ = request.worth  # refuses invalid numbers before the work
+    job, rivals, kind, asked = prepared(request, desk)
     formats = check_written(request, job.robot)
-    settings = settings_of(request)
-    cell = cell_of(request)
-    asked = resolved_job(request, job.robot, rivals, kind)
+    settings, cell = settings_of(request), cell_of(request)
     document = desk.take(JOB, asked)
     answers = answers_of(request, job, rivals, settings, desk)
     with desk.working() as (stopped, show):

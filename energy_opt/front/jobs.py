@@ -90,6 +90,14 @@ def resolved_job(request: Asked, robot: Robot, rivals: list[Rival], kind: Kind |
     )  # fmt: skip
 
 
+def prepared(request: Asked, desk: Desk, **known: Any) -> tuple[Job, list[Rival], Kind | None, Asked]:
+    """The job with its payload, the models, how several are combined, and the request with everything resolved."""
+    job = job_from(request)
+    rivals, kind = rivals_of(request, job.robot, desk)
+    job = loaded(request, job, rivals, desk)
+    return job, rivals, kind, resolved_job(request, job.robot, rivals, kind, **known)
+
+
 def answers_of(
     request: JobRequest | TradeoffRequest, job: Job, rivals: list[Rival], settings: Settings, desk: Desk
 ) -> Answers | None:
@@ -182,11 +190,8 @@ def run_job(request: TradeoffRequest, times: list[float] | None, desk: Desk) -> 
     if given is not None or request.via or request.via_pose or request.free:
         file = "the job" if isinstance(request.job, Mapping) else request.job
         raise BadInput(f"--{(given or 'via').replace('_', '-')} belongs to one move; {file} states its own moves")
-    worth = request.worth
-    job = job_from(request)
-    (rivals, kind), settings, cell = rivals_of(request, job.robot, desk), settings_of(request), cell_of(request)
-    job = loaded(request, job, rivals, desk)
-    asked = resolved_job(request, job.robot, rivals, kind, durations=times)
+    worth, settings, cell = request.worth, settings_of(request), cell_of(request)
+    job, rivals, kind, asked = prepared(request, desk, durations=times)
     stamped = desk.take(ANSWER, asked)
     answers = answers_of(request, job, rivals, settings, desk)
 

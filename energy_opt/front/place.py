@@ -10,8 +10,7 @@ from typing import Any
 from energy_opt.folders import written_whole
 from energy_opt.front.desk import Answered, Desk, verb
 from energy_opt.front.given import cell_of
-from energy_opt.front.jobs import job_from, loaded, resolved_job
-from energy_opt.front.models import rivals_of
+from energy_opt.front.jobs import prepared
 from energy_opt.front.moves import settings_of
 from energy_opt.jobs.models import efforts_held, mean_of, warned
 from energy_opt.jobs.solve_job import JobResult, run_job
@@ -78,10 +77,7 @@ def run(request: PlaceRequest, desk: Desk) -> PlaceAnswer:
     words = given if isinstance(given, str) else ",".join(map(str, given if hasattr(given, "__iter__") else [given]))
     counts = {name: getattr(request, name) for name in ("looked_at", "seeds", "steps", "fixture")}
     box, around = Box.of(words, **counts), cell_of(request)
-    job = job_from(request)
-    rivals, kind = rivals_of(request, job.robot, desk)
-    job = loaded(request, job, rivals, desk)
-    asked = resolved_job(request, job.robot, rivals, kind)
+    job, rivals, kind, asked = prepared(request, desk)
     document = desk.take(ANSWER, asked)
     with desk.working() as (stopped, show):
         with desk.stating(ANSWER, robot=job.robot.name, request=document):

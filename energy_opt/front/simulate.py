@@ -15,15 +15,7 @@ from energy_opt.folders import no_other_verb, take_folder, written_whole
 from energy_opt.formats import read
 from energy_opt.formats.recording import motion_of
 from energy_opt.front.desk import Desk, verb
-from energy_opt.front.given import (
-    cell_of,
-    model_from,
-    named_robot,
-    of_another_arm,
-    on_arm,
-    payload_document,
-    robot_of,
-)
+from energy_opt.front.given import cell_of, model_from, named_robot, of_another_arm, on_arm, payload_document, robot_of
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power.variants import of_joints
 from energy_opt.requests.verbs import SimulateRequest

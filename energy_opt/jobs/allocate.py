@@ -108,8 +108,10 @@ def allocate(fronts: Sequence[Front], time: float, waiting: float, guess: float 
         if (price == waiting and total <= time) or abs(total / time - 1) < NEAR:
             break
         mixed = _mixed(seen, time)
-        if mixed is not None and _gap(seen, mixed, time) < ENOUGH * abs(mixed.energies.sum()):
-            break
+        if mixed is not None:  # by duality, every price gives a bound of the least energy
+            least = max(s.energies.sum() + s.price * (time - s.total) for s in seen)
+            if mixed.energies.sum() - least < ENOUGH * abs(mixed.energies.sum()):
+                break
         price = _next(seen, holding, low, high, time, waiting)
     best = min(seen, key=lambda s: abs(s.total / time - 1))
     best = best if abs(best.total / time - 1) < NEAR else _mixed(seen, time) or best
@@ -136,11 +138,6 @@ def _mixed(seen: Sequence[_Seen], time: float) -> _Seen | None:
     durations = short.durations + share * (long.durations - short.durations)
     energies = short.energies + share * (long.energies - short.energies)
     return _Seen((long.energies.sum() - short.energies.sum()) / (long.total - short.total), durations, energies)
-
-
-def _gap(seen: Sequence[_Seen], mixed: _Seen, time: float) -> float:
-    """Most energy [J] that is lost with these durations: by duality, every price gives a bound of the least energy."""
-    return float(mixed.energies.sum() - max(s.energies.sum() + s.price * (time - s.total) for s in seen))
 
 
 def _next(

@@ -85,7 +85,8 @@ def joint_units(
             out[signal] = {joint: named[signal][joint] or assumed[joint] for joint in robot.joints}
         elif signal != "position":
             out[signal] = named[signal]
-        if signal == "current" and set(named[signal].values()) == {None} and _large(values[signal]) > MOST_AMPERES:
+        unnamed = signal == "current" and set(named[signal].values()) == {None}
+        if unnamed and np.nanpercentile(np.abs(values[signal]), 95, axis=0).max() > MOST_AMPERES:
             out[signal] = dict.fromkeys(robot.joints, "mA")
             words.append("currents are milliamperes (as amperes they would be too large): converted")
     return out
@@ -96,11 +97,6 @@ def units_in_words(signal: str, units: Units, robot: Robot) -> str:
     si = next(iter(UNITS[signal]))
     each = [units[joint] or si for joint in robot.joints]
     return each[0] if len(set(each)) == 1 else ", ".join(each)
-
-
-def _large(values: np.ndarray) -> float:
-    """The size that 5 % of the values (N, n) of the largest column exceed."""
-    return float(np.nanpercentile(np.abs(values), 95, axis=0).max())
 
 
 def _named(table: Table, robot: Robot, signal: str, by: Mapping[str, str]) -> Units:

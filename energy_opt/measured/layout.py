@@ -205,7 +205,9 @@ def layout_of(path: Path, given: Csv | None = None) -> Layout:
     more = min((len(row) for row in sample), default=0) - len(names)
     if more > 0 and not any(cell.strip() for row in sample for cell in row[len(names) :]):
         names += ("",) * more  # a delimiter at the end of each row, but not of the header
-    decimal = given.decimal or _decimal([cells[k] for k in body])
+    numbers = [cell for k in body for cell in cells[k] if is_number(cell)]
+    points, commas = (sum(sign in cell for cell in numbers) for sign in ".,")
+    decimal = given.decimal or ("," if commas > points else ".")
     first = body[0] if body else len(text_lines)
     begin = skip + starts[first] if first < len(starts) else len(content)
     content, comments = _without_comments(content, begin)
@@ -336,10 +338,3 @@ def _is_unit_row(row: Sequence[str]) -> bool:
     if not words or any(map(_is_value, words)):
         return False
     return sum(UNIT_WORD.fullmatch(cell.strip()) is not None for cell in words) > 0.6 * len(words)
-
-
-def _decimal(sample: Sequence[Sequence[str]]) -> str:
-    """Decimal sign: a comma if more numbers have one than a point (in quotes if the delimiter is a comma too)."""
-    cells = [cell for row in sample for cell in row if "," in cell or "." in cell]
-    points, commas = (sum(sign in cell and is_number(cell) for cell in cells) for sign in ".,")
-    return "," if commas > points else "."

@@ -196,7 +196,8 @@ def _hull(body: Body, piece: Piece, count: int) -> Solid:
         points = (points[:, None] + piece.radius * ball).reshape(-1, 3)
     hull = ConvexHull(points, qhull_options="QJ")
     if len(hull.vertices) > MOST_CORNERS:
-        hull = ConvexHull(points[_spread(points[hull.vertices], hull.vertices)], qhull_options="QJ")
+        farthest = np.argmax(points[hull.vertices] @ directions(MOST_CORNERS).T, axis=0)  # in even directions
+        hull = ConvexHull(points[np.unique(hull.vertices[farthest])], qhull_options="QJ")
     a, b, c = hull.points[hull.simplices].transpose(1, 0, 2)
     inward = np.einsum("fi,fi->f", np.cross(b - a, c - a), hull.equations[:, :3]) < 0
     simplices = np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices)  # all triangles seen from outside
@@ -209,11 +210,6 @@ def directions(count: int) -> np.ndarray:
     k = np.arange(count) + 0.5
     z, turn = 1 - 2 * k / count, np.pi * (1 + np.sqrt(5)) * k
     return np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z], axis=1)
-
-
-def _spread(points: np.ndarray, index: np.ndarray) -> np.ndarray:
-    """The farthest points in directions that are spread evenly over the sphere."""
-    return np.unique(index[np.argmax(points @ directions(MOST_CORNERS).T, axis=0)])
 
 
 def _placed(body: Body, points: np.ndarray, faces: np.ndarray) -> Solid:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -57,7 +58,7 @@ def page(
     optimality, solver, robust = document["optimality"], document["solver"], document.get("robust")
     first = document.get("first_path")
     found = {"first path": first["source"], "found in [s]": first["seconds"]} if first else {}
-    report.facts({"taken from": document.get("chosen"), **found, **_named(solver, "s", "seconds")})
+    report.facts({"taken from": document.get("chosen"), **found, **_in_seconds(solver)})
     report.facts(
         {
             "minimised": f"the {robust['kind']} of the models' energies" if robust else None,
@@ -97,7 +98,9 @@ def _numbers(document: Mapping[str, Any]) -> dict[str, str]:
     out["energy"] = f"{document['energy']['total']:.4g} J"
     out["duration"] = f"{document['duration']:.4g} s"
     if document.get("peak_power") is not None:
-        out[_beside_peak(document)] = f"{document['peak_power']:.4g} W"
+        peaks = [b.get("peak_power") for b in document["baselines"] if b["name"] == BESIDE]
+        slowed = f"; slowed evenly {peaks[0]:.4g} W" if peaks and peaks[0] is not None else ""
+        out[f"peak power{slowed}"] = f"{document['peak_power']:.4g} W"
     clearance = document["certificate"].get("clearance")
     if clearance and clearance["verdict"] == "proven":
         before, _, near = clearance_words(clearance).rstrip(")").partition(" (")
@@ -107,12 +110,6 @@ def _numbers(document: Mapping[str, Any]) -> dict[str, str]:
         what, _, near = clearance_words(clearance).partition(": ")
         out[near or "of the arm and its cell"] = what
     return out
-
-
-def _beside_peak(document: Mapping[str, Any]) -> str:
-    """The name of the peak power's figure, with the peak of the evenly slowed move."""
-    peaks = [b.get("peak_power") for b in document["baselines"] if b["name"] == BESIDE]
-    return f"peak power; slowed evenly {peaks[0]:.4g} W" if peaks and peaks[0] is not None else "peak power"
 
 
 def _closest(document: Mapping[str, Any]) -> Closest | None:
@@ -257,9 +254,6 @@ def _count(value: Any) -> Any:
     return len(value) if isinstance(value, (list, tuple)) else value
 
 
-def _named(values: Mapping[str, Any], unit: str, suffix: str) -> dict[str, Any]:
+def _in_seconds(values: Mapping[str, Any]) -> dict[str, Any]:
     """build_seconds -> "build [s]"."""
-    return {
-        f"{name.removesuffix('_' + suffix)} [{unit}]" if name.endswith(suffix) else name: value
-        for name, value in values.items()
-    }
+    return {re.sub("_seconds$", " [s]", name): value for name, value in values.items()}

@@ -40,13 +40,16 @@ def document(front: Front, *, robot: str, joints: tuple[str, ...], mode: str, cy
         front: the points. robot: its name. joints: their names. mode: of the move.
         cycle: the cycle with the wait, or None.
     """
+    least = front.minimum
     out: dict[str, Any] = {
         "status": front.status,
         "robot": robot,
         "joints": list(joints),
         "mode": mode,
         "points": [_point(p) for p in front.points],
-        "minimum": _optimum(front.minimum),
+        "minimum": None
+        if least is None or least.energy is None
+        else {"duration": least.duration, **_energies(least), "status": least.status},
         "fastest": None if front.fastest is None else front.fastest.duration,
         "solves": front.solves,
     }
@@ -66,13 +69,6 @@ def document(front: Front, *, robot: str, joints: tuple[str, ...], mode: str, cy
             "fastest_then_wait": None if front.cycle_fastest is None else _over_cycle(front.cycle_fastest),
         }
     return out
-
-
-def _optimum(point: Point | None) -> dict[str, Any] | None:
-    """An optimum's duration, energies and status; None without a trajectory."""
-    if point is None or point.energy is None:
-        return None
-    return {"duration": point.duration, **_energies(point), "status": point.status}
 
 
 def _energies(point: Point) -> dict[str, float | None]:

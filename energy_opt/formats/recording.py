@@ -16,7 +16,7 @@ from energy_opt.formats.waypoints import Samples
 from energy_opt.motion.path import JointPath, of_trajectory
 from energy_opt.motion.standstills import check_moves_on
 from energy_opt.motion.trajectory import Trajectory
-from energy_opt.numerics.signals import smooth
+from energy_opt.numerics.signals import evenly, smooth, smooth_each
 
 # Accelerations between samples that exceed those at samples by this factor contradict them.
 WHITE = 1.5
@@ -40,9 +40,12 @@ def motion_of(samples: Samples) -> tuple[Trajectory, tuple[str, ...]]:
     Raises:
         BadInput: there are no times, or fewer than two samples.
     """
+    from scipy.interpolate import CubicSpline
+
     samples, repaired = as_moved(samples)
     read = samples.trajectory()
-    even, step = _even(read)
+    grid, even = evenly(read.time, read.position, EVEN)
+    step = float(grid[1] - grid[0])
     noise = noise_of(read.position, even)
     cutoffs = cutoffs_of(even, step, noise)
     noisy = bool(np.isfinite(cutoffs).any())
@@ -53,7 +56,10 @@ def motion_of(samples: Samples) -> tuple[Trajectory, tuple[str, ...]]:
     repaired = (*repaired, *dropped)
     if samples.acceleration is not None:
         return read, repaired
-    t = _smoothed(read, even, cutoffs)
+    t = read
+    if noisy:
+        curve = CubicSpline(grid, smooth_each(even, step, cutoffs))
+        t = Trajectory(read.joints, grid, *(curve(grid, order) for order in range(3)))
     rests = rests_of(read.time, read.position, noise)
     standing, resting = _standing(t, rests, cutoffs)
     out = _stopped(standing, _ends_resting(given, read, t, noise, cutoffs))
@@ -203,28 +209,3 @@ def _ends_resting(given: Samples, read: Trajectory, t: Trajectory, noise: Noise,
     slip = np.minimum(cutoffs, END_SLOPE / step) * noise.step
     most = np.linalg.norm(SIGMAS * weight * noise.white + slip + blurred, axis=1)
     return np.asarray(resting | (np.linalg.norm(t.velocity[[0, -1]], axis=1) <= most))
-
-
-def _even(t: Trajectory) -> tuple[np.ndarray, float]:
-    """Positions (N, n) at N even times from the first to the last sample, and the time between them [s]."""
-    from scipy.interpolate import CubicSpline
-
-    time = np.linspace(t.time[0], t.time[-1], len(t.time))
-    step = float(time[1] - time[0])
-    if np.abs(t.time - time).max() < EVEN * step:
-        return t.position, step
-    return CubicSpline(t.time, t.position)(time), step
-
-
-def _smoothed(t: Trajectory, even: np.ndarray, cutoffs: np.ndarray) -> Trajectory:
-    """A recording with positions smoothed at `cutoffs` (n,) [Hz] from those at even times (N, n); itself if at none."""
-    from scipy.interpolate import CubicSpline
-
-    if not np.isfinite(cutoffs).any():
-        return t
-    time, smoothed = np.linspace(t.time[0], t.time[-1], len(t.time)), even.copy()
-    for cutoff in np.unique(cutoffs):
-        smoothed[:, cutoffs == cutoff] = smooth(even[:, cutoffs == cutoff], float(time[1] - time[0]), float(cutoff))
-    curve = CubicSpline(time, smoothed)
-    q, v, a = (curve(time, order) for order in range(3))
-    return Trajectory(t.joints, time, q, v, a)

@@ -14,9 +14,10 @@ import numpy as np
 
 from energy_opt.measured.run import Run
 from energy_opt.numerics.rests import at_rest
-from energy_opt.numerics.signals import smooth
+from energy_opt.numerics.signals import evenly, smooth, smooth_each
 
 CUTOFFS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.0, 20.0, 25.0)  # [Hz]
+EVEN = 1e-3  # share of a step by which even times may differ
 MOVED = 0.01  # [rad] a joint that moves less in a run is not used to estimate noise
 COARSE = 0.15  # [s] between samples above which positions give no accelerations
 EXCESS = 1.15  # residual variance over that of noise alone above which a cut-off removes signal
@@ -63,17 +64,6 @@ class Kinematics:
     jumps: np.ndarray
 
 
-def _uniform(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same signal on an even grid of the same number of samples."""
-    from scipy.interpolate import CubicSpline
-
-    grid = np.linspace(time[0], time[-1], len(time))
-    step = (time[-1] - time[0]) / (len(time) - 1)
-    if np.abs(time - grid).max() < 1e-3 * step:
-        return grid, values
-    return grid, CubicSpline(time, values)(grid)
-
-
 def _noise_gain(cutoff: float, step: float) -> float:
     """Share of white noise's variance that the smoother removes."""
     f = (np.arange(2048) + 0.5) / 2048 * 0.5 / step
@@ -92,7 +82,7 @@ def _noise(signals: Sequence[tuple[np.ndarray, np.ndarray]]) -> float:
     """Standard deviation of white noise that explains what the highest cut-off removes; median over the columns."""
     levels: list[float] = []
     for time, values in signals:
-        grid, even = _uniform(time, values)
+        grid, even = evenly(time, values, EVEN)
         step = float(grid[1] - grid[0])
         usable = _usable(step)
         removed = np.mean((even - smooth(even, step, usable[-1])) ** 2, axis=0) / _noise_gain(usable[-1], step)
@@ -133,23 +123,23 @@ def kinematics(run: Run, at: np.ndarray, noise: Smoothing, details: bool = False
     if coarse(run):
         return _between(run, at)
     logged = run.velocity is not None
-    grid, even = _uniform(run.time, run.position)
+    grid, even = evenly(run.time, run.position, EVEN)
     step = float(grid[1] - grid[0])
     cutoffs = choose_cutoffs(even, step, noise.position_noise)
-    q = make_interp_spline(grid, _smoothed(even, step, cutoffs), k=5)(at)
+    q = make_interp_spline(grid, smooth_each(even, step, cutoffs), k=5)(at)
     if run.velocity is not None:
-        grid, even = _uniform(run.time, run.velocity)
+        grid, even = evenly(run.time, run.velocity, EVEN)
         cutoffs = choose_cutoffs(even, step, noise.velocity_noise)
 
     def slopes(share: float) -> tuple[np.ndarray, np.ndarray]:
         """Velocity and acceleration with a share of the cut-offs."""
-        curve = make_interp_spline(grid, _smoothed(even, step, share * cutoffs), k=5)
+        curve = make_interp_spline(grid, smooth_each(even, step, share * cutoffs), k=5)
         return (curve(at), curve.derivative(1)(at)) if logged else (curve.derivative(1)(at), curve.derivative(2)(at))
 
     v, a = slopes(1.0)
     rest, changes = np.zeros(v.shape, dtype=bool), np.zeros((len(at), 2 * v.shape[1]))
     if run.acceleration is not None:
-        a = make_interp_spline(*_uniform(run.time, run.acceleration), k=3)(at)
+        a = make_interp_spline(*evenly(run.time, run.acceleration, EVEN), k=3)(at)
     elif details:
         lower, still = slopes(LOWER), _at_rest(run, at)
         beside, rings = (_beside_jumps(at, a - lower[1], still, cutoffs, periods) for periods in (0.5, RINGS))
@@ -157,15 +147,6 @@ def kinematics(run: Run, at: np.ndarray, noise: Smoothing, details: bool = False
         changes = np.where(np.tile(beside, 2), np.column_stack([v - lower[0], a - lower[1]]), 0.0)
         changes *= np.repeat(BESIDE_JUMP, v.shape[1])
     return Kinematics(q, v, a, cutoffs, rest, changes)
-
-
-def _smoothed(values: np.ndarray, step: float, cutoffs: np.ndarray) -> np.ndarray:
-    """Even samples (N, n), each column smoothed with its own cut-off (n,) [Hz]."""
-    out = values.copy()
-    for cutoff in np.unique(cutoffs):
-        columns = cutoffs == cutoff
-        out[:, columns] = smooth(values[:, columns], step, float(cutoff))
-    return out
 
 
 def _at_rest(run: Run, at: np.ndarray) -> np.ndarray:

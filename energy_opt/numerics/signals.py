@@ -44,6 +44,29 @@ def smooth(values: np.ndarray, step: float, cutoff: float) -> np.ndarray:
     return np.asarray(solve_banded((3, 3), band, right, overwrite_ab=True, overwrite_b=True)[::2])
 
 
+def smooth_each(values: np.ndarray, step: float, cutoffs: np.ndarray) -> np.ndarray:
+    """Evenly spaced samples (N, n), each column smoothed with its own cut-off (n,) [Hz]; infinite: not at all."""
+    out = values.copy()
+    for cutoff in np.unique(cutoffs):
+        columns = cutoffs == cutoff
+        out[:, columns] = smooth(values[:, columns], step, float(cutoff))
+    return out
+
+
+def evenly(time: np.ndarray, values: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
+    """As many even times as there are samples, and the samples at these by a cubic spline.
+
+    Args:
+        time: (N,) [s]. values: (N, n). tolerance: share of a step within which times count as even already.
+    """
+    from scipy.interpolate import CubicSpline
+
+    grid = np.linspace(time[0], time[-1], len(time))
+    if np.abs(time - grid).max() < tolerance * (time[-1] - time[0]) / (len(time) - 1):
+        return grid, values
+    return grid, CubicSpline(time, values)(grid)
+
+
 def standstills(time: np.ndarray, position: np.ndarray, shortest: float = SHORTEST) -> list[tuple[int, int]]:
     """Index ranges [first, last] in which no joint moves for at least `shortest` seconds.
 

@@ -9,18 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from energy_opt.errors import Infeasible, at_least
+from energy_opt.motion import Move, Planner
 from energy_opt.motion.judge.energy import Energy
 from energy_opt.motion.plan.neighbour import Neighbours, Optimum
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.tradeoffs.fixed_cycle import Cycle, Waiting
-
-if TYPE_CHECKING:
-    from energy_opt.motion import Move, Planner
 
 COUNT = 20  # default number of points
 REACH = 2.5  # the default front ends at this multiple of the fastest duration, or beyond the optimum

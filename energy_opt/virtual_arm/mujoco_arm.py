@@ -13,18 +13,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from energy_opt.errors import BadInput
+from energy_opt.robot import Robot
 from energy_opt.virtual_arm.drives import JointLaws
 from energy_opt.virtual_arm.plant import Plant
-
-if TYPE_CHECKING:
-    from energy_opt.robot import Robot
 
 STEP = 1e-3  # [s] time step
 SETTLING = 0.4  # [s] time before a motion in which the controller settles

@@ -6,18 +6,16 @@ import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.files import replacing, write_toml
+from energy_opt.robot import Robot
 from energy_opt.virtual_arm.drives import electrical_power, reading
 from energy_opt.virtual_arm.mujoco_arm import STEP, MujocoArm, Played
 from energy_opt.virtual_arm.plant import Plant
-
-if TYPE_CHECKING:
-    from energy_opt.robot import Robot
 
 
 @dataclass(frozen=True)

@@ -33,6 +33,10 @@ def as_error(error: Exception) -> EnergyOptError:
     """Convert an exception to an error with one clear line."""
     if isinstance(error, EnergyOptError):
         return error
+    if isinstance(error, OSError) and error.filename is None and error.__traceback__ is not None:
+        raised = Path(traceback.extract_tb(error.__traceback__)[-1].filename)
+        if raised.parent == Path(__file__).parent:  # only modules of this folder print, others write files
+            return BadInput(f"standard output cannot be written: {error.strerror}; files in --out are whole")
     if isinstance(error, OSError) and error.errno is not None:
         reason = error.strerror or str(error)
         if error.errno in FULL:
@@ -150,15 +154,6 @@ def stdout_for_json(wanted: bool) -> Iterator[None]:
     finally:
         os.dup2(kept, 1)
         os.close(kept)
-
-
-def of_output(fault: Exception) -> BadInput | None:
-    """The error for a fault in printing, else None: only modules of this folder print, others write files."""
-    if not isinstance(fault, OSError) or fault.filename is not None or fault.__traceback__ is None:
-        return None
-    if Path(traceback.extract_tb(fault.__traceback__)[-1].filename).parent != Path(__file__).parent:
-        return None
-    return BadInput(f"standard output cannot be written: {fault.strerror}; files in --out are whole")
 
 
 def flushed() -> int:

@@ -17,17 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from energy_opt import __version__
-from energy_opt.cli.faults import (
-    Unforeseen,
-    as_error,
-    flushed,
-    of_output,
-    one_line,
-    opened,
-    stdout_for_json,
-    view,
-    was_pressed,
-)
+from energy_opt.cli.faults import Unforeseen, as_error, flushed, one_line, opened, stdout_for_json, view, was_pressed
 from energy_opt.cli.options import Help, Parser, add_options, request_of
 from energy_opt.cli.terminal import Terminal
 from energy_opt.errors import BadInput, EnergyOptError, speaking_of_options, suggest
@@ -79,7 +69,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except Exception as fault:
             if was_pressed() and not isinstance(fault, EnergyOptError):
                 return _interrupted(words)  # a library that was being imported raised an error of its own
-            error = of_output(fault) or as_error(fault)
+            error = as_error(fault)
             if "-v" in words and isinstance(error, Unforeseen):
                 traceback.print_exception(fault)
             return _failed(error.document(), words, error.exit_code)

@@ -235,20 +235,13 @@ def write_report(path: Path, records: Sequence[Row], summary: dict[str, Any]) ->
     if summary["proxies"]:
         report.section("Other objectives against energy")
         report.text("Additional loss if another quantity is minimised, for the same move and duration.")
-        names = ("robot", "mode", "model", "timing", "objective", "pairs")
-        header = (*_heads(names), "loss mean [%]", "loss most [%]", "energy mean [J]")
-        report.table(
-            header,
-            [
-                [row[name] for name in names]
-                + [row["more_loss_percent"]["mean"], row["more_loss_percent"]["most"], row["more_joules_mean"]]
-                for row in summary["proxies"]
-            ],
-        )
+        columns = _columns(("robot", "mode", "model", "timing", "objective", "pairs"))
+        columns |= {f"loss {name} [%]": f"more_loss_percent.{name}" for name in ("mean", "most")}
+        report.records(summary["proxies"], columns | {"energy mean [J]": "more_joules_mean"})
     report.section("Times")
     report.text("Building a problem happens once per robot and mode in each worker; solving happens for every move.")
     if summary["times"]:
-        report.table(_heads(summary["times"][0]), [list(row.values()) for row in summary["times"]])
+        report.records(summary["times"], _columns(summary["times"][0]))
     run = summary["run"]
     named = {"processes": "jobs", "scheduler": "scheduler", "moves of this run": "moves", "took [s]": "seconds"}
     report.facts({name: run[key] for name, key in {**named, "moves per second": "moves_per_second"}.items()})
@@ -259,8 +252,9 @@ def write_report(path: Path, records: Sequence[Row], summary: dict[str, Any]) ->
     report.command(run).write(path)
 
 
-def _heads(names: Iterable[str]) -> list[str]:
-    return [HEADS.get(name, name) for name in names]
+def _columns(names: Iterable[str]) -> dict[str, str]:
+    """Columns of a table of records: their keys by their heads."""
+    return {HEADS.get(name, name): name for name in names}
 
 
 def _failures(report: Report, failures: Sequence[dict[str, Any]]) -> None:
@@ -269,9 +263,7 @@ def _failures(report: Report, failures: Sequence[dict[str, Any]]) -> None:
     if not failures:
         report.text("None.")
         return
-    report.table(
-        [*_heads(NAMED), "status", "reason"], [[r[n] for n in (*NAMED, "status", "error")] for r in failures[:LISTED]]
-    )
+    report.records(failures[:LISTED], _columns((*NAMED, "status")) | {"reason": "error"})
     if len(failures) > LISTED:
         report.text(f"... and {len(failures) - LISTED} more.")
 
@@ -283,15 +275,9 @@ def _savings_shown(report: Report, savings: Sequence[dict[str, Any]], records: S
         report.text("None: no move was solved.")
         return
     report.text("Against the same path at the same duration, timed by TOPP-RA and slowed evenly.")
-    quantiles = ("mean", "worst", "p10", "median", "p90", "best")
-    report.table(
-        [*_heads(OF_SAVINGS), "moves", *(f"loss {q} [%]" for q in quantiles), "total mean [%]"],
-        [
-            [row[name] for name in OF_SAVINGS]
-            + [row["loss_percent"]["count"], *(row["loss_percent"][q] for q in quantiles), row["total_percent"]["mean"]]
-            for row in savings
-        ],
-    )
+    columns = _columns(OF_SAVINGS) | {"moves": "loss_percent.count"}
+    columns |= {f"loss {q} [%]": f"loss_percent.{q}" for q in ("mean", "worst", "p10", "median", "p90", "best")}
+    report.records(savings, columns | {"total mean [%]": "total_percent.mean"})
     charts = []
     for label, column in (("loss saved [%]", "saving_loss_percent"), ("solve time [s]", "solve_seconds")):
         spread = {}
@@ -310,5 +296,4 @@ def _certificates_shown(report: Report, certificates: dict[str, Any]) -> None:
         f"{certificates['judged']} trajectories judged, {certificates['violated']} beyond a limit. "
         "A violation is a fraction of its bound; at or below zero is inside."
     )
-    names = (*NAMED, "status", "max_violation")
-    report.table(_heads(names), [[row[name] for name in names] for row in certificates["worst"]])
+    report.records(certificates["worst"], _columns((*NAMED, "status", "max_violation")))

@@ -22,7 +22,6 @@ from energy_opt.reports.charts import Chart, Line
 from energy_opt.reports.optimize import assumed
 from energy_opt.reports.page import Report
 from energy_opt.reports.words import yearly
-from energy_opt.tradeoffs.front_files import COLUMNS
 
 COUNT = 10  # default number of cycle times
 ROOM = 1.0005  # times the shortest cycle: the shortest itself leaves nothing to share
@@ -209,13 +208,8 @@ def page(found: Mapping[str, Any]) -> Report:
         ),
         Chart("Standby left out", "cycle time [s]", "energy [J]", [line("this plan", "energy_loss", "dots")]),
     )  # fmt: skip
-    report.table(
-        ["cycle [s]", "energy [J]", "standby [J]", "evenly slowed [J]", "fastest then wait [J]", "status", "reason"],
-        [
-            [*(row[name] for name in COLUMNS[:3]), *(row.get(name) for name in PLAIN), row["status"], row.get("reason")]
-            for row in found["points"]
-        ],
-        digits=6,
-    )
+    columns = {"cycle [s]": "duration", "energy [J]": "energy_total", "standby [J]": "energy_standby"}
+    columns |= {"evenly slowed [J]": "evenly_slowed", "fastest then wait [J]": "fastest_then_wait"}
+    report.records(found["points"], {**columns, "status": "status", "reason": "reason"}, digits=6)
     assumed(report, found)
     return report.command(found.get("request"))

@@ -235,15 +235,10 @@ def page(arms: Sequence[Arm], changes: Sequence[Change], headline: str, request:
             "A change is real where 0 lies outside of its interval; the intervals are so wide that all of them hold at "
             "once in 95 % of cases."
         )
-        header = ["from", "to", "quantity", "joint", "speed [rad/s, m/s]", "before", "after", "unit"]
-        report.table(
-            [*header, "change [%]", "95 %", "real"],
-            [
-                [c.before_label, c.after_label, c.quantity, c.joint, c.speed, c.before, c.after, c.unit]
-                + [c.percent, c.ci95, c.real]
-                for c in sorted(changes, key=lambda c: (not c.real, -abs(c.percent or 0.0)))
-            ],
-        )
+        columns = {"from": "before_label", "to": "after_label", "quantity": "quantity", "joint": "joint"}
+        columns |= {"speed [rad/s, m/s]": "speed", "before": "before", "after": "after", "unit": "unit"}
+        columns |= {"change [%]": "percent", "95 %": "ci95", "real": "real"}
+        report.records(map(vars, sorted(changes, key=lambda c: (not c.real, -abs(c.percent or 0.0)))), columns)
     return report.command(request)
 
 
@@ -255,9 +250,8 @@ def _values(report: Report, arm: Arm) -> None:
         report.text("Nothing here was measured on this arm: the values are published, declared or assumed, as stated.")
     if len(arm.modes) > 1:
         report.text("Levels of power at rest (for example motors on, brakes on, drives off):")
-        report.table(
-            ["power [W]", "seconds", "standstills"], [[m["power"], m["seconds"], m["standstills"]] for m in arm.modes]
-        )
+        columns = {"power [W]": "power", "seconds": "seconds", "standstills": "standstills"}
+        report.records(arm.modes, columns)
     records = [["standby", None, *_cells(arm.number("standby", "power"))]]
     records += [["R/Kt²", arm.robot.joints[j], *_cells(arm.number("copper_loss", "r_over_kt2", j))] for j in range(n)]
     for j in range(n):
@@ -269,10 +263,8 @@ def _values(report: Report, arm: Arm) -> None:
     report.table(["quantity", "joint", "value", "95 %", "unit", "status", "source"], records)
     shown_above = ("standby", "copper_loss")
     others = [row for row in arm.numbers() if row["effect"] not in shown_above]
-    report.table(
-        ["effect", "parameter", "joint", "value", "95 %", "unit", "status"],
-        [[r["effect"], r["parameter"], r["joint"], r["value"], r["ci95"], r["unit"], r["status"]] for r in others],
-    )
+    heads = {name: name for name in ("effect", "parameter", "joint", "value")}
+    report.records(others, {**heads, "95 %": "ci95", "unit": "unit", "status": "status"})
 
 
 def _cells(number: Number) -> list[object]:

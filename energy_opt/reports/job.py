@@ -17,7 +17,6 @@ from energy_opt.reports.page import Report
 from energy_opt.reports.words import yearly
 from energy_opt.robot import Robot
 
-COLUMNS = ("start", "duration", "energy_total", "payload", "source")
 LANES = {"move": "moves", "wait": "waits", "standby": "standby"}
 GIVEN = "through the poses"  # a job's words for a given path: the curve through its poses
 
@@ -57,14 +56,11 @@ def page(
         Chart("Time of each step", "duration [s]", "", bars={"result": durations}),
         Chart("Energy of each step", "energy, standby included [J]", "", bars={"result": energies}),
     )
-    firsts = [GIVEN if row.get("first_path") == "given" else row.get("first_path") for row in steps]  # waits have none
-    report.table(
-        ["step", "begins [s]", "takes [s]", "energy [J]", "payload [kg]", "mode", "first path", "status"],
-        [
-            [name, *(row.get(key) for key in COLUMNS), first, row.get("status")]
-            for name, row, first in zip(names, steps, firsts, strict=True)
-        ],
-    )
+    shown = [{**row, "name": name} for name, row in zip(names, steps, strict=True)]
+    shown = [{**row, "first_path": GIVEN} if row.get("first_path") == "given" else row for row in shown]
+    columns = {"step": "name", "begins [s]": "start", "takes [s]": "duration", "energy [J]": "energy_total"}
+    columns |= {"payload [kg]": "payload", "mode": "source", "first path": "first_path", "status": "status"}
+    report.records(shown, columns)
     several = document.get("robust")
     bound = (several or document["optimality"])["lower_bound"]
     report.section("Comparison with simple cycles").table(

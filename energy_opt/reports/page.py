@@ -14,8 +14,8 @@ import json
 import math
 import re
 import zipfile
-from collections.abc import Mapping, Sequence
-from functools import cache
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cache, reduce
 from pathlib import Path
 from typing import Any
 
@@ -143,6 +143,19 @@ class Report:
         )
         return self._add(f'<div class="wide"><table>\n<tr>{head}</tr>\n{body}</table></div>')
 
+    def records(self, given: Iterable[Mapping[str, Any]], columns: Mapping[str, str], digits: int = 4) -> Report:
+        """Add a table of records.
+
+        Args:
+            given: the records. columns: for the head of each column the records' key; `a.b` is key b in the table of a.
+            digits: significant ones of numbers.
+        """
+
+        def cell(row: Any, key: str) -> Any:
+            return reduce(lambda found, part: found.get(part), key.split("."), row)
+
+        return self.table(list(columns), [[cell(row, key) for key in columns.values()] for row in given], digits)
+
     def facts(self, values: Mapping[str, Any]) -> Report:
         """Add a table of names and values; names without a value are left out."""
         records = "".join(
@@ -160,8 +173,7 @@ class Report:
         """
         if not models:
             return self
-        records = [[row["name"], *(row.get(key) for key in columns.values())] for row in models]
-        return self.section(title).table(["model", *columns], records)
+        return self.section(title).records(models, {"model": "name", **columns})
 
     def command(self, request: Mapping[str, Any] | None) -> Report:
         """Add the command line that a request holds, if one does."""

@@ -57,9 +57,7 @@ def page(
     columns = {"total [J]": "total", "loss [J]": "loss", "saved against evenly slowed [J]": "saving_joules"}
     report.models("The front's minimum under other models", document.get("models"), columns)
     assumed(report, document)
-    names = ("duration", "energy_total", "energy_standby", "energy_loss", "status")
-    report.section("Points").table(
-        ["duration [s]", "total [J]", "standby [J]", "loss [J]", "status", "reason"],
-        [[*(p.get(name) for name in names), p.get("reason", "")] for p in document["points"]],
-    )
+    columns = {"duration [s]": "duration", "total [J]": "energy_total", "standby [J]": "energy_standby"}
+    columns |= {"loss [J]": "energy_loss", "status": "status", "reason": "reason"}
+    report.section("Points").records(({"reason": "", **p} for p in document["points"]), columns)
     return report.command(document.get("request"))

@@ -84,19 +84,11 @@ def page(
     if any(lever["moves"] == "evenly_slowed" for lever in levers):
         report.text(SLOWED)
     for robot in document["robots"]:
-        report.section(str(robot["name"])).table(
-            ["step", "begins [s]", "takes [s]", "mode", "zone", "energy [J]"],
-            [
-                [s["name"], s["start"], s["duration"], s["mode"] or "moves", s["zone"], s["energy_total"]]
-                for s in robot["steps"]
-                if s["duration"] > BRIEF
-            ],
-            digits=6,
-        )
-    report.section("Files for controllers").table(
-        ["file", "robot", "begins [s]", "within all limits"],
-        [[w["file"], w["robot"], w["starts_at"], w["valid"]] for w in document["written"]],
-    )
+        steps = [{**s, "mode": s["mode"] or "moves"} for s in robot["steps"] if s["duration"] > BRIEF]
+        columns = {"step": "name", "begins [s]": "start", "takes [s]": "duration", "mode": "mode", "zone": "zone"}
+        report.section(str(robot["name"])).records(steps, {**columns, "energy [J]": "energy_total"}, digits=6)
+    columns = {"file": "file", "robot": "robot", "begins [s]": "starts_at", "within all limits": "valid"}
+    report.section("Files for controllers").records(document["written"], columns)
     return report.command(document.get("request"))
 
 

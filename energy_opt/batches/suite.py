@@ -1,32 +1,9 @@
-"""Suites: a TOML file that names robots, moves, modes, durations, payloads, models and objectives.
+"""Suites: a TOML file that names robots, moves, modes, durations, payloads, models and objectives; see example.toml.
 
-    format = "energy-opt/suite/1"
-    name = "example"
-    robots = ["panda", "my_arm.urdf"]
-    random = { count = 20, seed = 1, range = 0.6 }
-    modes = ["retime", "reshape"]
-    durations = [2.0, "1.5x", "free"]
-    payloads = [0, "1.5,0,0,0.1"]
-    models = ["source_method_2", "my_model.toml"]      # default: "mean", of source_method_2 and careful
-    objectives = ["energy", "torque"]
-
-    [[moves]]
-    name = "across"
-    start = [0, -0.785, 0, -2.356, 0, 1.571, 0.785]
-    goal = { panda_joint1 = 1.2, ... }      # every joint by name, or a list in order
-    durations = [2.0]                       # optional: instead of the suite's
-
-    [[moves]]
-    name = "to the part"
-    start = [0, -0.785, 0, -2.356, 0, 1.571, 0.785]
-    goal_pose = [0.5, 0.1, 0.3, 3.14159, 0, 0]   # of the tool; also start_pose, via_pose = [...], pose_tolerance
-    free = ["rz"]
-
-    [[groups]]                              # optional: each is a product in place of the top level's; what a group
-                                            # does not say, the top level does
-    robots = ["ur5"]
-
-Every robot meets every move, mode, duration, payload, model and objective. Files are named relative to the suite.
+Every robot meets every move, mode, duration, payload, model and objective. Each of [[groups]] is such a product in
+place of the top level's; what a group does not say, the top level does. An end of a move is a list in the robot's
+order, a table by joint name, or a pose of the tool: start_pose, goal_pose, via_pose = [...], with free = ["rz"] and
+pose_tolerance. Files are named relative to the suite.
 """
 
 from __future__ import annotations

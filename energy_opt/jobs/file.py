@@ -1,22 +1,8 @@
-"""JOB.toml: an ordered list of moves and waits, repeated in a fixed cycle; every fault is named with its step.
+"""JOB.toml: an ordered list of moves and waits, repeated in a fixed cycle; see example.toml.
 
-format = "energy-opt/job/1"
-robot = "panda"
-cycle_time = 8.0            # s
-home = "rest"               # optional: a pose or positions; else the cycle begins at the last `to`
-mode = "reshape"            # optional: of every step that does not say its own
-brakes = false              # optional: may brakes hold the arm while time is left over?
-
-[poses]
-rest = [0, -0.785, 0, -2.356, 0, 1.571, 0.785]
-part = { pose = [0.5, 0.2, 0.1, 3.14159, 0, 0], free = ["rz"] }     # of the tool: m, rad, in the base frame
-
-[[step]]
-to = "rest"                 # or positions, in the robot's order or by joint name
-[[step]]
-to = "part"                 # or pose = [...] or "box_1: 0,0,0.1,3.14159,0,0", free = [...], pose_tolerance = "1mm,1deg"
-[[step]]
-wait = 0.5                  # s; brakes = true: without holding losses
+Every fault is named with its step. Without a `home`, the cycle begins at the last `to`. In [poses] and in steps, a pose
+of the tool is written pose = [0.5, 0.2, 0.1, 3.14159, 0, 0] (m, rad, in the base frame) or "box_1: 0,0,0.1,3.14159,0,0"
+(in that object's frame), with free = ["rz"] and pose_tolerance = "1mm,1deg".
 """
 
 from __future__ import annotations

@@ -50,16 +50,7 @@ class Change:
         return f"{name}{where}{at}: {self.before:.4g} → {self.after:.4g} {self.unit}{share}{spread}: {word}"
 
 
-@dataclass(frozen=True)
-class _Quantity:
-    """A quantity's key, unit, value, and its values in every draw (D,)."""
-
-    quantity: str
-    joint: str | None
-    speed: float | None
-    unit: str
-    value: float
-    draws: np.ndarray
+Key = tuple[str, str | None, float | None]  # quantity, joint and speed, as in `Change`
 
 
 def changes(before: Arm, after: Arm) -> list[Change]:
@@ -74,25 +65,25 @@ def changes(before: Arm, after: Arm) -> list[Change]:
     """
     if before.robot.joints != after.robot.joints:
         return []
-    first = {(x.quantity, x.joint, x.speed): x for x in _quantities(before)}
-    pairs = [(first[key], x) for x in _quantities(after) if (key := (x.quantity, x.joint, x.speed)) in first]
+    first, second = dict(_quantities(before)), dict(_quantities(after))
+    keys = [key for key in second if key in first]
     spreads = []
-    for a, b in pairs:
-        count = min((len(x.draws) for x in (a, b) if len(x.draws)), default=0)
-        moved = [x.draws[:count] - x.value if len(x.draws) else np.zeros(count) for x in (a, b)]
+    for key in keys:
+        both = [values[key][1:] for values in (first, second)]
+        count = min((len(draws) for _, draws in both if len(draws)), default=0)
+        moved = [draws[:count] - value if len(draws) else np.zeros(count) for value, draws in both]
         spreads.append(moved[1][::-1] - moved[0])  # reversed, as equal seeds draw equal numbers
     width = [float(x.std()) if len(x) else 0.0 for x in spreads]
     scaled = [np.abs(x) / w for x, w in zip(spreads, width, strict=True) if w > 0]
     most = float(np.quantile(np.max(scaled, axis=0), LEVEL)) if scaled else 0.0
     out = []
-    for (a, b), w in zip(pairs, width, strict=True):
-        d = b.value - a.value
-        known = a.draws.size > 0 and b.draws.size > 0 and w > 0
+    for key, w in zip(keys, width, strict=True):
+        (unit, was, draws), (_, now, others) = first[key], second[key]
+        d, known = now - was, draws.size > 0 and others.size > 0 and w > 0
         interval = (d - most * w, d + most * w) if known else None
         real = abs(d) > most * w if known else None
-        share = 100 * d / abs(a.value) if a.value else None
-        labels = (before.label, after.label)
-        out.append(Change(*labels, a.quantity, a.joint, a.speed, a.unit, a.value, b.value, d, interval, share, real))
+        share = 100 * d / abs(was) if was else None
+        out.append(Change(before.label, after.label, *key, unit, was, now, d, interval, share, real))
     return out
 
 
@@ -106,8 +97,8 @@ def changes_since(last: PowerModel, now: PowerModel, robot: Robot) -> list[Chang
     return sorted((x for x in found if x.difference), key=lambda x: (not x.real, -abs(x.percent or 0.0)))
 
 
-def _quantities(arm: Arm) -> Iterator[_Quantity]:
-    """The compared quantities: standby, R/Kt^2 and friction of each joint."""
+def _quantities(arm: Arm) -> Iterator[tuple[Key, tuple[str, float, np.ndarray]]]:
+    """Standby, R/Kt^2 and friction of each joint: unit, value, and the values (D,) of all draws."""
     for effect, parameter in (("standby", "power"), ("copper_loss", "r_over_kt2")):
         held = arm.model.get(effect)
         if held is None:
@@ -118,7 +109,7 @@ def _quantities(arm: Arm) -> Iterator[_Quantity]:
         for k, value in enumerate(_full(arm.model, effect, n)):
             joint = arm.robot.joints[k] if effect == "copper_loss" else None
             unit = arm.unit(p, k)
-            yield _Quantity(effect if joint is None else parameter, joint, None, unit, float(value), drawn[:, k])
+            yield (effect if joint is None else parameter, joint, None), (unit, float(value), drawn[:, k])
     if not arm.friction_effects:
         return
     sure = any(arm.measured(name) for name in arm.friction_effects)
@@ -126,7 +117,7 @@ def _quantities(arm: Arm) -> Iterator[_Quantity]:
         unit = arm.robot.unit("effort", joint)
         for k in range(1, len(SHARES)):
             draws = arm.friction_draws[:, j, k] if sure else np.empty(0)
-            yield _Quantity("friction", joint, float(arm.speeds[j, k]), unit, float(arm.friction[j, k]), draws)
+            yield ("friction", joint, float(arm.speeds[j, k])), (unit, float(arm.friction[j, k]), draws)
 
 
 def _full(model: PowerModel, effect: str, n: int) -> np.ndarray:

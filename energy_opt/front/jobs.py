@@ -62,40 +62,32 @@ def job_from(
     )  # fmt: skip
 
 
-def loaded(request: Asked, job: Job, rivals: list[Rival], desk: Desk) -> Job:
-    """The job with the payload of the request or of the models' first, unless the job states its own."""
-    if getattr(request, "payload", None) is None and "payload" in content_of(request)[0]:
-        return job
-    carried = [load_of(model) for model in members(rivals)]
-    if len(set(carried)) > 1:
-        desk.say(
-            "warning: the payloads of the models differ; a job has one at a time: that of the first model is used for "
-            "all, unless the job or --payload states it"
-        )
-    return job if carried[0] is None else job_from(request, carried[0], job.robot)
+def prepared(request: Asked, desk: Desk, **known: Any) -> tuple[Job, list[Rival], Kind | None, Asked]:
+    """The job, the models, how several are combined, and the request with everything resolved.
 
-
-def resolved_job(request: Asked, robot: Robot, rivals: list[Rival], kind: Kind | None, **known: Any) -> Asked:
-    """The request with everything resolved: it contains the job file's content, and documents of the models.
+    The job carries its own payload, else that of the request, or of the models' first. The resolved request contains
+    the job file's content, and documents of the models.
 
     Args:
-        request: as asked. robot: the job's. rivals: the models. kind: how several are combined. known: further fields.
+        request: names the job. desk: takes a warning if the models' payloads differ. known: further fields.
     """
-    document, path = content_of(request)
+    job, (document, path) = job_from(request), content_of(request)
+    rivals, kind = rivals_of(request, job.robot, desk)
+    if getattr(request, "payload", None) is not None or "payload" not in document:
+        carried = [load_of(model) for model in members(rivals)]
+        if len(set(carried)) > 1:
+            desk.say(
+                "warning: the payloads of the models differ; a job has one at a time: that of the first model is used "
+                "for all, unless the job or --payload states it"
+            )
+        job = job if carried[0] is None else job_from(request, carried[0], job.robot)
     if not isinstance(request, PlaceRequest):
         known["payload"] = payload_document(request.payload)
-    return replace(
-        request, job=document, folder=str(path.parent.resolve()), robot=named_robot(robot, request.robot),
+    asked = replace(
+        request, job=document, folder=str(path.parent.resolve()), robot=named_robot(job.robot, request.robot),
         model=documents(rivals), robust=kind, **known,
     )  # fmt: skip
-
-
-def prepared(request: Asked, desk: Desk, **known: Any) -> tuple[Job, list[Rival], Kind | None, Asked]:
-    """The job with its payload, the models, how several are combined, and the request with everything resolved."""
-    job = job_from(request)
-    rivals, kind = rivals_of(request, job.robot, desk)
-    job = loaded(request, job, rivals, desk)
-    return job, rivals, kind, resolved_job(request, job.robot, rivals, kind, **known)
+    return job, rivals, kind, asked
 
 
 def answers_of(

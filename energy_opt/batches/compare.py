@@ -32,7 +32,8 @@ def compare(old: Path, new: Path) -> dict[str, Any]:
     Raises:
         BadInput: a path has no results, or the two have no move in common.
     """
-    before, after = (_records(path) for path in (old, new))
+    files = [path / "results.parquet" if path.is_dir() else path for path in (old, new)]
+    before, after = ({tuple(row[name] for name in IDENTITY): row for row in read_parquet(file)} for file in files)
     keys = [key for key in before if key in after]
     if not keys:
         raise BadInput(f"{old} and {new} have no move in common: nothing to compare")
@@ -52,12 +53,6 @@ def compare(old: Path, new: Path) -> dict[str, Any]:
         "times": _times(pairs) if same_machine else [],
         "same_machine": same_machine,
     }
-
-
-def _records(path: Path) -> dict[tuple[Any, ...], Row]:
-    """The records of a folder or of a results.parquet, by the identity of the move."""
-    file = path / "results.parquet" if path.is_dir() else path
-    return {tuple(row[name] for name in IDENTITY): row for row in read_parquet(file)}
 
 
 def _machine(path: Path) -> tuple[Any, ...] | None:

@@ -162,18 +162,13 @@ def _expressions(kind: type[Effect], x: Signals, p: ca.SX, joints: int, kinks: K
 
     For an effect with options, the expressions for all combinations, one below the other.
     """
-    both = [_law_of(kind.neutral(joints, **words), x, p, joints, kinks) for words in _each_option(kind)]
-    return ca.vertcat(*(added for added, _ in both)), ca.vertcat(*(given for _, given in both))
-
-
-def _law_of(effect: Effect, x: Signals, vector: ca.SX, joints: int, kinks: Kinks) -> tuple[ca.SX, ca.SX]:
-    """What one effect adds (M, 1), and the power [W] that it takes away; both as expressions in x and `vector`
-    (as `full`).
-    """
-    added = _added(effect, x, effect.named(vector, joints), joints, kinks)
-    if isinstance(effect, stages.TorqueEffect):
-        return added, ca.dot(added, x.v)
-    return added, ca.SX(0) if isinstance(effect, stages.RigidEffect) else added
+    added, given = [], []
+    for words in _each_option(kind):
+        effect = kind.neutral(joints, **words)
+        added.append(_added(effect, x, effect.named(p, joints), joints, kinks))
+        torque, rigid = isinstance(effect, stages.TorqueEffect), isinstance(effect, stages.RigidEffect)
+        given.append(ca.dot(added[-1], x.v) if torque else ca.SX(0) if rigid else added[-1])
+    return ca.vertcat(*added), ca.vertcat(*given)
 
 
 def _added(effect: Effect, x: Signals, p: SimpleNamespace, joints: int, kinks: Kinks) -> ca.SX:

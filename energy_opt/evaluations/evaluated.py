@@ -171,15 +171,10 @@ def _with_ends_in_waits(motion: Recorded) -> tuple[Stretch, ...]:
 
 def _energy(of: Callable[[Stretch], Scorer], parts: Sequence[tuple[Trajectory, Stretch]]) -> Energy:
     """Energy of the parts of a motion, in order."""
-    past, out = Past(), []
+    past, energies = Past(), []
     for trajectory, interval in parts:
         energy, past = of(interval).energy_after(past, trajectory)
-        out.append(energy)
-    return _sum(out)
-
-
-def _sum(energies: Sequence[Energy]) -> Energy:
-    """The sum of energies, part by part and effect by effect."""
+        energies.append(energy)
     names = dict.fromkeys(name for energy in energies for name in energy.by_effect)
     by_effect = {name: sum(energy.by_effect.get(name, 0.0) for energy in energies) for name in names}
     sums = {part: sum(getattr(e, part) for e in energies) for part in ("total", "standby", "stored", "loss")}

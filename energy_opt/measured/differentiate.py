@@ -141,19 +141,14 @@ def kinematics(run: Run, at: np.ndarray, noise: Smoothing, details: bool = False
     if run.acceleration is not None:
         a = make_interp_spline(*evenly(run.time, run.acceleration, EVEN), k=3)(at)
     elif details:
-        lower, still = slopes(LOWER), _at_rest(run, at)
+        lower, resting = slopes(LOWER), at_rest(run.time, run.position, SAME_PLACE)
+        after = np.clip(np.searchsorted(run.time, at), 0, len(resting) - 1)
+        still = resting[after] & resting[np.maximum(after - 1, 0)]  # both readings beside a time belong to a rest
         beside, rings = (_beside_jumps(at, a - lower[1], still, cutoffs, periods) for periods in (0.5, RINGS))
         rest = still & rings
         changes = np.where(np.tile(beside, 2), np.column_stack([v - lower[0], a - lower[1]]), 0.0)
         changes *= np.repeat(BESIDE_JUMP, v.shape[1])
     return Kinematics(q, v, a, cutoffs, rest, changes)
-
-
-def _at_rest(run: Run, at: np.ndarray) -> np.ndarray:
-    """True (M, n) for joints that rest at times `at` (M,): both readings beside it belong to a rest."""
-    rest = at_rest(run.time, run.position, SAME_PLACE)
-    after = np.clip(np.searchsorted(run.time, at), 0, len(rest) - 1)
-    return rest[after] & rest[np.maximum(after - 1, 0)]
 
 
 def _beside_jumps(

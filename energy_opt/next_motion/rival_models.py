@@ -134,16 +134,11 @@ def nearest(
     _, k, u = _unexplained_parts(rivals, body, trajectory, step)[pair]
     models, slack = [rival.model for rival in rivals], rivals[k].slack
     if slack is not None:
-        low, high = _bounds(models[k], body.n)
+        parameters = [(p, e.extents) for e in models[k].effects for p in e.parameters]
+        bounds = [(p.lower, p.upper) for p, extents in parameters for _ in range(p.count(body.n, extents))]
+        low, high = np.array(bounds).T
         models[k] = models[k].with_values(np.clip(models[k].values(body.n) + slack.values @ u[:-1], low, high), body.n)
     return models
-
-
-def _bounds(model: PowerModel, n: int) -> np.ndarray:
-    """Physical bounds (2, P) of a model's values, laid out as `values`."""
-    return np.array(
-        [(p.lower, p.upper) for e in model.effects for p in e.parameters for _ in range(p.count(n, e.extents))]
-    ).T
 
 
 def _unexplained_parts(

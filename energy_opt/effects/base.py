@@ -103,8 +103,14 @@ class Effect:
 
     def __init_subclass__(cls, **keywords: Any) -> None:
         super().__init_subclass__(**keywords)
-        if "parameters" in cls.__dict__:
-            cls.__signature__ = _signature(cls)  # type: ignore[attr-defined]
+        if "parameters" not in cls.__dict__:
+            return
+        # parameters as keywords, annotated with unit and size; options with their default
+        keyword = partial(inspect.Parameter, kind=inspect.Parameter.KEYWORD_ONLY)
+        numbers = [keyword(p.name, annotation=described(p)) for p in cls.parameters]
+        kinds = {key: str if key in cls.free_options else Literal[words] for key, words in cls.options.items()}
+        words = [keyword(key, default=words[0], annotation=kinds[key]) for key, words in cls.options.items()]
+        cls.__signature__ = inspect.Signature([*numbers, *words])  # type: ignore[attr-defined]
 
     def __init__(self, **values: Any) -> None:
         self.values: dict[str, np.ndarray] = {}
@@ -292,15 +298,6 @@ class Effect:
     def __repr__(self) -> str:
         given = {**{k: _short_text(v) for k, v in self.values.items()}, **{k: repr(w) for k, w in self.choices.items()}}
         return f"{type(self).__name__}({', '.join(f'{k}={v}' for k, v in given.items())})"
-
-
-def _signature(cls: type[Effect]) -> inspect.Signature:
-    """Parameters as keywords, annotated with unit and size; options with their default."""
-    keyword = partial(inspect.Parameter, kind=inspect.Parameter.KEYWORD_ONLY)
-    numbers = [keyword(p.name, annotation=described(p)) for p in cls.parameters]
-    kinds = {key: str if key in cls.free_options else Literal[words] for key, words in cls.options.items()}
-    words = [keyword(key, default=words[0], annotation=kinds[key]) for key, words in cls.options.items()]
-    return inspect.Signature([*numbers, *words])
 
 
 def described(p: Parameter) -> str:

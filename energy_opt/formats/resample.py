@@ -157,16 +157,11 @@ def on_steps(trajectory: Trajectory, rate: float, limits: Limits | None = None) 
         if (ends * rate > limits.jerk).any():
             shares = limits.acceleration * rate / limits.jerk
             width = math.ceil(float(shares[np.isfinite(shares)].max()) - 1e-9)
-            q = _mean(q, width)
+            # the mean of `width` positions, at rest before and after
+            padded = np.concatenate([np.repeat(q[:1], width - 1, axis=0), q, np.repeat(q[-1:], width - 1, axis=0)])
+            base = padded[width - 1 :]
+            q = np.asarray(base + sum(padded[k : k + len(base)] - base for k in range(width)) / width)
     return of_steps(trajectory.joints, q, rate)
-
-
-def _mean(q: np.ndarray, width: int) -> np.ndarray:
-    """The mean of `width` positions, at rest before and after, (N + width - 1, n)."""
-    padded = np.concatenate([np.repeat(q[:1], width - 1, axis=0), q, np.repeat(q[-1:], width - 1, axis=0)])
-    base = padded[width - 1 :]
-    count = len(base)
-    return np.asarray(base + sum(padded[k : k + count] - base for k in range(width)) / width)
 
 
 def of_steps(joints: tuple[str, ...], q: np.ndarray, rate: float) -> Trajectory:

@@ -243,8 +243,14 @@ def inspect_set(
     for run in runs:
         faults += _plausible(run, robot, str(log.path.parent / run.file.partition("#")[0]))
     faults += _constant(runs, log)
-    remarks += _torque_remarks(runs, robot) + _power_remarks(runs)
-    if not faults and not any(len(run.power) for run in runs):
+    remarks += _torque_remarks(runs, robot)
+    power, (low, high) = np.concatenate([np.zeros(0), *(run.power for run in runs)]), ARM_POWER
+    if len(power) and not low <= power.mean() <= high:
+        remarks.append(
+            f"the mean power is {power.mean():.3g} W; arms with their controllers take {low:g} to {high:g} W; is the "
+            "unit right?"
+        )
+    if not faults and not len(power):
         remarks.append("no run has a reading of power: nothing but currents and torques can be identified")
     return faults, remarks
 
@@ -288,16 +294,6 @@ def _plausible(run: Run, robot: Robot, where: str) -> list[str]:
                     f"(its own spread is {spread:.3g}); are unit and joint right?"
                 )
     return faults
-
-
-def _power_remarks(runs: Sequence[Run]) -> list[str]:
-    """A remark on a mean power that no arm has."""
-    power = np.concatenate([run.power for run in runs]) if runs else np.zeros(0)
-    low, high = ARM_POWER
-    if not len(power) or low <= float(power.mean()) <= high:
-        return []
-    return [f"the mean power is {power.mean():.3g} W; arms with their controllers take {low:g} to {high:g} W; is the "
-            "unit right?"]  # fmt: skip
 
 
 LOADED = 2.0  # [N m, N] least spread of the torque of gravity that shows the unit of logged torques

@@ -67,20 +67,15 @@ def doubted_units(robot: Robot, time: np.ndarray | None, position: np.ndarray, w
     Raises:
         BadInput: as `refuse_degrees`.
     """
-    degrees = refuse_degrees(robot, position, where)
-    return degrees if time is None else (*degrees, *_slow_times(robot, time, position, where))
-
-
-def _slow_times(robot: Robot, time: np.ndarray, position: np.ndarray, where: str) -> tuple[str, ...]:
-    """A remark where a motion is so slow that its times may be milliseconds."""
-    limit = robot.limits.velocity
-    if len(time) < 2 or np.ptp(position, axis=0).max() < MOVED or not np.isfinite(limit).all():
-        return ()
+    degrees, limit = refuse_degrees(robot, position, where), robot.limits.velocity
+    if time is None or len(time) < 2 or np.ptp(position, axis=0).max() < MOVED or not np.isfinite(limit).all():
+        return degrees
     speed = np.percentile(np.abs(np.diff(position, axis=0)) / np.diff(time)[:, None], 95, axis=0)
     share = float((speed / limit).max())
     if share > SLOW:
-        return ()
+        return degrees
     return (
+        *degrees,
         f"{where}: takes {time[-1] - time[0]:.6g} s, at {100 * share:.1g} % of the largest speed: are its times "
         "milliseconds? Then name their column time_ms",
     )

@@ -32,10 +32,8 @@ def runs_backward(table: Table, column: str, time: np.ndarray, index: np.ndarray
     back = np.flatnonzero(np.diff(time) < 0)
     if back.size:
         k = int(back[0]) + 1
-        table.faults.append(
-            f"{table.path}: row {table.row_number(int(index[k]))}, column {column}: time {time[k]:.14g} s does not "
-            f"come after {time[k - 1]:.14g} s (a file for each start of a clock)"
-        )
+        text = f"time {time[k]:.14g} s does not come after {time[k - 1]:.14g} s (a file for each start of a clock)"
+        table.fault(text, column, int(index[k]))
     return bool(back.size)
 
 
@@ -65,10 +63,8 @@ def quantity(table: Table, name: str, rule: Rule) -> np.ndarray:
     kind = "time" if name.endswith("time") else name.rpartition(".")[2]
     wild = np.flatnonzero(np.abs(values) > LARGEST[kind])
     if wild.size:
-        table.faults.append(
-            f"{table.path}: row {table.row_number(int(wild[0]))}, column {' * '.join(rule.columns)}: "
-            f"{values[wild[0]]:.4g} cannot be a {kind} (SI units); is the file damaged, or the unit another?"
-        )
+        text = f"{values[wild[0]]:.4g} cannot be a {kind} (SI units); is the file damaged, or the unit another?"
+        table.fault(text, " * ".join(rule.columns), int(wild[0]))
     return values
 
 
@@ -93,44 +89,41 @@ def read_joints(table: Table, rules: Mapping[str, Rule], robot: Robot, kind: str
         return None
     index = np.flatnonzero(np.isfinite(time) & np.isfinite(signals["position"]).all(axis=1))
     if len(index) < FEWEST:
-        table.faults.append(f"{table.path}: {len(index)} data rows; a run needs at least {FEWEST}")
+        table.fault(f"{len(index)} data rows; a run needs at least {FEWEST}")
         return None
+    stamps = rules["time"].columns[0]
     held = held_samples(signals["position"][index])
     index = index[~held]
     spike = spikes(time[index], signals["position"][index], robot)
     spiked, index = index[spike], index[~spike]
-    if runs_backward(table, rules["time"].columns[0], time[index], index):
+    if runs_backward(table, stamps, time[index], index):
         return None
     # samples are spread between stamps; two do not say how many belong to each
     if np.count_nonzero(np.diff(time[index])) < 2:
-        table.faults.append(
-            f"{table.path}: column {rules['time'].columns[0]}: {len(index)} rows have two different times or one; "
-            "expected a time for each row, with enough digits"
-        )
+        known = f"{len(index)} rows have two different times or one"
+        table.fault(f"{known}; expected a time for each row, with enough digits", stamps)
         return None
     samples = clean(time[index], np.column_stack([values[index] for values in signals.values()]))
     dropped, index = np.concatenate([spiked, np.delete(index, samples.kept)]), index[samples.kept]
+    remarks = [*samples.remarks]
     if held.any():
-        said = "positions are held over several rows: taken where they change"
-        samples = replace(samples, remarks=(*samples.remarks, said))
+        remarks.append("positions are held over several rows: taken where they change")
     if spiked.size:
-        said = f"{len(spiked)} rows dropped: positions jump away and back (first: row "
-        samples = replace(samples, remarks=(*samples.remarks, f"{said}{table.row_number(int(spiked[0]))})"))
+        first = table.row_number(int(spiked[0]))
+        remarks.append(f"{len(spiked)} rows dropped: positions jump away and back (first: row {first})")
     kept = {name: values[index] for name, values in signals.items() if np.isfinite(values[index]).all()}
     jumps = leaps(samples.time, kept["position"], robot)
     if jumps.size and kind == "motion":
-        said = f"cut at {len(jumps)} row(s) where a position jumps and stays (first: row "
-        said += f"{table.row_number(int(index[jumps[0] + 1]))}); is an angle wrapped?"
-        gaps = tuple(sorted({*samples.gaps, *jumps.tolist()}))
-        samples = replace(samples, gaps=gaps, remarks=(*samples.remarks, said))
-    found = Joints(samples.time, kept, samples, index, dropped, table.is_date(rules["time"].columns[0]))
+        first = table.row_number(int(index[jumps[0] + 1]))
+        said = f"cut at {len(jumps)} row(s) where a position jumps and stays (first: row {first})"
+        remarks.append(f"{said}; is an angle wrapped?")
+        samples = replace(samples, gaps=tuple(sorted({*samples.gaps, *jumps.tolist()})))
+    samples = replace(samples, remarks=tuple(remarks))
     fault = step_fault(samples.time, kept["position"], kind, robot) or degrees_fault(kept["position"], robot)
     if fault is not None:
-        row = table.row_number(int(index[fault[0]]))
-        joint = rules[f"{fault[1]}.position"].columns[0] if fault[1] else rules["time"].columns[0]
-        table.faults.append(f"{table.path}: row {row}, column {joint}: {fault[2]}")
+        table.fault(fault[2], rules[f"{fault[1]}.position"].columns[0] if fault[1] else stamps, int(index[fault[0]]))
         return None
-    return found
+    return Joints(samples.time, kept, samples, index, dropped, table.is_date(stamps))
 
 
 def _check_columns_differ(table: Table, rules: Mapping[str, Rule], robot: Robot) -> None:
@@ -140,10 +133,8 @@ def _check_columns_differ(table: Table, rules: Mapping[str, Rule], robot: Robot)
         rule = rules.get(f"{joint}.position")
         other = by.setdefault(rule.columns, joint) if rule is not None else joint
         if rule is not None and other != joint:
-            table.faults.append(
-                f"{table.path}: column {rule.columns[0]} is read as the position of {other} and of {joint}; expected "
-                "a column for each joint"
-            )
+            place = f"column {rule.columns[0]} is read as the position of {other} and of {joint}"
+            table.fault(f"{place}; expected a column for each joint")
 
 
 def _per_joint(table: Table, robot: Robot, rules: Mapping[str, Rule], signal: str) -> np.ndarray | None:

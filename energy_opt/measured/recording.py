@@ -64,16 +64,14 @@ def read_meter(table: Table, rules: Mapping[str, Rule], joints: Joints | None, w
     there = np.flatnonzero(np.isfinite(time) & np.isfinite(values))
     if not there.size and len(time):
         names = [" * ".join(rule.columns) for rule in (stamps, rules[name])]
-        table.faults.append(f"{table.path}: columns {names[0]} and {names[1]}: no row that is used has both")
+        table.fault(f"columns {names[0]} and {names[1]}: no row that is used has both")
         return None
     time, values = time[there], values[there]
     if own and runs_backward(table, stamps.columns[0], time, there):
         return None
     if len(values) and values.max() <= 0 and not (energy and values.any()):
         what = "is never above 0; is its sign reversed?" if values.any() else "is 0 throughout; is the meter connected?"
-        table.faults.append(
-            f"{table.path}: row {table.row_number(int(there[0]))}, column {' * '.join(rules[name].columns)}: {what}"
-        )
+        table.fault(what, " * ".join(rules[name].columns), int(there[0]))
         return None
     dated = table.is_date(stamps.columns[0])
     if energy:

@@ -88,7 +88,7 @@ class Table:
             if bad.size:
                 self._add_cell_faults(name, bad)
             elif len(empty) and empty.all():
-                self.faults.append(f"{self.path}: column {name}: every cell is empty")
+                self.fault("every cell is empty", name)
 
     def column(self, name: str) -> np.ndarray:
         """One column (N,) as numbers, nan for empty cells and other text; date-times as seconds."""
@@ -115,6 +115,12 @@ class Table:
             kept = np.delete(np.array(filled, dtype=int), self._skipped)
             self._numbers = kept + self.layout.first_row
         return int(self._numbers[index]) if index < len(self._numbers) else self.layout.first_row + index
+
+    def fault(self, text: str, column: str = "", index: int | None = None) -> None:
+        """Add a fault, with the row of the data row `index` and the column that it is about."""
+        row = [] if index is None else [f"row {self.row_number(index)}"]
+        place = ", ".join([*row, *([f"column {column}"] if column else [])])
+        self.faults.append(f"{self.path}: {place}{': ' if place else ''}{text}")
 
     def is_date(self, name: str) -> bool:
         """Whether a column holds dates or times of day."""
@@ -224,11 +230,11 @@ class Table:
         """Add faults for the first cells of a column that are no numbers."""
         lines, k = self._lines(), self.header.index(name)
         for row in bad[:MAX_FAULTS]:
-            number = self.row_number(int(row))
-            cells = split(text(lines[number - self.layout.first_row]), self.layout.delimiter)
+            line = lines[self.row_number(int(row)) - self.layout.first_row]
+            cells = split(text(line), self.layout.delimiter)
             cell = cells[k] if k < len(cells) else ""
             what = "is not a number" if cell.strip() else "is empty"
             shown = repr(cell if len(cell) <= SHOWN else cell[:SHOWN] + "...")
-            self.faults.append(f"{self.path}: row {number}, column {name}: {shown} {what}")
+            self.fault(f"{shown} {what}", name, int(row))
         if len(bad) > MAX_FAULTS:
-            self.faults.append(f"{self.path}: column {name}: {len(bad) - MAX_FAULTS} more cells are not numbers")
+            self.fault(f"{len(bad) - MAX_FAULTS} more cells are not numbers", name)

@@ -16,7 +16,7 @@ import numpy as np
 import energy_opt as eo
 from energy_opt.batches.records import read_parquet
 from energy_opt.cli.main import main
-from energy_opt.files import read_table
+from energy_opt.tables import read_table
 
 START, GOAL = "0,-0.785,0,-2.356,0,1.571,0.785", "1.2,0.3,0.4,-1.2,-0.5,2.2,-0.4"
 ENDS = ["--robot", "panda", "--start", START, "--goal", GOAL]

@@ -7,16 +7,17 @@ name, a unit and one formula; it also states whether it binds each joint or the 
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Iterable
-from dataclasses import dataclass, fields
-from numbers import Real
+from collections.abc import Sequence
+from dataclasses import dataclass
 from os import PathLike
-from pathlib import Path
 from typing import Any, ClassVar
 
-from energy_opt.errors import BadInput, one_line_of
+from energy_opt.arguments import check_fields, expect
+from energy_opt.errors import BadInput, one_line_of, shown
+from energy_opt.files import path_of
 from energy_opt.motion.limits.base import State
 from energy_opt.motion.limits.own import OwnLimit as Limit
+from energy_opt.motion.move import Settings
 
 __all__ = [
     "Condition", "KeepLine", "KeepOrientation", "KeepUpright", "Limit", "MaxPower", "State", "ToolAcceleration",
@@ -40,13 +41,13 @@ class Condition:
         """Check the fields.
 
         Raises:
-            BadInput: one of them is no number.
+            BadInput: a field is no number, or outside of the range that a verb accepts.
         """
-        for field in fields(self):
-            value = getattr(self, field.name)
-            left_out = value is None and field.default is None
-            if not left_out and (isinstance(value, bool) or not isinstance(value, Real)):
-                raise BadInput(f"{type(self).__name__}: {field.name} is {value!r}; expected a number")
+        try:
+            check_fields(self)
+            Settings(**self.options())
+        except BadInput as fault:
+            raise BadInput(f"{type(self).__name__}: {fault}") from None
 
     def options(self) -> dict[str, Any]:
         """The values of the equivalent options, by their names in a request."""
@@ -109,8 +110,7 @@ class KeepLine(Condition):
 class Tube(Condition):
     """Every joint stays within `radians`, or the tool's origin within `metres`, of the nearest point of the path.
 
-    The path is the given one, or the straight line in joint space. BadInput is raised when a verb uses a tube with
-    neither bound or both.
+    The path is the given one, or the straight line in joint space. One of the two bounds is given.
     """
 
     radians: float | None = None
@@ -123,11 +123,11 @@ class Tube(Condition):
             BadInput: neither, or both, are given.
         """
         if (self.radians is None) == (self.metres is None):
-            raise BadInput("Tube: expected radians (of every joint) or metres (of the tool)")
+            raise BadInput("expected radians (of every joint) or metres (of the tool)")
         return {"tube": f"{self.radians:g}rad" if self.radians is not None else f"{self.metres:g}m"}
 
 
-def options_and_limits(given: Iterable[Any]) -> tuple[dict[str, Any], tuple[Limit, ...]]:
+def options_and_limits(given: Sequence[Any]) -> tuple[dict[str, Any], tuple[Limit, ...]]:
     """Divide conditions into options of a request and the user's own limits.
 
     Args:
@@ -136,6 +136,7 @@ def options_and_limits(given: Iterable[Any]) -> tuple[dict[str, Any], tuple[Limi
     Raises:
         BadInput: an item is none of these, a condition is given twice, or a file defines none.
     """
+    expect(given, Sequence, "--conditions")
     options: dict[str, Any] = {}
     limits: list[Limit] = []
     for condition in given:
@@ -147,7 +148,7 @@ def options_and_limits(given: Iterable[Any]) -> tuple[dict[str, Any], tuple[Limi
             more, own = {}, (condition,)
         else:
             raise BadInput(
-                f"--conditions {condition!r:.60}: expected a condition, a limit, or a file that defines them"
+                f"--conditions {shown(condition)}: expected a condition, a limit, or a file that defines them"
             )
         for name, value in more.items():
             if name in options and name != "keep":
@@ -163,7 +164,7 @@ def load_file(file: str | PathLike[str]) -> list[Any]:
     Raises:
         BadInput: there is no such file, it cannot be run, or it defines none.
     """
-    path = Path(file)
+    path = path_of(file, "--conditions")
     spec = importlib.util.spec_from_file_location(path.stem, path)
     if not path.is_file() or spec is None or spec.loader is None:
         known = "" if path.suffix == ".py" else "; a request repeats own limits only if FILE.py defines them"
@@ -178,7 +179,7 @@ def load_file(file: str | PathLike[str]) -> list[Any]:
     except (Exception, SystemExit) as fault:
         raise BadInput(f"--conditions {path}: {one_line_of(fault, str(path))}") from None
     if not isinstance(found, (list, tuple)):
-        raise BadInput(f"--conditions {path}: conditions = {found!r:.60}; expected a list")
+        raise BadInput(f"--conditions {path}: conditions = {shown(found)}; expected a list")
     if not found:
         raise BadInput(f"--conditions {path}: defines no condition; expected a list `conditions`, or a class of Limit")
     return list(found)

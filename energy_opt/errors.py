@@ -47,6 +47,15 @@ def suggest(word: str, known: Iterable[str]) -> str:
     return f"; did you mean {found[0]!r}?" if found else ""
 
 
+def shown(value: object) -> str:
+    """A value as a message shows it: its `repr` in one line, cut to 60 characters.
+
+    >>> shown("panda"), shown([1, 2])
+    ("'panda'", '[1, 2]')
+    """
+    return " ".join(repr(value).split())[:60]
+
+
 FAILED = "planned at that duration, or a little longer, no valid motion was found: more time is needed"
 
 

@@ -18,7 +18,7 @@ import numpy as np
 import tomli_w
 import yaml
 
-from energy_opt.errors import BadInput
+from energy_opt.errors import BadInput, shown
 
 LARGEST_TEXT = 10**9  # [bytes] largest file that is read whole: an hour of a log at 1 kHz has a third of it
 LARGEST_DOCUMENT = 32 * 10**6  # [bytes] largest TOML, JSON or YAML document
@@ -107,7 +107,7 @@ def path_of(given: object, what: str) -> Path:
     """The path of a `what`, such as "model"; BadInput where it is none."""
     if isinstance(given, (str, os.PathLike)):
         return Path(given)
-    raise BadInput(f"{what} {given!r:.60}: expected the name of a file")
+    raise BadInput(f"{what} {shown(given)}: expected the name of a file")
 
 
 def read_text(path: Path, most: int = LARGEST_TEXT) -> str:

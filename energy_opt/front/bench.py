@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from energy_opt.arguments import expect
 from energy_opt.batches.batch import Batch, run_batch
 from energy_opt.batches.compare import compare, comparison_text
 from energy_opt.batches.suite import load_suite
@@ -74,6 +76,7 @@ def overrides_of(request: BenchRequest) -> dict[str, Any]:
     Raises:
         BadInput: a robot or model that is loaded already; processes need names or files.
     """
+    expect(request.overrides, Mapping | None, "overrides")
     out: dict[str, Any] = dict(request.overrides or {})
     for name, given in (("robots", request.robot), ("models", request.model)):
         if isinstance(given, (Robot, PowerModel)):

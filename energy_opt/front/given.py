@@ -47,7 +47,8 @@ def robot_of(request: RobotGroup, given: str | None = None) -> Robot:
     Raises:
         BadInput: none is given, or limits and locked joints for a robot that is loaded already.
     """
-    named = getattr(request, "robot", None) or given
+    named = getattr(request, "robot", None)
+    named = given if named is None else named
     if named is None:
         raise BadInput("--robot is missing: a name (`energy-opt robots`) or a URDF")
     known: dict[str, Any] = {"limits": request.limits, "lock": request.locked or None}

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from energy_opt.arguments import expect
 from energy_opt.errors import BadInput
 from energy_opt.front.desk import Desk
 from energy_opt.front.given import DEFAULT, model_from, of_another_arm, on_arm, several
@@ -127,6 +128,7 @@ def rivals_from(
     Raises:
         BadInput: something that is no model, or another word for `robust`.
     """
+    expect(robust, str | None, "--robust")
     if robust is not None and robust not in KINDS:
         raise BadInput(f"--robust {robust}; expected mean or worst")
     names: list[Any] = list(models) or [DEFAULT, CAREFUL]

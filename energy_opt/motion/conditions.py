@@ -1,4 +1,4 @@
-"""Conditions on a motion, parsed from the options --keep and --tube."""
+"""Conditions on a motion: bounds of power and of the tool, and those that --keep and --tube state."""
 
 from __future__ import annotations
 
@@ -6,10 +6,28 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 
-KEEP = {"upright": (5.0, "deg", 180.0), "orientation": (2.0, "deg", 180.0), "line": (1.0, "mm", np.inf)}
-"""What can be kept: how nearly where nothing is said, its unit, and what the bound must be below."""
+KEEP = {"upright": (5.0, "deg", 180.0), "orientation": (2.0, "deg", 180.0), "line": (1.0, "mm", 1e5)}
+"""What can be kept: the default bound, its unit, and the value that a bound must be below."""
+
+BOUNDS = {
+    "max_power": (0.001, 1e9, "W"), "tool_speed": (1e-6, 50.0, "m/s"), "tool_acceleration": (1e-6, 1000.0, "m/s^2"),
+}  # fmt: skip
+"""Settings that bound a motion: the least and the largest bound that is accepted, and its unit."""
 
 TUBE_BELOW = 100.0  # [rad, m] a wider tube is probably in the wrong unit
+
+
+def check_bound(name: str, bound: float | None) -> None:
+    """Check the value of one of the settings in `BOUNDS`; None is no bound.
+
+    Raises:
+        BadInput: it is outside of the accepted range. A larger one of the tool is probably in millimetres.
+    """
+    least, most, unit = BOUNDS[name]
+    if bound is not None and not least <= bound <= most:
+        millimetres = unit != "W" and bound > most
+        hint = f" (are these millimetres? {bound / 1000:g} {unit} then)" if millimetres else ""
+        raise BadInput(f"--{name.replace('_', '-')} {bound:g}: expected {least:g} to {most:g} {unit}{hint}")
 
 
 def kept(words: tuple[str, ...]) -> dict[str, float]:

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from energy_opt.arguments import check_fields, expect
 from energy_opt.errors import BadInput
-from energy_opt.motion.conditions import kept, tube_of
+from energy_opt.motion.conditions import BOUNDS, check_bound, kept, tube_of
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.trajectory import Trajectory, whole
 from energy_opt.numerics.compile import POLICIES
@@ -62,7 +63,9 @@ class Move:
     def __post_init__(self) -> None:
         for name in ("start", "goal"):
             object.__setattr__(self, name, _vector(getattr(self, name), name))
+        expect(self.via, Sequence | np.ndarray, "--via")
         object.__setattr__(self, "via", tuple(_vector(q, "via") for q in self.via))
+        check_fields(self)
         if self.mode not in ("retime", "reshape"):
             raise BadInput(f"--mode {self.mode!r}; expected retime or reshape")
         if self.duration is not None and self.max_duration is not None:
@@ -176,11 +179,15 @@ class Settings:
     deadline: float | None = None
 
     def __post_init__(self) -> None:
+        expect(self.keep, str | Sequence, "--keep")
         words = self.keep.split(",") if isinstance(self.keep, str) else self.keep
         object.__setattr__(self, "keep", tuple(words))
+        check_fields(self)
         kept(tuple(words))
         if self.tube is not None:
             tube_of(self.tube)
+        for name in BOUNDS:
+            check_bound(name, getattr(self, name))
         for name, least, most in COUNTS:
             value = getattr(self, name)
             larger = self.allow_large and name != "seed"

@@ -12,6 +12,9 @@ from functools import lru_cache
 
 import numpy as np
 
+from energy_opt.arguments import expect
+from energy_opt.errors import BadInput, shown
+
 # Quintic on x in [0, 1] from (q0, q1, h v0, h v1, h^2 a0, h^2 a1); each line has the coefficients of one of x^0 ... x^5
 _HERMITE = np.array(
     [
@@ -78,6 +81,26 @@ class Trajectory:
     acceleration: np.ndarray
     effort: np.ndarray | None = None
     power: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        """Convert sequences to arrays.
+
+        Raises:
+            BadInput: one of them does not consist of numbers, or has another shape.
+        """
+        expect(self.joints, Sequence, "trajectory: joints")
+        count, joints = np.size(self.time), len(self.joints)
+        for name in ("time", "position", "velocity", "acceleration", "effort", "power"):
+            shape, given = (count,) if name in ("time", "power") else (count, joints), getattr(self, name)
+            if given is None and name in ("effort", "power"):
+                continue
+            try:
+                array = np.asarray(given, dtype=float)
+            except (TypeError, ValueError):
+                array = np.zeros(())
+            if array.shape != shape:
+                raise BadInput(f"trajectory: {name} {shown(given)}: expected numbers of shape {shape}")
+            object.__setattr__(self, name, array)
 
     @property
     def duration(self) -> float:

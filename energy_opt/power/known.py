@@ -23,6 +23,7 @@ from typing import Literal
 
 import numpy as np
 
+from energy_opt.arguments import expect
 from energy_opt.effects import (
     CopperLoss,
     CoulombFriction,
@@ -32,7 +33,7 @@ from energy_opt.effects import (
     Standby,
     ViscousFriction,
 )
-from energy_opt.errors import BadInput, suggest
+from energy_opt.errors import BadInput, shown, suggest
 from energy_opt.files import read_toml
 from energy_opt.power.model import PowerModel, read_model
 from energy_opt.power.variants import of_some_joints
@@ -182,6 +183,7 @@ def careful(robot: Robot | str) -> PowerModel:
 
 def _robot_of(robot: Robot | str) -> Robot:
     """The robot itself, or the one of a name in the catalogue."""
+    expect(robot, Robot | str, "--robot")
     return by_name(robot) if isinstance(robot, str) else robot
 
 
@@ -218,7 +220,7 @@ def load_model(word: str | PathLike[str], robot: Robot | str | None = None) -> P
             the parameter.
     """
     if not isinstance(word, (str, PathLike)):
-        raise BadInput(f"--model {word!r:.60}: expected a name, a file, a PowerModel or its document")
+        raise BadInput(f"--model {shown(word)}: expected a name, a file, a PowerModel or its document")
     if is_named(str(word)):
         if robot is None:
             raise BadInput(f"model {word}: depends on the robot; expected load_model({str(word)!r}, robot)")

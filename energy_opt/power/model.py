@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 from pydantic import ConfigDict, StrictStr
 
+from energy_opt.arguments import expect
 from energy_opt.effects import EXACT, BaseTilt, Effect, PowerEffect, SupplyEffect, effect_class
 from energy_opt.errors import BadInput, suggest
 from energy_opt.files import path_of, read_toml, write_toml
@@ -84,6 +85,8 @@ class PowerModel:
     uncertainty: Uncertainty | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
+        expect(self.robot, str, "model: robot")
+        expect(self.effects, Sequence[Effect], "model: effects")
         names = [e.name for e in self.effects]
         for name in names:
             if names.count(name) > 1:

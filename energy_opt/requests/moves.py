@@ -7,7 +7,7 @@ from dataclasses import KW_ONLY, dataclass
 from os import PathLike
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from energy_opt.errors import BadInput
+from energy_opt.errors import BadInput, shown
 from energy_opt.requests import groups
 from energy_opt.requests.groups import MODEL, ROBOT
 from energy_opt.requests.option import option
@@ -33,7 +33,7 @@ class MoveRequest(
 
     robot: AnyRobot | None = option(None, ROBOT, "NAME_OR_URDF", main=True)
     model: AnyModel | Sequence[AnyModel] | None = option(
-        (), f"{MODEL} (the mean of source-method-2 and careful; repeatable)", "MODEL", many=True, main=True
+        None, f"{MODEL} (the mean of source-method-2 and careful; repeatable)", "MODEL", many=True, main=True
     )
 
     def document(self) -> dict[str, Any]:
@@ -48,7 +48,7 @@ class MoveRequest(
         """The same read back."""
         goals = given.pop("goals", None)
         if not isinstance(goals, (list, tuple, type(None))):
-            raise BadInput(f"goals = {goals!r:.60}: expected a list")
+            raise BadInput(f"goals = {shown(goals)}: expected a list")
         given = super().read(given)
         if given.get("path") is not None:  # the path determines start and goal
             given |= {"start": None, "goal": None}
@@ -119,7 +119,7 @@ class JobRequest(
         None, "robot instead of the one in the job file: a name or a URDF", "NAME_OR_URDF", main=True
     )
     model: AnyModel | Sequence[AnyModel] | None = option(
-        (), f"{MODEL} (the mean of source-method-2 and careful; repeatable)", "MODEL", many=True, main=True
+        None, f"{MODEL} (the mean of source-method-2 and careful; repeatable)", "MODEL", many=True, main=True
     )
     _: KW_ONLY
     starts: int | None = option(None, "largest number of starting points of each move (24)", "N", main=True)
@@ -150,7 +150,7 @@ class PlaceRequest(
         "within this range [rad]", "X0,X1,Y0,Y1,Z0,Z1[,yaw]", main=True,
     )  # fmt: skip
     model: AnyModel | Sequence[AnyModel] | None = option(
-        (), f"{MODEL} (the mean of source-method-2 and careful; repeatable)", "MODEL", many=True, main=True
+        None, f"{MODEL} (the mean of source-method-2 and careful; repeatable)", "MODEL", many=True, main=True
     )
     _: KW_ONLY
     fixture: str | None = option(

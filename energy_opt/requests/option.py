@@ -7,15 +7,14 @@ JSON schema.
 
 from __future__ import annotations
 
-import operator
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields, replace
-from numbers import Real
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
-from energy_opt.errors import BadInput, suggest
+from energy_opt.arguments import expect
+from energy_opt.errors import BadInput, shown, suggest
 from energy_opt.files import path_of
 from energy_opt.files import plain as of_json
 
@@ -114,12 +113,17 @@ class Request:
 
     def __post_init__(self) -> None:
         for name, (declared, spelled) in options_of(type(self)).items():
-            value = () if spelled.many and getattr(self, name) is None else getattr(self, name)
+            flag, value = flag_of(name, spelled), getattr(self, name)
+            value = declared.default if spelled.many and value is None else value
             if value is None and declared.default is MISSING:
-                raise BadInput(f"{flag_of(name, spelled)} is missing: {spelled.help}")
+                raise BadInput(f"{flag} is missing: {spelled.help}")
+            if (declared.default is None or spelled.place == "+") and isinstance(value, (list, tuple)) and not value:
+                raise BadInput(
+                    f"{flag}: an empty list; give at least one" + ", or leave it out" * (spelled.place != "+")
+                )
             if value is not None and spelled.written:
                 text = TEXTS.issuperset(str(declared.type).split(" | "))
-                object.__setattr__(self, name, _checked(flag_of(name, spelled), spelled, value, text))
+                object.__setattr__(self, name, _checked(flag, spelled, value, text))
 
     def document(self) -> dict[str, Any]:
         """The request as JSON values: the fields that differ from their defaults, and those in `always`."""
@@ -143,7 +147,7 @@ class Request:
         given = {key: value for key, value in document.items() if key not in (*STAMP, *NESTED)}
         for table in NESTED:
             if not isinstance(document.get(table) or {}, Mapping):
-                raise BadInput(f"{table} = {document[table]!r:.60}: expected a table")
+                raise BadInput(f"{table} = {shown(document[table])}: expected a table")
             given |= document.get(table) or {}
         given = {RENAMED.get(key, key): value for key, value in given.items()}
         known = {name for name, (_, spelled) in options_of(cls).items() if spelled.written}
@@ -206,32 +210,17 @@ def _one(flag: str, spelled: Option, value: Any, text: bool) -> Any:
     Raises:
         BadInput: it is of another kind, or none of the choices.
     """
-    expected = ""
     if getattr(value, "ndim", None) == 0:  # one of NumPy's
         value = value.item()
-    if spelled.kind is float:
-        if isinstance(value, bool) or not isinstance(value, Real):
-            expected = "a number"
-        else:
-            return float(value)
-    elif spelled.kind is int:
-        try:
-            return value if isinstance(value, bool) else operator.index(value)
-        except TypeError:
-            expected = "a whole number"
-    elif spelled.kind is bool:
-        if value in ON_OFF:
-            return value == "on"
-        expected = "" if isinstance(value, bool) else "true or false, or on or off"
-    elif spelled.kind is Path:
+    if spelled.kind is Path:
         return path_of(value, flag)
-    elif text and not isinstance(value, str):
-        expected = "text"
-    elif spelled.choices and value not in spelled.choices:
-        expected = f"one of {', '.join(spelled.choices)}"
-    if expected:
-        raise BadInput(f"{flag} {value!r:.60}: expected {expected}")
-    return value
+    if spelled.kind is bool and isinstance(value, str) and value in ON_OFF:
+        return value == "on"
+    if text or spelled.kind in KINDS:
+        expect(value, spelled.kind, flag)
+    if spelled.choices and value not in spelled.choices:
+        raise BadInput(f"{flag} {shown(value)}: expected one of {', '.join(spelled.choices)}")
+    return spelled.kind(value) if spelled.kind in KINDS else value
 
 
 def plain(value: Any) -> Any:

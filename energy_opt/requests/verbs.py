@@ -161,7 +161,7 @@ class EvaluateRequest(
     )  # fmt: skip
     robot: AnyRobot | None = option(None, f"{ROBOT} (the one that the files name)", "NAME_OR_URDF", main=True)
     model: AnyModel | Sequence[AnyModel] | None = option(
-        (), f"{MODEL} (source-method-2 and careful; repeatable)", "MODEL", many=True, main=True
+        None, f"{MODEL} (source-method-2 and careful; repeatable)", "MODEL", many=True, main=True
     )
 
     def document(self) -> dict[str, Any]:
@@ -173,7 +173,7 @@ class EvaluateRequest(
     def read(cls, given: dict[str, Any]) -> dict[str, Any]:
         """The same read back."""
         models = given.pop("models", None)
-        return given if models is None else {**given, "model": models}
+        return {**given, "model": models} if models else given
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from energy_opt.errors import BadInput, suggest
-from energy_opt.files import write_text
+from energy_opt.arguments import expect
+from energy_opt.errors import BadInput, shown, suggest
+from energy_opt.files import path_of, write_text
 from energy_opt.robot.catalog import CATALOG, DATA, urdf_of
 from energy_opt.robot.checks import believed_efforts, check_masses, doubtful_masses, unused_values
 from energy_opt.robot.description import BOUNDS, RATES, Description, read_description, urdf_text
@@ -212,8 +213,9 @@ def load_robot(
         BadInput: unknown name, unreadable file, unknown joint, a joint locked outside its limits.
     """
     if not isinstance(name_or_urdf, (str, PathLike)):
-        raise BadInput(f"--robot {name_or_urdf!r:.60}: expected a name, the path of a URDF, or a Robot")
-    name_or_urdf, limits = str(name_or_urdf), None if limits is None else Path(limits)
+        raise BadInput(f"--robot {shown(name_or_urdf)}: expected a name, the path of a URDF, or a Robot")
+    expect(lock, Mapping | None, "--lock")
+    name_or_urdf, limits = str(name_or_urdf), None if limits is None else path_of(limits, "--limits")
     entry = CATALOG.get(name_or_urdf)
     if entry is None:
         path = Path(name_or_urdf)

@@ -60,6 +60,7 @@ def pose(name: str, position: np.ndarray, duration: float) -> Reference:
 
 LOG_FORMAT = "energy-opt/log/1"
 SLOWEST = 1e-3  # [Hz] least rate of readings
+EXTRA = "velocity", "effort"  # further signals that can be logged
 log = logging.getLogger(__name__)
 
 
@@ -103,6 +104,9 @@ class Instruments:
         for name in ("noise", "jitter", "rest"):
             if getattr(self, name) < 0:
                 raise BadInput(f"instruments: {name} = {getattr(self, name):g}; expected 0 or more")
+        for name in self.extra:
+            if name not in EXTRA:
+                raise BadInput(f"instruments: extra signal {name!r}; known: {', '.join(EXTRA)}")
 
 
 @dataclass(frozen=True)
@@ -234,8 +238,6 @@ def _write_run(
         digits.append(_decimals(step))
     signals = {"velocity": (played.velocity, 1e-3, 5), "effort": (played.torque, 0.02, 3)}
     for name in seen.extra:
-        if name not in signals:
-            raise BadInput(f"instruments: extra signal {name!r}; known: {', '.join(signals)}")
         values, noise, places = signals[name]
         for j, joint in enumerate(joints):
             header.append(f"{joint}.{name}")

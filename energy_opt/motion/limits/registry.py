@@ -6,11 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from energy_opt.arguments import expect
 from energy_opt.errors import BadInput
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.limits.joint import Acceleration, Effort, Jerk, JointLimit, Position, Velocity
 from energy_opt.motion.limits.keep import KeepLine, KeepOrientation, KeepUpright
-from energy_opt.motion.limits.own import Power
+from energy_opt.motion.limits.own import OwnLimit, Power
 from energy_opt.motion.limits.tool import ToolAcceleration, ToolSpeed
 from energy_opt.motion.limits.tube import Tube
 from energy_opt.motion.limits.via import ViaPoints
@@ -47,6 +48,8 @@ def limits_of(
     """
     pull = robot.body.gravity if gravity is None else gravity
     asked = (kind.asked(robot, settings, move, pull) for kind in ASKED)
+    for limit in settings.own_limits:
+        expect(limit, OwnLimit, "--own-limits")
     own = (limit.for_robot(robot) for limit in settings.own_limits)
     limits = (*joint_limits(robot.limits), *(limit for limit in asked if limit is not None), *own)
     names = [limit.name for limit in limits]

@@ -15,14 +15,11 @@ import casadi as ca
 import numpy as np
 
 from energy_opt.dynamics.compact import tool_state
-from energy_opt.errors import BadInput
 from energy_opt.motion.dense import Dense
 from energy_opt.motion.limits.base import Limit, Linear, State, Violation, worst_of
 from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.path_dynamics import PathDynamics
 from energy_opt.robot import RigidBody, Robot, Tool, tool_of
-
-LEAST = 1e-6  # [m/s, m/s^2] least bound: slower than any drive turns
 
 
 class ToolBound(Limit):
@@ -30,11 +27,9 @@ class ToolBound(Limit):
 
     Attributes:
         derivative: 1 for velocity, 2 for acceleration.
-        fastest: the largest accepted bound: a larger one is probably in millimetres.
     """
 
     derivative: ClassVar[int]
-    fastest: ClassVar[float]
     squared = True
 
     def __init__(self, body: RigidBody, tool: Tool, bound: float) -> None:
@@ -43,19 +38,9 @@ class ToolBound(Limit):
 
     @classmethod
     def asked(cls, robot: Robot, settings: Settings, move: Move | None, gravity: np.ndarray) -> Self | None:
-        """The limit of the setting with its name; None if it is not set.
-
-        Raises:
-            BadInput: the bound is below `LEAST` or above `fastest`.
-        """
+        """The limit of the setting with its name; None if it is not set."""
         bound = getattr(settings, cls.name)
-        if bound is None:
-            return None
-        if not LEAST <= bound <= cls.fastest:
-            option = f"--{cls.name.replace('_', '-')}"
-            hint = f" (are these millimetres? {bound / 1000:g} {cls.unit} then)" if bound > cls.fastest else ""
-            raise BadInput(f"{option} {bound:g}: expected {LEAST:g} to {cls.fastest:g} {cls.unit}{hint}")
-        return cls(robot.body, tool_of(robot.body, settings.tool), bound)
+        return None if bound is None else cls(robot.body, tool_of(robot.body, settings.tool), bound)
 
     @property
     def structure(self) -> Hashable:
@@ -90,7 +75,7 @@ class ToolSpeed(ToolBound):
     """A bound [m/s]."""
 
     name, unit = "tool_speed", "m/s"
-    derivative, fastest = 1, 50.0
+    derivative = 1
 
     def expression(self, x: State, p: ca.SX) -> ca.SX:
         """Squared speed [m^2/s^2]."""
@@ -116,7 +101,7 @@ class ToolAcceleration(ToolBound):
     name, unit = "tool_acceleration", "m/s^2"
     one_sided = True
     inner = True
-    derivative, fastest = 2, 1000.0
+    derivative = 2
 
     def expression(self, x: State, p: ca.SX) -> ca.SX:
         """Squared acceleration [m^2/s^4]."""

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from energy_opt.arguments import typed
 from energy_opt.cell.cell import Cell
 from energy_opt.dynamics import torque_function
 from energy_opt.effects import Payload
@@ -52,10 +53,7 @@ Shares = Mapping[str, Any]  # of limits' bounds, by name: a number, or one for e
 Start = tuple[Move, FirstPath, tuple[JointPath, ...]]
 
 
-def _without_payload(model: PowerModel) -> tuple[tuple[str, ...], ...]:
-    return model.without(Payload.name).structure
-
-
+@typed
 class Planner:
     """Plans many moves of one robot under one model and in one cell; all moves share what the first one built.
 
@@ -107,7 +105,8 @@ class Planner:
         Raises:
             BadInput: the model has other effects than the planner's.
         """
-        if _without_payload(model) != _without_payload(self.model):
+        ours, theirs = (m.without(Payload.name).structure for m in (self.model, model))
+        if ours != theirs:
             raise BadInput("the planner was built for other effects; build a new one")
         out = copy(self)
         out._take_model(model)
@@ -154,9 +153,8 @@ class Planner:
 
     def certify(self, trajectory: Trajectory, move: Move | None = None) -> Certificate:
         """The certificate of any trajectory under the limits, those of its move included."""
-        return Judge(self.scorer, self.limits(move), self.settings.verify_samples, self._cell_of(move))(
-            trajectory
-        ).certificate
+        judge = Judge(self.scorer, self.limits(move), self.settings.verify_samples, self._cell_of(move))
+        return judge(trajectory).certificate
 
     def _cell_of(self, move: Move | None) -> Cell | None:
         """The cell that a move keeps clear of; a given path may come nearer than the default (`Cell.beside`)."""

@@ -20,7 +20,7 @@ from energy_opt.robot.limits import sliding
 
 BOUNDS = ("velocity", "acceleration", "jerk", "effort")
 NOTES = {
-    ("acceleration", "assumed"): "full speed in no less than 0.2 s, and no more than 50 rad/s²",
+    ("acceleration", "assumed"): "full speed in no less than 0.2 s, and no more than 50 {unit}",
     ("jerk", "assumed"): "full acceleration in no less than 0.01 s",
     ("velocity", "assumed"): "no usable limit is stated",
     ("effort", "assumed"): "no limit is used; a rating of the drive, for friction and electrical values",
@@ -59,7 +59,8 @@ def assumptions(robot: Robot, models: Sequence[PowerModel]) -> tuple[Assumption,
             if not np.isfinite(value):
                 source, value = "assumed", float(robot.rated.effort[j])
             if kind != "velocity" or source == "assumed":
-                unit, note = robot.unit(kind, joint), NOTES.get((kind, source), "")
+                unit = robot.unit(kind, joint)
+                note = NOTES.get((kind, source), "").format(unit=SIGNS.get(unit, unit))
                 out.append(Assumption(kind, joint, value, unit, source, note))
     for what, found in ((ELECTRICAL, electrical(robot)), (FRICTION, friction(robot))):
         for known in found:

@@ -7,7 +7,7 @@ import pytest
 from poses import GOAL, MIDDLE, START, without_jerk
 from scipy.integrate import quad
 
-from energy_opt.effects import Armature, CoulombFriction, LoadFriction, StribeckFriction, ViscousFriction
+from energy_opt.effects import Armature, CoulombFriction, FrictionCurve, LoadFriction, StribeckFriction, ViscousFriction
 from energy_opt.errors import Infeasible
 from energy_opt.motion import Move, Planner
 from energy_opt.motion.judge.energy import Scorer
@@ -150,3 +150,21 @@ def test_the_fastest_timing_of_a_curve_holds_the_limits_between_its_samples(pand
     move, planner = Move(points[0], points[-1], "retime", path=through(points)), Planner(panda, model)
     fastest_motion = planner.slowed(move, planner.minimum_time(move))
     assert fastest_motion is not None and planner.certify(fastest_motion).violation <= 1e-6
+
+
+@pytest.mark.parametrize(
+    ("torque", "effort", "path"),
+    [
+        ([0, 8, 8], 38, straight(START, GOAL)), ([2, 2, 10], 38, straight(START, GOAL)),
+        ([6, 2, 6], 37, straight(START, GOAL)), ([1, 3, 6], 40, straight(GOAL, START)),
+        ([6, 3, 1], 44, straight(GOAL, START)), ([8, 0, 0], 46, straight(GOAL, START)),
+    ],
+)  # fmt: skip
+def test_friction_near_the_effort_limit_is_timed(
+    panda: Robot, model: PowerModel, torque: list[float], effort: float, path: JointPath
+) -> None:
+    """All were refused, some by blaming the acceleration: a tangent at high speed overstates friction at low speed."""
+    robot = replace(panda, limits=panda.limits.replace(effort=np.array([effort] * 4 + [12.0] * 3)))
+    loaded = model.replaced(FrictionCurve(speed=[0.0, 0.3, 1.0], torque=[torque] * 7))
+    timing = fastest(robot, loaded, path)
+    assert inside(robot, loaded, timing) < 1e-6 and timing.duration < 2

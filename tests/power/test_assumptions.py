@@ -163,3 +163,13 @@ def test_the_break_even_of_an_arm_of_tonnes_is_sought(tmp_path: Path) -> None:
     """Friction of a fifth of 900 kN m had been refused as implausible, after all the work."""
     robot = arm(tmp_path, effort=9e5)
     assert break_even(lambda other: 1.0, source_method_2(robot), robot) is None
+
+
+def test_notes_state_the_unit_of_a_sliding_joint(tmp_path: Path) -> None:
+    """It said 50 rad/s² of joints that slide, too."""
+    arm(tmp_path)
+    text = (tmp_path / "arm.urdf").read_text().replace('name="j1" type="revolute"', 'name="j1" type="prismatic"')
+    (tmp_path / "arm.urdf").write_text(text)
+    robot = load_robot(tmp_path / "arm.urdf")
+    found = {row.joint: row.note for row in assumptions(robot, []) if row.what == "acceleration"}
+    assert found["j1"].endswith("no more than 50 m/s²") and found["j2"].endswith("no more than 50 rad/s²")

@@ -32,6 +32,7 @@ from energy_opt.robot import Robot
 
 INTERVALS = 200  # of the grid
 ROUNDS = 8
+SLOWER = 0.1, 0.01, 1e-3, 0.0  # shares of the largest squared speeds at which tangents to friction are tried
 CHECKS_PER_INTERVAL = 5
 GAIN = 1e-3  # relative: smaller gains of a minimum time end the iteration
 
@@ -133,9 +134,18 @@ def _checked_toppra(
     a, b = np.zeros(len(points)), _fastest_speed(limits, at)
     lines = [(limit, None if limit.local else limit.tangent(at, a, b)) for limit in limits]
     known = [limit for limit, line in lines if line is not None]
-    tight, timing = Tightening(), Timing(at.path, knots, np.zeros(len(points)))
+    tight, refused, timing = Tightening(), 0, None
     for _ in range(ROUNDS):
-        timing = _solve(at, knots, ends, lines, tight)
+        try:
+            timing = _solve(at, knots, ends, lines, tight)
+        except Infeasible:  # a tangent to friction at a high speed may overstate it at low speeds
+            if timing is not None:
+                break
+            if not has_torque_effects(at.model) or refused == len(SLOWER):
+                raise
+            lines = [(limit, limit.tangent(at, a, np.maximum(SLOWER[refused] * b, CRAWL))) for limit in known]
+            refused += 1
+            continue
         found = uses(known, dense, timing)
         if max(use.worst[0] for use in found) <= 1 + TOLERANCE:
             return timing
@@ -144,6 +154,7 @@ def _checked_toppra(
             b, a, _ = timing.speed(points)
             b = np.maximum(b, CRAWL)
             lines = [(limit, limit.tangent(at, a, b)) for limit in known]
+    assert timing is not None
     return _slowed_until_inside(timing, dense, known, ends)
 
 

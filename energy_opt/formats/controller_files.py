@@ -170,6 +170,15 @@ def read_back(path: Path, form: Format, got: Sampled, judge: Judging, prefix: st
     )
 
 
+def warnings_on(files: Sequence[Written], rate: float | None) -> list[str]:
+    """Warnings on files that break a limit, or that have another rate than the requested one [Hz; None: none]."""
+    return [
+        f"{row.file}: {row}"
+        for row in files
+        if not row.valid or (rate is not None and row.rate != rate and row.rate != STEPS.get(row.format, 0.0))
+    ]
+
+
 def unchanged(path: Path, form: Format, judged: Trajectory, certificate: Certificate) -> Written:
     """A file of judged samples: valid if it holds them to the last bit.
 

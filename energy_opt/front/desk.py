@@ -142,12 +142,15 @@ class Desk:
         Args:
             files: those written for controllers. assumed: one line on assumed values. warnings: one line each.
         """
+        shown = set()
         for row in files:
             self.say(f"{row.file if self.out is None else self.out / row.file}: {row}")
+            shown.add(f"{row.file}: {row}")
         if assumed:
             self.say(assumed)
         for warning in warnings:
-            self.say(f"warning: {warning}")
+            if warning not in shown:
+                self.say(f"warning: {warning}")
 
     @contextmanager
     def stating(self, answer: str, **about: Any) -> Iterator[None]:

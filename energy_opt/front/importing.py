@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -244,9 +244,11 @@ def run(request: ImportRequest, desk: Desk) -> Set:
     hand = ByHand(request.time, request.power, {joint: column for joint, _, column in pairs.values()})
     with tempfile.TemporaryDirectory(prefix="energy-opt-") as folder:
         files: list[Path] = []
+        said: list[str] = []
         for file in map(Path, request.files):
             tables, notes = unpack(file, Path(folder)) if is_bag(file) else ([file], [])
             files += tables
+            said += notes
             if notes:
                 desk.say("\n".join(notes))
         with desk.showing() as show:
@@ -259,7 +261,7 @@ def run(request: ImportRequest, desk: Desk) -> Set:
     readings = sum(len(run.power) for run in found.runs)
     what = f"{len(found.runs)} run(s), {motions} of them motions, {readings} readings of power"
     desk.say("\n".join([*found.words, *(f"note: {remark}" for remark in found.remarks), f"written: {out}: {what}"]))
-    return Set(out, found, request)
+    return Set(out, replace(found, words=(*said, *found.words)), request)
 
 
 import_logs = verb(ImportRequest, run, "import_logs")

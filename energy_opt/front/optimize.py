@@ -16,7 +16,7 @@ from energy_opt.cell.load import load_cell
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.files import write_json
 from energy_opt.folders import written_whole
-from energy_opt.formats.controller_files import Written, unchanged
+from energy_opt.formats.controller_files import Written, unchanged, warnings_on
 from energy_opt.front.controllers import Controllers, check_written, kept_words
 from energy_opt.front.desk import Answered, Desk, verb
 from energy_opt.front.given import cell_of, robot_of
@@ -108,7 +108,9 @@ class Answer(Result, Answered):
             files = () if self.controllers is None else tuple(self.controllers(self, aside))
             bad = "; ".join(f"{Path(row.file).name}: {row.broken}" for row in files if not row.valid)
             message = self.message or (bad and f"not every file keeps the limits; {bad}")
-            found = replace(self, files=files, written=tuple(row.document() for row in files), message=message)
+            warnings = (*self.warnings, *warnings_on(files, self.request.rate))
+            written = tuple(row.document() for row in files)
+            found = replace(self, files=files, written=written, message=message, warnings=warnings)
             for row in files:
                 own.pop(Path(row.file).name, None)
             document = {**found.document(), "written": [*own.values(), *found.written]}
@@ -315,10 +317,9 @@ def run(request: OptimizeRequest, desk: Desk) -> Answer:
             )  # fmt: skip
             raise error from None
         answer = desk.keep(answer)
-    desk.report(answer.files)
+    desk.report(answer.files, assumptions_line(answer.assumptions), answer.warnings)
     if moves is not None:
         desk.say(kept_words(moves))
-    desk.report((), assumptions_line(answer.assumptions), answer.warnings)
     if answer.message:
         desk.say(f"{answer.status}: {answer.message}")
     return answer

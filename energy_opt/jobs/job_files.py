@@ -12,7 +12,7 @@ import numpy as np
 from energy_opt import formats
 from energy_opt.files import plain, write_json
 from energy_opt.formats import Format, controller_files
-from energy_opt.formats.controller_files import Shares, Written, unchanged
+from energy_opt.formats.controller_files import Shares, Written, unchanged, warnings_on
 from energy_opt.formats.controller_program import joined
 from energy_opt.formats.cycle_file import certificates, missed_words, without_jumps, write_cycle
 from energy_opt.formats.judging import CycleJudging
@@ -233,6 +233,7 @@ def write(
     missed = missed_words(cycle, [step.goal for step in result.job.steps])
     for fault in ([] if own.valid else [str(own)]) + ([missed] if missed else []):
         found["warnings"].append(f"cycle.csv: {fault}")
+    found["warnings"] += warnings_on(written, request.get("rate"))
     page(found, cycle, result.job.robot, result.cell, power_of(result)).write(Path(out) / "report.html")
     write_json(Path(out) / "job.json", found)
     return found

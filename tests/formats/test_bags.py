@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -291,9 +292,11 @@ def test_joints_of_one_arm_in_several_messages_are_merged(tmp_path: Path, parts:
     assert main(["import", str(tmp_path / "run"), "--out", str(tmp_path / "set"), "--robot", "panda", "--quiet"]) == 0
 
 
-def test_a_bag_is_imported_as_a_measured_set(tmp_path: Path) -> None:
+def test_a_bag_is_imported_as_a_measured_set(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     recorded(tmp_path / "run", "power")
-    assert main(["import", str(tmp_path / "run"), "--out", str(tmp_path / "set"), "--robot", "panda", "--quiet"]) == 0
+    assert main(["import", str(tmp_path / "run"), "--out", str(tmp_path / "set"), "--robot", "panda", "--json"]) == 0
+    guesses = json.loads(capsys.readouterr().out)["guesses"]  # what was read from the bag was printed only
+    assert any("joint states of /joint_states: 7 joints, 200 messages" in line for line in guesses)
     assert main(["check", str(tmp_path / "set"), "--quiet"]) == 0
     write_plan(tmp_path / "plan", StoragePlugin.MCAP)
     with pytest.raises(BadInput, match="fewer than two joint states"):

@@ -146,7 +146,7 @@ def test_the_ur_program_streams_at_500_hz(tmp_path: Path, ur5: Robot) -> None:
     np.testing.assert_allclose([q for _, q in arm.sent], curve.position[1:], atol=1e-9)
     assert all(t == pytest.approx(0.002) for t, _ in arm.sent)
     with pytest.raises(BadInput, match="arms of six joints; this one has 2"):
-        urscript.write(replace(curve, joints=("a", "b")), tmp_path / "n.script")
+        urscript.write(swing(("a", "b"), UR_START[:2], UR_GOAL[:2], 0.9), tmp_path / "n.script")
 
 
 def differences_hold(file: Path, limits: Any) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from poses import GOAL, START
 
 import energy_opt as eo
 from energy_opt.cli.main import main
+from energy_opt.formats.controller_files import Written
 from energy_opt.robot import Robot
 
 QUICK = ["--starts", "1", "--controls", "16", "--compile", "never", "--model", "source-method-2", "--force"]
@@ -109,3 +111,20 @@ def test_a_cycle_that_does_not_hold_ends_with_4(tmp_path: Path, capsys) -> None:
     found = json.loads((tmp_path / "b" / "job.json").read_text())
     (row,) = found["written"]
     assert code == 4 and not row["valid"] and any("BREAKS A LIMIT" in said for said in found["warnings"])
+
+
+def test_files_that_have_another_rate_or_break_a_limit_are_warnings(panda: Robot, tmp_path: Path) -> None:
+    """That no rate keeps a file's limits was printed, and in no JSON."""
+    ends = {"start": START.tolist(), "goal": GOAL.tolist(), "duration": 2.0, "mode": "retime"}
+    result = eo.optimize(
+        panda, "source-method-2", **ends, self_collision=False, compile="never", write=["yaml", "json"], rate=20
+    )
+    why = "with quintics between samples at 20 Hz the jerk of panda_joint1 would come to 9000"
+    files = [
+        Written("trajectory.yaml", "yaml", None, True, {}, f"as judged; {why}"),
+        Written("trajectory.json", "json", 20.0, True, {}, "20 Hz"),
+        Written("trajectory.franka.csv", "franka", 1000.0, True, {}, "1000 Hz"),
+    ]
+    replace(result, controllers=lambda answer, folder: files).save(tmp_path)
+    found = json.loads((tmp_path / "result.json").read_text())["warnings"]
+    assert [said for said in found if "trajectory" in said] == [f"trajectory.yaml: as judged; {why}"]

@@ -234,6 +234,8 @@ def run(request: ImportRequest, desk: Desk) -> Set:
     Raises:
         BadInput: no robot has these columns, or a file is at fault.
     """
+    if not request.files:
+        raise BadInput("no FILE; give one or more to import")
     if request.lock and request.robot is None:
         raise BadInput("--lock needs --robot: the robot that is found by its columns has no other joints")
     robot, out = None if request.robot is None else robot_of(request), Path(request.out)

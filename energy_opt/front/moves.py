@@ -17,6 +17,7 @@ from energy_opt.errors import BadInput
 from energy_opt.formats import read
 from energy_opt.formats.close_waypoints import past
 from energy_opt.formats.recording import path_of
+from energy_opt.formats.waypoints import Samples
 from energy_opt.front.given import named_robot, payload_document, positions
 from energy_opt.motion import Move, Settings, Trajectory
 from energy_opt.motion.path import JointPath, of_trajectory
@@ -58,6 +59,7 @@ def path_from(given: Any, robot: Robot, prefix: str = "", say: Say = lambda _: N
         except (KeyError, ValueError, TypeError) as fault:
             raise BadInput(f"--path: {fault}; a trajectory has {', '.join(OF_TRAJECTORY)}") from None
     if isinstance(given, Trajectory):
+        given = _in_order(given, robot)
         check_moves_on(given, "--path")
         given = of_trajectory(given)
     if isinstance(given, JointPath):
@@ -79,6 +81,20 @@ def path_from(given: Any, robot: Robot, prefix: str = "", say: Say = lambda _: N
     if path.n != robot.n:
         raise BadInput(f"--path: {path.n} joints; {robot.name} has {robot.n}")
     return path
+
+
+def _in_order(given: Trajectory, robot: Robot) -> Trajectory:
+    """The trajectory with its columns in the robot's order, matched by name.
+
+    Raises:
+        BadInput: fewer than two samples, times that do not rise, a number that is not finite, or a missing joint.
+    """
+    if len(given.time) < 2:
+        raise BadInput(f"--path: {len(given.time)} samples; a trajectory has at least two")
+    q, v, a = given.position, given.velocity, given.acceleration
+    found = Samples("--path", given.joints, q, given.time, v, a).of(robot.joints, following=robot.followers)
+    columns = [np.asarray(block) for block in (found.position, found.velocity, found.acceleration)]
+    return Trajectory(robot.joints, given.time, *columns)
 
 
 def _sampled(function: Callable[[Any], Any], n: int) -> np.ndarray:

@@ -117,10 +117,8 @@ class Request:
             value = declared.default if spelled.many and value is None else value
             if value is None and declared.default is MISSING:
                 raise BadInput(f"{flag} is missing: {spelled.help}")
-            if (declared.default is None or spelled.place == "+") and isinstance(value, (list, tuple)) and not value:
-                raise BadInput(
-                    f"{flag}: an empty list; give at least one" + ", or leave it out" * (spelled.place != "+")
-                )
+            if declared.default is None and type(value) in (list, tuple) and not value:
+                raise BadInput(f"{flag}: an empty list; give at least one, or leave it out")
             if value is not None and spelled.written:
                 text = TEXTS.issuperset(str(declared.type).split(" | "))
                 object.__setattr__(self, name, _checked(flag, spelled, value, text))

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import energy_opt as eo
+from energy_opt.formats import table
+from energy_opt.front.moves import path_from
 from energy_opt.motion import Move, Settings
 
 HOME = [0, -0.785, 0, -2.356, 0, 1.571, 0.785]
@@ -113,11 +115,12 @@ def test_an_empty_list_is_not_the_default(tmp_path):
     for call, given in (
         (eo.optimize, {"robot": "panda", "model": [], **ends}), (eo.tradeoff, {"robot": "panda", "model": [], **ends}),
         (eo.evaluate, {"files": "x.csv", "model": []}), (eo.job, {"job": "job.toml", "model": []}),
-        (eo.place, {"job": "job.toml", "base_box": [0] * 12, "model": []}), (eo.passport, {"models": []}),
-        (eo.import_logs, {"files": [], "out": tmp_path / "set"}),
+        (eo.place, {"job": "job.toml", "base_box": [0] * 12, "model": []}),
         (eo.repeat, {"request": {"verb": "optimize", "robot": "panda", "model": [], **ends}}),
     ):  # fmt: skip
-        refused("(model|models|files): an empty list; give at least one", call, **given)
+        refused("model: an empty list; give at least one, or leave it out", call, **given)
+    refused("passport needs a model file", eo.passport, [])
+    refused("no FILE; give one or more", eo.import_logs, [], tmp_path / "set")
     assert not (tmp_path / "set").exists()
 
 
@@ -131,10 +134,29 @@ def test_arrays_in_place_of_words_are_shown_in_one_line():
 def test_a_signal_that_cannot_be_logged_leaves_no_folder(tmp_path, robot):
     zeros = np.zeros((2, 7)) + HOME
     eo.source_model(robot).save(tmp_path / "plant.toml")
-    from energy_opt.formats import table
-
     still = np.zeros((2, 7))
     table.write(eo.Trajectory(robot.joints, np.array([0.0, 1.0]), zeros, still, still), tmp_path / "motion.csv")
     given = {"robot": "panda", "log": "temperature", "out": tmp_path / "set"}
     refused("extra signal 'temperature'", eo.simulate, tmp_path / "motion.csv", tmp_path / "plant.toml", **given)
     assert not (tmp_path / "set").exists()
+
+
+def test_a_trajectory_as_a_path_has_rising_finite_samples_of_the_robots_joints(robot):
+    """These ended in an IndexError or a ZeroDivisionError, and joints in another order were taken for others."""
+
+    def motion(time, joints=robot.joints, **changed):
+        still = {name: np.zeros((len(time), 7)) for name in ("velocity", "acceleration")}
+        position = np.linspace(HOME, np.add(HOME, [0.1, 0.2, 0, 0, 0, 0, 0]), len(time))
+        return eo.Trajectory(joints, time, **{"position": position, **still, **changed})
+
+    hole = np.full((3, 7), np.nan)
+    for path, says in (
+        (motion([0, 0, 1]), "expected steps of"), (motion([0, 2, 1]), "expected steps of"), (motion([0]), "1 samples"),
+        (motion([]), "0 samples"),
+        (motion([0, np.nan, 1]), "finite time"), (motion([0, 1, 2], position=hole), "finite"),
+        (motion([0, 1, 2], velocity=hole), "velocity has values that are not finite"),
+        (motion([0, 1], joints=tuple("abcdefg")), "joint panda_joint1 is missing"),
+    ):  # fmt: skip
+        refused(f"^path: .*{says}", eo.optimize, robot, path=path, mode="retime", self_collision=False)
+    turned = motion([0, 1], joints=robot.joints[::-1], position=np.linspace(HOME, np.add(HOME, 0.1), 2)[:, ::-1])
+    assert path_from(turned, robot).start == pytest.approx(HOME)

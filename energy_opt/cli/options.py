@@ -12,7 +12,10 @@ from energy_opt.errors import BadInput
 from energy_opt.files import read_toml
 from energy_opt.requests.option import ON_OFF, Option, Request, flag_of, options_of
 
-UNITS = "Units are SI: rad (m for prismatic joints), s, N m (N), W, J. Joints are matched by name, never by order."
+UNITS = (
+    "Defaults are in parentheses. Units are SI: rad (m for prismatic joints), s, N m (N), W, J. Joints are matched by "
+    "name, never by order."
+)
 
 MOVE = "--robot panda --start 0,-0.785,0,-2.356,0,1.571,0.785 --goal 1.2,0.3,0.4,-1.2,-0.5,2.2,-0.4"
 

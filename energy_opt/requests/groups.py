@@ -110,8 +110,8 @@ class RobustGroup(Request):
 
     robust: str | Mapping[str, Any] | None = option(
         None,
-        "with several models: minimise their mean or their worst energy; with one: over draws from its covariance "
-        "and its rival models (mean)", "KIND",
+        "mean or worst: which energy of several models to minimise (mean); with one model: of draws from its "
+        "covariance and of its rival models (neither)", "KIND",
     )  # fmt: skip
 
     def document(self) -> dict[str, Any]:
@@ -148,7 +148,7 @@ class MoveGroup(Request):
         main=True,
     )  # fmt: skip
     goal: Positions | Pose | AnyOf | None = option(
-        None, "joint positions at the end; given several times: the cheapest of them", "Q", several=True, main=True
+        None, "joint positions at the end; of several, the cheapest one is taken", "Q", several=True, main=True
     )
     path: AnyPath | None = option(
         None, "waypoints [rad, m] or a trajectory, in place of --start and --goal", "FILE", main=True
@@ -171,8 +171,8 @@ class PoseGroup(Request):
         "in that object's frame; or the name of a pose in the scene file; or a file FILE.yaml", "POSE",
     )  # fmt: skip
     goal_pose: AnyPose | Sequence[AnyPose] | None = option(
-        None, "pose of the tool at the goal, reached by the cheapest joint positions; given several times: the "
-        "cheapest of them", "POSE", several=True, main=True,
+        None, "pose of the tool at the goal, reached by the cheapest joint positions; if it is given several "
+        "times, the cheapest one is taken", "POSE", several=True, main=True,
     )  # fmt: skip
     via_pose: Sequence[AnyPose] = option((), "pose that the tool passes (with reshape; repeatable)", "POSE", many=True)
     free: Sequence[str] = option(
@@ -225,11 +225,11 @@ class SolvingGroup(Request):
     """solving"""
 
     solver: str = option(
-        "ipopt", "sqp: the search alone; ipopt: IPOPT continues if it does not converge (ipopt)", "NAME"
+        "ipopt", "sqp: a search by SQP; ipopt: the same, continued by IPOPT if it does not converge (ipopt)", "NAME"
     )
     starts: int | None = option(None, "largest number of starting points with --mode reshape (24)", "N")
     initial_paths: int | None = option(
-        None, "number of collision-free initial paths (1; 0 if a --path without collision is given)", "N",
+        None, "number of collision-free initial paths to look for (1; for a --path that touches nothing: 0)", "N",
         aliases=("--ways",),
     )  # fmt: skip
     controls: int | None = option(None, "control points per joint with --mode reshape (48)", "N")
@@ -240,7 +240,7 @@ class SolvingGroup(Request):
         None, "number of samples of the certificate (10 between two samples of the trajectory)", "N"
     )
     dynamics: str = option(
-        "auto", "symbolic dynamics: compact (own), pinocchio (its CasADi build), or auto (auto)", "SOURCE"
+        "auto", "symbolic dynamics: compact (this package's), pinocchio (its CasADi build) or auto (auto)", "SOURCE"
     )
 
 
@@ -265,8 +265,10 @@ class CellGroup(Request):
     """body and cell"""
 
     self_collision: bool | None = option(True, "keep the arm clear of itself (on)", "on|off")
-    srdf: str | PathLike[str] | None = option(None, "SRDF: links that may touch (known robots' own)", "FILE")
-    package_dir: Sequence[str | PathLike[str]] = option((), "folder of package:// names", "DIR", many=True)
+    srdf: str | PathLike[str] | None = option(None, "SRDF: pairs of links that may touch (a known robot's own)", "FILE")
+    package_dir: Sequence[str | PathLike[str]] = option(
+        (), "folder of the packages in package:// names", "DIR", many=True
+    )
     scene: str | PathLike[str] | None = option(
         None, "scene: MoveIt PlanningScene, .scene text, or short YAML (none)", "FILE", main=True
     )

@@ -125,7 +125,7 @@ class JobRequest(
     starts: int | None = option(None, "largest number of starting points of each move (24)", "N", main=True)
     compile: str = option("auto", "compile the model's functions to machine code: auto, always or never (auto)", "WHEN")
     jitter: float | None = option(
-        None, "how early or late each of several robots may be [s] (the job's, 0.02)", "S", main=True
+        None, "time by which each of several robots may be early or late [s] (the job's, or 0.02)", "S", main=True
     )
     resume: bool = option(False, "one robot: continue an earlier run into the same --out", main=True, written=False)
     folder: str | PathLike[str] | None = option(None, "where the files are that the job names", internal=True)

@@ -129,9 +129,7 @@ class SimulateRequest(groups.CellGroup, groups.SeedGroup, groups.PayloadGroup, g
     _: KW_ONLY
     repeat: int = option(1, "play all trajectories N times (1)", "N", main=True)
     rest: float = option(0.3, "time at rest before and after each trajectory [s] (0.3)", "S")
-    static: float = option(
-        0.0, "also record S seconds at rest at the start of each trajectory (0: none)", "S", main=True
-    )
+    static: float = option(0.0, "also record S seconds at rest at the start of each trajectory (0)", "S", main=True)
     noise: float = option(0.6, "standard deviation of the meter's noise [W] (0.6)", "W", main=True)
     rate: float = option(125.0, "encoder samples per second [Hz] (125)", "HZ")
     meter_rate: float | None = option(

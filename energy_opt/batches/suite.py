@@ -152,7 +152,7 @@ class _Reading:
             twice = [label for label, count in Counter(task.label for task in tasks).items() if count > 1]
             if twice and not self.faults:
                 count = sum(task.label == twice[0] for task in tasks)
-                raise BadInput(f"{twice[0]!r} is given {count} times; list nothing twice, name each move once")
+                raise BadInput(f"{twice[0]!r} is given {count} times; expected each entry and each name once")
         return Suite(str(name), self.path, tuple(tasks))
 
     def _seeded(self, table: dict[str, Any]) -> dict[str, Any]:

@@ -205,7 +205,7 @@ class Cell:
             )
         if self.own is not None and self.own.sampled:
             pairs = ", ".join(f"{a} and {b}" for a, b in self.own.sampled)
-            out.append(f"{self.robot.name}: not kept apart, for they touch in each of {POSES} random poses: {pairs}")
+            out.append(f"{self.robot.name}: links that touch in each of {POSES} random poses are not checked: {pairs}")
         return out
 
     def distances(self, q: np.ndarray, reach: float) -> list[tuple[int, float]]:

@@ -129,7 +129,7 @@ def load(path: Path, joints: Sequence[str], prefix: str = "", following: Iterabl
     records = formats.read(table).of(joints, prefix, following)
     motion, notes = _recorded(str(path), records), list[str]()
     if records.velocity is not None and not records.velocity.any() and np.ptp(records.position, axis=0).any():
-        notes.append(f"{records.where}: velocity is 0 in every row: the arm is taken to stop at each")
+        notes.append(f"{records.where}: velocity is 0 in every row: the arm is assumed to stop at each")
     if answer is None:
         beside = [name for name in ANSWERS if (path.parent / name).is_file()]
         notes += [f"{path}: not written by the {name} beside it, whose payload is not taken" for name in beside]

@@ -248,7 +248,7 @@ class Budget:
             self.take(len(out[-1]), most)
             most -= len(out[-1])
             if not frame.eof:
-                raise BadInput(f"{self._path}: a compressed part of it is cut off")
+                raise BadInput(f"{self._path}: a compressed part of it is incomplete")
             data = frame.unused_data or b""
         return b"".join(out)
 

@@ -206,7 +206,7 @@ def _trajectory(file: Path, request: CheckRequest, notes: list[str]) -> list[str
             return [f"{file}: joints {', '.join(samples.joints)} are not those of a known robot; give --robot"]
         robot = robot_of(request, matching[0])
         others = f"; {', '.join(matching[1:])} have the same joints" if matching[1:] else ""
-        notes.append(f"{file}: taken for a {robot.name} (--robot names another one{others})")
+        notes.append(f"{file}: read as a file of {robot.name} (--robot names another one{others})")
     else:
         robot = robot_of(request)
     samples = samples.of(robot.joints, request.joint_prefix, robot.followers)

@@ -154,7 +154,9 @@ def _next_motion(result: Diagnosis, seed: int, surroundings: CellRequest) -> Tra
         remarks.append(f"No motion to record next is proposed: {error}.")
         return None
     if motion is None:
-        remarks.append("No motion distinguishes the alternatives: the meter would show the same.")
+        remarks.append(
+            "No motion distinguishes the alternatives: the meter would show the same power under all of them."
+        )
         return None
     result.document["next_motion"] = NEXT
     result.document["next_step"] = next_step(result.document)

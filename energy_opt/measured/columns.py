@@ -231,7 +231,7 @@ class ByHand:
         """
         for joint in self.joints:
             if robot is None:
-                raise BadInput("--joint needs --robot: whose joints are they?")
+                raise BadInput("--joint needs --robot: the arm that has these joints")
             if joint not in robot.joints:
                 hint = suggest(joint, robot.joints)
                 raise BadInput(f"--joint {joint}: no such joint{hint}; the robot's are {', '.join(robot.joints)}")

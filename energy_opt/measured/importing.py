@@ -58,7 +58,7 @@ def import_files(
     if not replace:
         no_other_verb(out, NAME)
         if (out / NAME).exists():
-            raise BadInput(f"{out}: holds a measured set already; another --out, or --force")
+            raise BadInput(f"{out}: holds a measured set already; choose another --out, or add --force")
     tables = [Table(path) for path in _without_repeats(files)]
     hand = (hand or ByHand()).with_units_moved(tables, robot)
     words: list[str] = []
@@ -174,7 +174,7 @@ def _pairs(joints: dict[Table, Guess], meters: dict[Table, Guess], words: list[s
             out = dict(zip(sorted(joints, key=lambda t: t.path.name), order, strict=True))
         else:
             raise BadInput(
-                f"{shared.path}: which of the motions' files does this meter's file belong to? "
+                f"{shared.path}: it is not clear to which file of joints this meter's file belongs. "
                 "Name the files alike, or let both clocks count from 1970"
             )
     words += [f"pair: {t.path.name} with {m.path.name}" for t, m in out.items()]

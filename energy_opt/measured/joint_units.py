@@ -47,7 +47,7 @@ def without_foreign(columns: dict[str, dict[str, str]], table: Table, words: lis
             columns["current"] = by
             words.append(f"{signal} in {units[0]}: taken for currents")
         else:
-            words.append(f"{signal} left out: {units[0]} is no unit of it that is known")
+            words.append(f"{signal} is left out: its unit {units[0]} is not known")
 
 
 def _foreign(signal: str, column: str, table: Table) -> str | None:

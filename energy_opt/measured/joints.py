@@ -32,7 +32,9 @@ def runs_backward(table: Table, column: str, time: np.ndarray, index: np.ndarray
     back = np.flatnonzero(np.diff(time) < 0)
     if back.size:
         k = int(back[0]) + 1
-        text = f"time {time[k]:.14g} s does not come after {time[k - 1]:.14g} s (a file for each start of a clock)"
+        text = (
+            f"time {time[k]:.14g} s does not come after {time[k - 1]:.14g} s; give one file for each start of the clock"
+        )
         table.fault(text, column, int(index[k]))
     return bool(back.size)
 

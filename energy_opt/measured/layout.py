@@ -236,7 +236,7 @@ def _content(path: Path) -> tuple[Any, int]:
         try:
             return bytes(content).decode(code).encode(), 0
         except UnicodeDecodeError:
-            raise BadInput(f"{path}: is not {code.upper()} text throughout, though it begins so") from None
+            raise BadInput(f"{path}: begins as {code.upper()} text, but a later part is not") from None
     if len(content) and int(np.frombuffer(content, np.uint8).max()) > 127:
         raw = bytes(content)
         try:

@@ -80,16 +80,18 @@ def read_meter(table: Table, rules: Mapping[str, Rule], joints: Joints | None, w
     wild = glitches(values)
     if wild.any():
         first = table.row_number(int(there[np.argmax(wild)]))
-        remarks.append(f"{int(wild.sum())} readings dropped: the power jumps away and back (first: row {first})")
+        remarks.append(
+            f"{int(wild.sum())} readings are left out: the power jumps and returns at once (first: row {first})"
+        )
         time, values = time[~wild], values[~wild]
     new = update_indices(values)
     if new is not None:
         beat = float(np.median(np.diff(time[new])))
-        remarks.append(f"a reading is held over several rows: taken where it changes, every {beat:.3g} s")
+        remarks.append(f"a reading is repeated in several rows: it is used where it changes, every {beat:.3g} s")
         time, values = time[new], values[new]
     fresh = np.concatenate([[True], np.diff(time) > 0])
     if own and not fresh.all():
-        remarks.append(f"{int((~fresh).sum())} readings with the stamp of the one before dropped")
+        remarks.append(f"{int((~fresh).sum())} readings are left out: they repeat the time stamp of the one before")
     time, values = time[fresh], values[fresh]
     return Readings(time, values, np.full(len(time), window or 0.0), "power", dated, tuple(remarks))
 
@@ -107,7 +109,7 @@ def _counter(time: np.ndarray, energy: np.ndarray, dated: bool) -> Readings:
     span, step = np.diff(time), np.diff(energy)
     reset = step < -0.5 * np.maximum(np.abs(energy[:-1]), 1e-9)
     if reset.any():
-        remarks.append(f"the counter begins anew {int(reset.sum())} times: left out there")
+        remarks.append(f"the counter restarts {int(reset.sum())} times: no power is computed there")
     good = ~reset
     return Readings(time[1:][good], (step / span)[good], span[good], "energy", dated, tuple(remarks))
 

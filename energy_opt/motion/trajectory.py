@@ -99,7 +99,10 @@ class Trajectory:
             except (TypeError, ValueError):
                 array = np.zeros(())
             if array.shape != shape:
-                raise BadInput(f"trajectory: {name} {shown(given)}: expected numbers of shape {shape}")
+                found = f"has shape {array.shape}" if array.ndim else f"is {shown(given)}"
+                raise BadInput(
+                    f"trajectory: {name} {found}; expected numbers of shape {shape}, as time and joints have"
+                )
             object.__setattr__(self, name, array)
 
     @property

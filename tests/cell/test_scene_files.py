@@ -122,7 +122,7 @@ plane
         (text.replace("* floor", "* a can"), "is given twice"),
         (text.replace("plane", "torus"), "object floor .*torus"),
         (text[:-2], "ends here"),
-        (text.replace("3 1\n", "999999999 1\n"), "more than the file has rows"),
+        (text.replace("3 1\n", "999999999 1\n"), "but the file has fewer rows"),
     ]:
         with pytest.raises(BadInput, match=says):
             read_scene(written(tmp_path, "b.scene", broken))

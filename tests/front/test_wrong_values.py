@@ -103,7 +103,9 @@ def test_objects_that_users_make_are_checked(robot):
     refused("^robot 3: expected a Robot", eo.load_model, "careful", 3)
     refused("expected a name, the path of a URDF", eo.load_robot, np.zeros((2, 3)))
     two, zeros = [0.0, 1.0], np.zeros((2, 7))
-    refused(r"position None: expected numbers of shape \(2, 7\)", eo.Trajectory, robot.joints, two, None, zeros, zeros)
+    refused(
+        r"position is None; expected numbers of shape \(2, 7\)", eo.Trajectory, robot.joints, two, None, zeros, zeros
+    )
     refused("velocity", eo.Trajectory, robot.joints, two, zeros, np.zeros((3, 7)), zeros)
     refused("joints None", eo.Trajectory, None, two, zeros, zeros, zeros)
     assert eo.Trajectory(robot.joints, two, zeros.tolist(), zeros, zeros).duration == 1.0

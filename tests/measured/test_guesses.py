@@ -59,7 +59,7 @@ def test_a_coarse_counter_is_read_where_it_steps_and_not_where_it_begins_anew(tm
     measured = read_set(log(tmp_path, "z1", f'{counter}[[run]]\nfile = "a.csv"\n'))
     (run,) = measured.runs
     said = "\n".join(measured.remarks)
-    assert "read where it steps" in said and "begins anew 1 times" in said
+    assert "read where it steps" in said and "restarts 1 times" in said
     assert (run.power > 0).all() and 0.8 * energy[-1] < run.power @ run.window < energy[-1]
 
 
@@ -172,7 +172,7 @@ def test_meters_whose_clocks_begin_at_0_are_paired_by_name(tmp_path: Path) -> No
         ("motion_1.csv", "meter_1.csv"), ("motion_2.csv", "meter_2.csv"),
     ]  # fmt: skip
     (tmp_path / "meter_2.csv").unlink()
-    with pytest.raises(BadInput, match="which of the motions' files does this meter's file belong to"):
+    with pytest.raises(BadInput, match="it is not clear to which file of joints this meter's file belongs"):
         import_files(sorted(tmp_path.glob("*.csv")), tmp_path / "other", Z1)
     assert not (tmp_path / "other").exists()
 

@@ -60,7 +60,9 @@ def test_a_reading_far_beyond_the_others_is_dropped_and_named(tmp_path):
     log(tmp_path, "z1", '[[run]]\nfile = "a.csv"\n')
     measured = read_set(tmp_path)
     assert np.abs(measured.runs[0].power).max() < 2 * p.max() and len(measured.runs[0].power) == len(p) - 3
-    assert any("3 readings dropped: the power jumps away and back (first: row 42)" in x for x in measured.remarks)
+    assert any(
+        "3 readings are left out: the power jumps and returns at once (first: row 42)" in x for x in measured.remarks
+    )
 
 
 @pytest.mark.parametrize(("most", "step"), [(130.0, 0.0), (130.0, 0.5), (np.inf, 0.0), (np.inf, 0.5), (np.inf, 10.0)])

@@ -115,7 +115,7 @@ def _apply(reading: Reading, entry: Mapping[str, Any], frames: _Frames) -> None:
         raise BadInput(f"operation is {operation}; expected 0 (add), 1 (remove), 2 (append) or 3 (move)")
     old = reading.objects.get(name)
     if old is None:
-        raise BadInput("is to be changed, but no object of that name is before it")
+        raise BadInput("cannot be changed: no object of that name comes before it")
     if operation == APPEND:
         added = tuple(
             replace(shape, pose=np.linalg.solve(old.pose, at @ shape.pose)) for shape in _shapes(reading, entry)

@@ -186,7 +186,7 @@ class _Lines:
         if not word.isdigit() or len(word) > 12:
             raise BadInput(f"{word[:40]!r}; expected the number of {what}")
         if int(word) > len(self._lines):
-            raise BadInput(f"{word} {what} announced, more than the file has rows")
+            raise BadInput(f"the number of {what} is {word}, but the file has fewer rows")
         return int(word)
 
 

@@ -41,6 +41,10 @@ class Move:
         path: the path to follow (retime) or to start from (reshape); a straight line in joint space by default.
         via: points (n,) [rad] that a reshaped move passes in order, at times it chooses.
         input: a given trajectory, the baseline "input"; its end velocities are kept.
+
+    Raises:
+        BadInput: a value of another type, positions that are not finite or differ in number, a duration that is not
+            between 1e-6 and 1e5 s, or two durations.
     """
 
     start: np.ndarray
@@ -156,6 +160,9 @@ class Settings:
             something, and in addition to a given path; None for one (two if it saves little), and none in addition to a
             given path without collision.
         own_limits: user-defined limits (`motion.limits.own.OwnLimit`), in addition to all others.
+
+    Raises:
+        BadInput: a value of another type, outside of its range, or not among the known words.
     """
 
     starts: int = 24

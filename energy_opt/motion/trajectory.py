@@ -71,7 +71,10 @@ class Trajectory:
     """Samples of a motion: time (N,) [s]; position, velocity, acceleration (N, n) [rad, rad/s, rad/s^2].
 
     The columns are in the order of `joints`; joints that slide have m in place of rad. effort (N, n) [N m] (the motors'
-    torque) and power (N,) [W] are set once a model has been applied; until then they are None.
+    torque) and power (N,) [W] are set once a model has been applied; until then they are None. Sequences are accepted.
+
+    Raises:
+        BadInput: an array does not consist of numbers, or has another shape.
     """
 
     joints: tuple[str, ...]
@@ -83,11 +86,6 @@ class Trajectory:
     power: np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        """Convert sequences to arrays.
-
-        Raises:
-            BadInput: one of them does not consist of numbers, or has another shape.
-        """
         expect(self.joints, Sequence, "trajectory: joints")
         count, joints = np.size(self.time), len(self.joints)
         for name in ("time", "position", "velocity", "acceleration", "effort", "power"):
@@ -111,7 +109,10 @@ class Trajectory:
         return float(self.time[-1] - self.time[0])
 
     def sample(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Position, velocity, acceleration and jerk (M, n) of the curve at `time` (M,)."""
+        """Position, velocity, acceleration and jerk (M, n) of the curve at `time` (M,) [s], in any order.
+
+        Before the first and after the last sample, the first and the last quintic are continued.
+        """
         k = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, len(self.time) - 2)
         h = (self.time[k + 1] - self.time[k])[:, None]
         x = (time - self.time[k])[:, None] / h
@@ -187,7 +188,7 @@ class Trajectory:
         return np.append(inner, self.time[-1])
 
     def part(self, samples: slice) -> Trajectory:
-        """The trajectory of some consecutive samples."""
+        """The trajectory of some consecutive samples, such as `slice(10, 20)`."""
         first = (self.time, self.position, self.velocity, self.acceleration, self.effort, self.power)
         return Trajectory(self.joints, *(None if x is None else x[samples] for x in first))  # type: ignore[arg-type]
 

@@ -76,7 +76,7 @@ class PowerModel:
 
     Attributes:
         robot: the robot's name (a label; joints are the robot's own, in its order).
-        effects: at most one of each kind.
+        effects: at most one of each name; BadInput is raised for two, and for one that needs another.
         uncertainty: of the values, if data determined them; it does not change the power.
     """
 
@@ -266,7 +266,7 @@ class PowerModel:
         return {key: value for key, value in document.items() if key != "rival" or value}
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the model file."""
+        """Write the model file (TOML); BadInput where `path` cannot be written."""
         write_toml(Path(path), self.to_document())
 
 

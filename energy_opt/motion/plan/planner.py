@@ -119,7 +119,7 @@ class Planner:
         return out
 
     def score(self, trajectory: Trajectory) -> Energy:
-        """The energy of any trajectory under the planner's model."""
+        """The energy [J] of any trajectory of the robot's joints, under the planner's model."""
         return self.scorer.energy(trajectory)
 
     def limits(self, move: Move | None = None) -> tuple[Limit, ...]:
@@ -152,7 +152,7 @@ class Planner:
         return with_trajectory(single.context, single.move, single.timing, result, trajectory)
 
     def certify(self, trajectory: Trajectory, move: Move | None = None) -> Certificate:
-        """The certificate of any trajectory under the limits, those of its move included."""
+        """Limits and clearance of any trajectory, recomputed; the limits of its move are included."""
         judge = Judge(self.scorer, self.limits(move), self.settings.verify_samples, self._cell_of(move))
         return judge(trajectory).certificate
 
@@ -165,7 +165,7 @@ class Planner:
         return self._beside[1]
 
     def minimum_time(self, move: Move) -> float:
-        """The shortest duration of the move's first path within all limits, by TOPP-RA, s."""
+        """The shortest duration [s] of the move's first path within all limits, by TOPP-RA; raises as `timing`."""
         return self.timing(self.first_path(move)[0]).duration
 
     def slowed(self, move: Move, duration: float) -> Trajectory | None:
@@ -217,12 +217,14 @@ class Planner:
         """The move with the least energy that is found, or by another objective if the settings say so.
 
         Args:
+            move: ends (n,) in the robot's order, duration and via points.
             warm: trajectories to start from besides the usual ones; where they have the move's duration and stay within
                 limits, the result is never worse than they are.
             deadline: seconds until the best proven answer so far is given; None for the settings'.
             confirm: whether a shortest duration that an error names is tried before.
 
         Raises:
+            BadInput: the move does not fit the robot or the settings.
             Infeasible: no timing or no path holds the limits; says which, where and what would work.
         """
         progress = Progress(self.settings.deadline if deadline is None else deadline, self.stopped)

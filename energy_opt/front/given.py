@@ -16,7 +16,7 @@ import numpy as np
 
 from energy_opt.cell.request import CellRequest
 from energy_opt.effects import Payload
-from energy_opt.errors import BadInput, suggest
+from energy_opt.errors import BadInput, shown, suggest
 from energy_opt.files import finite_number, words_of
 from energy_opt.measured import read_log
 from energy_opt.measured.sets import robot_of as robot_of_log
@@ -115,7 +115,7 @@ def source_model(robot: AnyRobot = "panda", method: int = 2) -> PowerModel:
     """
     name = f"source-method-{method}"
     if not is_named(name):
-        raise BadInput(f"--method {method}; expected 1 or 2")
+        raise BadInput(f"--method {shown(method)}; expected 1 or 2")
     return named_model(name, robot if isinstance(robot, Robot) else str(robot))
 
 
@@ -169,7 +169,7 @@ def payload_from(given: Any) -> Payload:
         except (TypeError, ValueError):
             numbers = np.zeros(0)
         if numbers.shape not in ((1,), (4,)):
-            raise BadInput(f"--payload {given!r}: expected a mass, or mass and centre of mass: (m, x, y, z)")
+            raise BadInput(f"--payload {shown(given)}: expected a mass, or mass and centre of mass: (m, x, y, z)")
     far = float(np.abs(numbers[1:]).max(initial=0.0))
     if far > FARTHEST:
         raise BadInput(
@@ -227,7 +227,7 @@ def positions(given: Any, robot: Robot, name: str, srdf: Path | None = None) -> 
     try:
         q = np.array(given, dtype=float)
     except (TypeError, ValueError):
-        raise BadInput(f"--{name}: {given!r} is not {robot.n} numbers [rad]") from None
+        raise BadInput(f"--{name}: {shown(given)} is not {robot.n} numbers [rad]") from None
     if q.shape != (robot.n,):
         hint = "; for several goals give eo.AnyOf([...])" if name == "goal" and q.ndim == 2 else ""
         raise BadInput(f"--{name}: shape {q.shape}; {robot.name} has {robot.n} joints: {', '.join(robot.joints)}{hint}")

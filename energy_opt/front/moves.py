@@ -215,9 +215,9 @@ def ends_of(request: MoveRequest, robot: Robot, around: CellRequest, say: Say = 
     posed_vias = _poses(request.via_pose)
     passed = [*posed_vias, *(each for each in request.via if _is_pose(each))]
     if posed is None and request.goal_pose is None and not passed and len(goals) < 2 and not any(map(_is_pose, goals)):
-        for option in ("free", "pose_tolerance"):
-            if getattr(request, option):
-                raise BadInput(f"--{option.replace('_', '-')} belongs to --goal-pose")
+        for option, given in (("free", bool(request.free)), ("pose-tolerance", request.pose_tolerance is not None)):
+            if given:
+                raise BadInput(f"--{option} belongs to --goal-pose")
         return None
     if request.path is not None:
         raise BadInput("--path fixes start and goal; give either --path or poses")

@@ -130,6 +130,10 @@ def test_arrays_in_place_of_words_are_shown_in_one_line():
     table = np.zeros((2, 3))
     for field in ("mode", "seed", "self_collision", "allow_large", "robust", "tube", "limits", "floor", "robot"):
         refused(f"^{field} array", eo.optimize, **{"robot": "panda", "start": HOME, "goal": HOME, field: table})
+    refused("^payload array", eo.optimize, "panda", start=HOME, goal=HOME, payload=table)
+    ends = {"start": HOME, "goal": HOME}
+    refused("pose_tolerance belongs to goal_pose", eo.optimize, "panda", **ends, pose_tolerance=table)
+    refused("^method array", eo.source_model, "panda", table)
     refused("starts True: expected a whole number", eo.optimize, "panda", start=HOME, goal=HOME, starts=True)
 
 

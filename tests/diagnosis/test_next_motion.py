@@ -254,7 +254,7 @@ def test_recorded_on_the_arm_it_settles_which_law_holds(tmp_path):
     """A short noisy run leaves open whether dry friction depends on the direction; the proposed motion tells."""
     from energy_opt.virtual_arm.simulate import Reference
 
-    robot, found = recorded(CoulombFriction, "xarm7", seed=6, noise=2.0, motions=1)
+    robot, found = recorded(CoulombFriction, "xarm7", seed=9, noise=2.0, motions=1)
     before = found(tmp_path / "before")
     assert before.document["verdict"] == "ambiguous"
     assert sorted(before.document["alternatives"]) == [["asymmetric_friction"], ["coulomb_friction"]]

@@ -22,7 +22,7 @@ from energy_opt.front.desk import Answered, Desk, verb
 from energy_opt.front.given import cell_of, robot_of
 from energy_opt.front.models import compared, members, rivals_of
 from energy_opt.front.moves import ends_of, move_of, resolved, settings_of
-from energy_opt.motion import Move, Planner, Result, Settings, Trajectory
+from energy_opt.motion import Move, Planner, Result, Settings
 from energy_opt.motion.judge.energy import Scorer, loss_by_joint
 from energy_opt.motion.move import LONGEST, SHORTEST
 from energy_opt.motion.plan.robust import RobustPlanner
@@ -200,21 +200,6 @@ def table(result: Result, out: Path, robot: Robot, year: str = "") -> str:
     return "\n".join(lines)
 
 
-def _passing(trajectory: Trajectory, q: np.ndarray) -> np.ndarray:
-    """Position (n,) of a motion that is nearest to q (n,)."""
-    from scipy.optimize import minimize_scalar
-
-    time = trajectory.time
-    k = int(np.argmin(np.linalg.norm(trajectory.position - q, axis=1)))
-    ends = time[max(k - 1, 0)], time[min(k + 1, len(time) - 1)]
-
-    def miss(t: float) -> float:
-        return float(np.linalg.norm(trajectory.sample(np.array([t]))[0][0] - q))
-
-    found = minimize_scalar(miss, bounds=ends, method="bounded", options={"xatol": 1e-12})
-    return np.asarray(trajectory.sample(np.array([found.x]))[0][0])
-
-
 def with_goals(result: Answer, chosen: Chosen, ends: Ends, settings: Settings) -> Answer:
     """The answer with the goals that were considered, and the errors of its ends at their poses.
 
@@ -227,7 +212,7 @@ def with_goals(result: Answer, chosen: Chosen, ends: Ends, settings: Settings) -
     positions = result.trajectory.position
     at = {"start": positions[0]}
     for k, q in enumerate(chosen.move.via, start=1):
-        at[f"via {k}"] = _passing(result.trajectory, q)
+        at[f"via {k}"] = result.trajectory(np.array([result.trajectory.time_nearest_to(q)]))[0]
     said = pose_document(result.arm, settings.tool, ends.poses, at)
     if chosen.candidates[0].pose is not None:
         goals = {str(k): goal for k, goal in enumerate(ends.goals) if isinstance(goal, Pose)}

@@ -21,7 +21,7 @@ from energy_opt.jobs.legs import Step
 from energy_opt.jobs.solve_job import JobResult
 from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.judge.energy import Scorer
-from energy_opt.motion.trajectory import Trajectory
+from energy_opt.motion.trajectory import Trajectory, whole
 from energy_opt.poses.given import pose_document
 from energy_opt.power.per_year import PerYear
 from energy_opt.reports.job import page
@@ -166,13 +166,10 @@ def split(piece: Piece, result: JobResult) -> list[Piece]:
 
 def divided(t: Trajectory, energy: float, steps: Sequence[Step], scorer: Scorer) -> list[tuple[Trajectory, float]]:
     """The parts of a motion of `energy` [J] that does several steps, from time 0 each, and their energies [J]."""
-    cuts = [0]
+    at = [float(t.time[0])]
     for step in steps[:-1]:
-        after = np.abs(t.position[cuts[-1] + 1 : -1] - step.goal).max(axis=1)
-        cuts.append(cuts[-1] + 1 + int(np.argmin(after)))
-    cuts.append(len(t.time) - 1)
-    parts = [t.part(slice(a, b + 1)) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
-    parts = [replace(part, time=part.time - part.time[0]) for part in parts]
+        at.append(float(whole(t.time_nearest_to(step.goal, at[-1]))))
+    parts = [t.between(a, b) for a, b in zip(at, [*at[1:], float(t.time[-1])], strict=True)]
     energies = np.array([scorer.energy(part).total for part in parts])
     # distribute the error of kinks between samples
     energies += (energy - energies.sum()) * energies / energies.sum()

@@ -214,6 +214,24 @@ class Trajectory:
             out.append(float(np.abs(off - share[:, None] * step).max(axis=1).min()))
         return out
 
+    def time_nearest_to(self, position: np.ndarray, after: float = -np.inf) -> float:
+        """Time [s] after another one at which the motion is nearest to a position (n,)."""
+        from scipy.optimize import minimize_scalar
+
+        def distance(time: float) -> float:
+            return float(np.linalg.norm(self.sample(np.array([time]))[0][0] - position))
+
+        missed = np.where(self.time > after, np.linalg.norm(self.position - position, axis=1), np.inf)
+        k = int(np.argmin(missed))
+        ends = max(self.time[max(k - 1, 0)], after), self.time[min(k + 1, len(self.time) - 1)]
+        return float(minimize_scalar(distance, bounds=ends, method="bounded", options={"xatol": 1e-12}).x)
+
+    def between(self, begin: float, end: float) -> Trajectory:
+        """The motion between two times [s], which are its first and last sample, from time 0."""
+        inner = self.time[(self.time > begin + CLOSEST) & (self.time < end - CLOSEST)]
+        time = np.array([begin, *inner, end])
+        return Trajectory(self.joints, time - begin, *self.sample(time)[:3])
+
     def averaged(self, width: float) -> Trajectory:
         """The mean of the curve over the last `width` s, at rest before and after: `width` s longer.
 

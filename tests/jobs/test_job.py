@@ -24,6 +24,7 @@ from energy_opt.formats import read_trajectory
 from energy_opt.jobs.allocate import Front, Solved, allocate
 from energy_opt.jobs.cycle import Answer
 from energy_opt.jobs.file import load_job
+from energy_opt.jobs.job_files import split
 from energy_opt.jobs.solve_job import run_job
 from energy_opt.jobs.work import Answers, Worker
 from energy_opt.motion import Settings
@@ -116,6 +117,17 @@ def test_the_example_on_the_command_line(panda: Robot, tmp_path: Path) -> None:
     motion = read_trajectory(out / "step_02.csv", panda.joints)  # passed into without stopping
     assert np.abs(motion.velocity[0]).max() > 0.05
     assert (out / "report.html").stat().st_size < 6e6
+
+
+def test_a_step_that_is_passed_ends_where_the_motion_is_nearest_to_its_pose(panda: Robot, tmp_path: Path) -> None:
+    """It ended at the nearest sample, up to half a millimetre away."""
+    text = RETIMED.replace('mode = "retime"', 'mode = "reshape"')
+    job = load_job(written(tmp_path, text), lambda _: panda)
+    result = run_job(job, source_method_2(), Settings(starts=1, controls=16))
+    parts = [part.trajectory for part in split(result.pieces[0], result)]
+    assert np.abs(parts[0].position[-1] - job.steps[0].goal).max() < 1e-7
+    assert (parts[0].position[-1] == parts[1].position[0]).all() and (np.diff(parts[1].time) > 1e-6).all()
+    assert sum(part.duration for part in parts) == pytest.approx(result.pieces[0].trajectory.duration, abs=1e-12)
 
 
 def test_brakes_wait_without_holding_losses(panda: Robot, tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ AXES = ("x", "y", "z", *TURNS)
 FAR = 100.0  # [m] largest length: a longer one is probably in the wrong unit
 LEAST = 1e-9  # [m, rad] least tolerance, for rounding
 EXACT = 1e-6, 1e-6  # [m, rad] tolerance of a pose that is to be reached exactly
+WIDEST = 0.5, np.pi  # [m, rad] largest tolerance: a larger one is probably in another unit
 UNIT = 1e-2  # largest deviation of a quaternion's norm, or of a matrix's axes, from 1; it is then scaled
 ROUNDED = 1e-9  # the same, of a matrix that is used as it is
 
@@ -90,7 +91,11 @@ class Pose:
     def __post_init__(self) -> None:
         words: Any = self.free
         words = words if isinstance(words, Iterable) and not isinstance(words, str) else (words,)
-        for freedom in (free := tuple(f if isinstance(f, Freedom) else Freedom.of(f) for f in words)):
+        try:
+            free = tuple(f if isinstance(f, Freedom) else Freedom.of(f) for f in words)
+        except BadInput as error:
+            raise BadInput(_of_key(str(error), self.name)) from None
+        for freedom in free:
             if [other.axis for other in free].count(freedom.axis) > 1:
                 raise BadInput(f"{self.name}: an axis is free twice: {', '.join(other.axis for other in free)}")
         allowed = tolerance_of(self.tolerance, self.name)
@@ -154,8 +159,8 @@ def matrix_of(given: str | Sequence[float] | np.ndarray, name: str) -> np.ndarra
         numbers = np.asarray(given, dtype=float)
     except (TypeError, ValueError):
         raise BadInput(f"{name}: expected {FORM}") from None
-    if not np.isfinite(numbers).all():
-        raise BadInput(f"{name}: expected {FORM}")
+    if not (finite := np.isfinite(numbers)).all():
+        raise BadInput(f"{name}: {numbers[~finite][0]} is not finite; expected {FORM}")
     if numbers.shape == (6,):
         no_degrees(f"{name} {','.join(f'{x:g}' for x in numbers)}", numbers[3:].tolist())
         numbers = pose_of(tuple(numbers[:3]), tuple(numbers[3:]))
@@ -167,8 +172,10 @@ def matrix_of(given: str | Sequence[float] | np.ndarray, name: str) -> np.ndarra
         numbers = np.block([[turn, numbers[:3, None]], [np.zeros(3), 1.0]])
     elif numbers.ndim < 2:
         raise BadInput(f"{name}: {numbers.size} numbers; expected {FORM}")
-    if numbers.shape != (4, 4) or np.abs(numbers[:3, 3]).max() > FAR:
+    if numbers.shape != (4, 4):
         raise BadInput(f"{name}: expected {FORM}")
+    if (far := np.abs(numbers[:3, 3]).max()) > FAR:
+        raise BadInput(f"{name}: {far:g} m is too far; expected m (are these millimetres? {far / 1000:g} m then)")
     off = max(np.abs(numbers[:3, :3] @ numbers[:3, :3].T - np.eye(3)).max(), np.abs(numbers[3] - np.eye(4)[3]).max())
     if off > 2 * UNIT or np.linalg.det(numbers[:3, :3]) < 0:
         raise BadInput(
@@ -187,31 +194,46 @@ def tolerance_of(given: str | Sequence[float], name: str) -> tuple[float, float]
     """Distance [m] and angle [rad], given as such or as `1mm,1deg`; a text may lack one, or be in m and rad.
 
     Raises:
-        BadInput: another unit or count, or a negative number; a line about numbers begins with `name`.
+        BadInput: another unit or count, a negative number, or one that is too large; the line names the pose `name`.
     """
-    if not isinstance(given, str):
+    if isinstance(given, str):
+        found = _tolerances(given, _of_key(f"--pose-tolerance {given}", name))
+    else:
         try:
             numbers = np.asarray(given)
         except ValueError:  # lists of different lengths
             numbers = np.empty(0)
         if numbers.shape != (2,) or numbers.dtype.kind not in "fiu" or not ((numbers >= 0) & (numbers < np.inf)).all():
             raise BadInput(f'{name}: tolerance {given!r}; expected "1mm,1deg", or a distance [m] and an angle [rad]')
-        return max(float(numbers[0]), LEAST), max(float(numbers[1]), LEAST)
+        found = float(numbers[0]), float(numbers[1])
+    for value, most, unit, other in zip(found, WIDEST, ("m", "rad"), ("mm", "deg"), strict=True):
+        if value > most:
+            raise BadInput(f"{name}: a tolerance of {value:g} {unit}; expected {most:.3g} {unit} at most (or {other}?)")
+    return max(found[0], LEAST), max(found[1], LEAST)
+
+
+def _tolerances(given: str, name: str) -> tuple[float, float]:
+    """Distance [m] and angle [rad] that a text contains, or the exact ones."""
     units = {"mm": (0, 1e-3), "m": (0, 1.0), "deg": (1, np.pi / 180), "rad": (1, 1.0)}
     found: dict[int, float] = {}
     for word in given.split(","):
         unit = next((u for u in ("mm", "deg", "rad", "m") if word.strip().endswith(u)), None)
         if unit is None:
-            raise BadInput(f"--pose-tolerance {given}: expected a distance and an angle, such as 1mm,1deg")
+            raise BadInput(f"{name}: expected a distance and an angle, such as 1mm,1deg")
         which, scale = units[unit]
-        value = finite_number(word.strip().removesuffix(unit), f"--pose-tolerance {given}", "1mm,1deg") * scale
+        value = finite_number(word.strip().removesuffix(unit), name, "1mm,1deg") * scale
         if not value >= 0:
-            raise BadInput(f"--pose-tolerance {given}: expected no negative number")
+            raise BadInput(f"{name}: expected no negative number")
         if which in found:
             what = ("distance", "angle")[which]
-            raise BadInput(f"--pose-tolerance {given}: two {what}s; expected a distance and an angle, such as 1mm,1deg")
-        found[which] = max(value, LEAST)
+            raise BadInput(f"{name}: two {what}s; expected a distance and an angle, such as 1mm,1deg")
+        found[which] = value
     return found.get(0, EXACT[0]), found.get(1, EXACT[1])
+
+
+def _of_key(line: str, name: str) -> str:
+    """A line about an option, as one about the key of a file if the pose is that of a step."""
+    return line if name.startswith("--") else f"{name}: {line.removeprefix('--').replace('pose-tol', 'pose_tol', 1)}"
 
 
 def about(k: int, angle: np.ndarray) -> np.ndarray:

@@ -35,6 +35,13 @@ def test_words_of_poses() -> None:
         Freedom.of("yaw")
     with pytest.raises(BadInput, match="two distances"):
         pose_from("0.1,0.2,0.3,0,0,0", (), "1mm,1mm")
+    with pytest.raises(BadInput, match=r"400 m is too far.*millimetres\? 0.4 m"):
+        pose_from([400, 0, 300, 0, 0, 0])
+    with pytest.raises(BadInput, match="nan is not finite"):
+        pose_from([0.4, np.nan, 0.3, 0, 0, 0])
+    for tolerance in ((1, 1), "5m,1deg", (0.001, 5)):
+        with pytest.raises(BadInput, match=r"a tolerance of .*at most"):
+            pose_from("0.1,0.2,0.3,0,0,0", (), tolerance)
 
 
 def test_poses_in_a_job_stay_open_until_they_are_chosen(tmp_path: Path, ur: ToolKinematics) -> None:
@@ -57,7 +64,7 @@ def test_poses_in_a_job_stay_open_until_they_are_chosen(tmp_path: Path, ur: Tool
     [
         ('to = "part"', 'to = "home"\nfree = ["rz"]', "is joint positions; free belongs to a pose"),
         ('to = "part"', 'to = "part"\npose = "part"', "either `to` or `pose`"),
-        ('free = ["rz:-30:30"]', 'free = ["yaw"]', "expected one of x, y, z"),
+        ('free = ["rz:-30:30"]', 'free = ["yaw"]', "part: free yaw: expected one of x, y, z"),
         ("[0.45, 0.2, 0.1, 3.14159265, 0, 0]", "[0.45, 0.2]", "2 numbers; expected X,Y,Z"),
         ('"1mm,1deg"', "3", "such as"),
         ('to = "home"', 'pose = "part"', "does not return to where the cycle begins"),

@@ -13,6 +13,7 @@ import yaml
 from two_joints import two_joints
 
 from energy_opt.errors import BadInput
+from energy_opt.power.assumptions import default_assumptions
 from energy_opt.robot import known_robots, load_robot
 
 UR_JOINTS = (
@@ -310,6 +311,8 @@ def test_joints_that_slide_show_metres_and_newtons(tmp_path, capsys):
         robot.units == ("rad", "m") and robot.unit("effort", "rail") == "N" and robot.unit("jerk", "turn") == "rad/s^3"
     )
     assert "rail: no velocity limit; assumed: 3.142 m/s" in robot.warnings
+    notes = {row.joint: row.note for row in default_assumptions(robot) if row.what == "acceleration"}
+    assert notes["rail"].endswith("50 m/s²") and notes["turn"].endswith("50 rad/s²")
     assert "rail: no effort limit; assumed: none" in robot.warnings
     words = ["optimize", "--robot", str(urdf), "--start", "0,30", "--goal", "0,58", "--mode", "retime", "--compile",
              "never", "--out", str(tmp_path / "out")]  # fmt: skip

@@ -191,11 +191,7 @@ class Cell:
     @property
     def warnings(self) -> list[str]:
         """Warnings about the checks."""
-        lengths = [np.linalg.norm(link.placement[:3, 3]) for link in self.robot.body.tree()]
-        limits, rails = self.robot.limits, list(self.robot.slides)
-        travel = np.maximum(np.abs(limits.lower), np.abs(limits.upper))[rails]
-        reach = max(0.1, float(sum(lengths) + travel[np.isfinite(travel)].sum()))
-        out = [*self._whole.warnings, *out_of_scale(self._whole, self.request.base_pose, reach)]
+        out = [*self._whole.warnings, *out_of_scale(self._whole, self.request.base_pose, max(0.1, self.robot.reach))]
         if not self.has_body:
             out.append(f"{self.robot.name}: its URDF has no collision geometry; its body is not checked")
         elif self.own is not None and not self.own_checks:

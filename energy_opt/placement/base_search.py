@@ -21,10 +21,12 @@ from scipy.optimize import minimize
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.jobs.file import Job
+from energy_opt.jobs.legs import pose_in_base
 from energy_opt.jobs.posed import Ends, Posed, run_posed
 from energy_opt.jobs.solve_job import JobResult, RoughCycles
 from energy_opt.motion.move import Settings
 from energy_opt.placement.placement import Looked, Placement, PlaceRequest, Rough, fixture_pose, in_scene
+from energy_opt.poses.inverse import ToolKinematics
 from energy_opt.poses.sets import DETOUR
 from energy_opt.power import PowerModel
 
@@ -66,6 +68,7 @@ class Search:
         self.rough = RoughCycles(model, settings, self.job, stopped)
         self.path: list[Looked] = []
         self._pool: dict[int, np.ndarray] | None = None
+        self._tool = ToolKinematics(job.robot, cell.tool)
 
     def at(self, point: np.ndarray) -> CellRequest:
         """The cell with the base, or the fixture, at x, y, z, yaw (4,)."""
@@ -109,6 +112,9 @@ class Search:
 
     def estimate(self, point: np.ndarray) -> float:
         """The likely energy [J] of the job at a placement (4,); infinite if a pose is out of reach."""
+        poses = (pose_in_base(self.job.steps[k], self.job.robot, self.at(point)) for k in self.job.open)
+        if any(map(self._tool.out_of_reach, poses)):
+            return float(np.inf)
         try:
             posed = self.posed(point, self._pool)
         except Infeasible:

@@ -74,6 +74,16 @@ class ToolKinematics:
         """True if `twists` gives the tool's velocity: no joint drives another."""
         return self._kinematics.count == self.robot.n
 
+    def out_of_reach(self, pose: Pose) -> bool:
+        """True if a pose is farther from the base than the stretched arm; False does not mean that it is reached."""
+        robot = self.robot
+        if not self.differentiable or any(freedom.axis in "xyz" for freedom in pose.free):
+            return False
+        if not np.isfinite((robot.limits.upper - robot.limits.lower)[list(robot.slides)]).all():
+            return False
+        farthest = robot.reach + np.linalg.norm(self._shift) + pose.tolerance[0]
+        return bool(np.linalg.norm(pose.matrix[:3, 3]) > farthest)
+
     def twists(self, q: np.ndarray) -> np.ndarray:
         """Velocity of the tool's origin and its angular velocity per joint velocity, in the base frame, (N, 6, n)."""
         poses = self._kinematics(q)

@@ -182,6 +182,13 @@ class Robot:
         """The joints that slide, whose units are m and N."""
         return self.body.slides
 
+    @property
+    def reach(self) -> float:
+        """Distance [m] from the base that no joint's frame exceeds; travel without an end is left out."""
+        lengths = [np.linalg.norm(link.placement[:3, 3]) for link in self.body.tree()]
+        travel = np.maximum(np.abs(self.limits.lower), np.abs(self.limits.upper))[list(self.slides)]
+        return float(sum(lengths) + travel[np.isfinite(travel)].sum())
+
     def unit(self, kind: str, joint: str | None = None) -> str:
         """Unit of a joint's "position", "velocity", "acceleration", "jerk" or "effort", or of power and the like."""
         return unit_of(kind, joint in self.joints and self.slides[self.joints.index(joint)])

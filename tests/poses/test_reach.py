@@ -55,6 +55,17 @@ def test_upright_and_opposite_poses_are_reached(free: tuple[str, ...]) -> None:
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5e", "xarm7", "z1"])
+def test_no_pose_that_is_reached_is_out_of_reach(name: str) -> None:
+    robot = load_robot(name)
+    tool = ToolKinematics(robot, f"{robot.joints[-1]},0.1,0,0.2")
+    limits = robot.limits
+    for q in np.random.default_rng(0).uniform(limits.lower, limits.upper, (200, robot.n)):
+        assert not tool.out_of_reach(pose_at(tool, q))
+    far = pose_from("2.5,0,0.3,0,0,0", (), "1mm,1deg")
+    assert tool.out_of_reach(far) and not tool.out_of_reach(replace(far, free=(Freedom("x"),)))
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5e", "xarm7", "z1"])
 def test_a_pose_that_was_reached_is_found_again(name: str) -> None:
     tool = ToolKinematics(load_robot(name))
     limits = tool.robot.limits

@@ -31,6 +31,7 @@ from energy_opt.poses.sets import Target, positions_of, touching_error
 
 IMPROVED = 5  # goals that the estimate moves along their freedom, each to another place
 TRIED = 7  # most goals that it moves, those that end at the place of another one included
+TURNED = 3  # most turns of goals that are solved if no goal is
 WORTH = 1e-3  # share of the loss that another goal must promise to save, to be solved in full
 # share of the loss by which the errors of sketches differ, nine times in ten; and how many goals whose sketches differ
 # by less are solved in full, as it may be any of them that is the best
@@ -214,12 +215,14 @@ class Chooser:
     def _solved_in_full(
         self, move: Move, goals: Sequence[Candidate], tried: Sequence[Sketched]
     ) -> tuple[Solved, list[Solved]]:
-        """The best of the sketched goals solved in full, and all solved ones; other goals only if none of these
-        works.
+        """The best of the sketched goals solved in full, and all solved ones; other goals, and last those with joints
+        turned, only if none of these works.
         """
         sketched = sorted(tried, key=cost_of)
         tied = cost_of(sketched[0]) + NEAR * self._screen.loss(sketched[0][1]) if sketched else -np.inf
+        known = {c.goal.tobytes() for c in (*goals, *(c for c, _ in tried))}
         rest = [goal for goal in goals if not any(np.array_equal(goal.goal, c.goal) for c, _ in tried)]
+        rest += [goal for goal in self._screen.with_turns(move, goals) if goal.goal.tobytes() not in known][:TURNED]
         failed: list[Candidate] = []
         out: list[Solved] = []
         for goal, warm in [*((c, [motion]) for c, motion in sketched), *((c, []) for c in rest)]:

@@ -65,7 +65,7 @@ class Screen:
         Args:
             goals: the turns of their joints are those nearest to the start of the move's last part.
         """
-        ranked = self._with_turns(move, goals)
+        ranked = self.with_turns(move, goals)
         free = any(goal.pose is not None and has_freedom(self.tool, goal.pose) for goal in goals)
         if len(ranked) == 1 and not free:
             return []
@@ -140,7 +140,7 @@ class Screen:
             apart = apart - apart @ along.T @ along
         return bool(np.abs(apart).max() < APART)
 
-    def _with_turns(self, move: Move, goals: Sequence[Candidate]) -> list[Candidate]:
+    def with_turns(self, move: Move, goals: Sequence[Candidate]) -> list[Candidate]:
         """The goals, those of poses also with joints turned to the other side of the start, by their estimates."""
         out: list[Candidate] = list(goals)
         for goal in goals:

@@ -150,3 +150,23 @@ def test_a_cycle_of_the_nearest_positions_is_not_solved_twice(tmp_path: Path) ->
     found = eo.job(tmp_path / "job.toml", model="source-method-2", self_collision=False).document()
     assert found["choice"]["greedy_nearest"] == found["choice"]["energy_total"]
     assert found["choice"]["solves"] == 1
+
+
+ONE = """<robot name="one"><link name="base"/><link name="arm">
+  <inertial><origin xyz="0.3 0 0"/><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>
+  </inertial><collision><origin xyz="0.3 0 0"/><geometry><box size="0.6 0.05 0.05"/></geometry></collision></link>
+  <joint name="turn" type="continuous"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>
+    <limit velocity="2" effort="50"/></joint></robot>"""
+
+
+def test_a_pose_behind_a_body_is_reached_the_other_way_round(tmp_path: Path) -> None:
+    """The long way was estimated to cost more than the short one with a detour, so it was never tried."""
+    (tmp_path / "one.urdf").write_text(ONE)
+    scene = tmp_path / "scene.yaml"
+    scene.write_text("objects: [{name: post, type: box, size: [0.1, 0.1, 0.3], position: [0.27, 0.31, 0.0]}]")
+    found = eo.optimize(
+        tmp_path / "one.urdf", "source-method-2", start=[0.0], goal_pose=[0, 0, 0, 0, 0, 1.745], scene=scene,
+        planner="none", starts=1,
+    )  # fmt: skip
+    assert found.status == "solved"
+    assert found.trajectory.position[-1] == pytest.approx([1.745 - 2 * np.pi])

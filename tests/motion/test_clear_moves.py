@@ -239,7 +239,7 @@ def test_further_initial_paths_never_cost_more(panda: Robot, model: PowerModel) 
 
 
 def test_via_points_leave_no_further_lines_to_start_from(panda: Robot, model: PowerModel) -> None:
-    """Cheap paths do not pass via points, so `initial_paths` adds no start where no planner adds one."""
+    """`initial_paths` adds no start where no planner adds one."""
     middle = (START + GOAL) / 2
     low = post(panda, 0.5).objects[0]
     low.pose[2, 3] -= 0.3  # [m] beside the arm: the optimum without bodies touches it

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,9 +12,8 @@ from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene_files import read_scene
 from energy_opt.motion.initial_paths import InitialPath, find_paths
-from energy_opt.motion.initial_paths.find import Ends, Looks
+from energy_opt.motion.initial_paths.find import Ends
 from energy_opt.motion.initial_paths.polyline import Rounding, between
-from energy_opt.motion.initial_paths.roadmap import cheap_paths
 from energy_opt.motion.initial_paths.room import KEPT, LOOKED, Room
 from energy_opt.motion.path import JointPath
 from energy_opt.robot import load_robot
@@ -50,14 +48,10 @@ class Wall:
 
 
 class Post(Wall):
-    """A post around the third joint's axis, thick enough to be passed on either side; before it, a dear half."""
+    """A post around the third joint's axis, thick enough to be passed on either side."""
 
     def room(self, q: np.ndarray) -> np.ndarray:
         return np.linalg.norm(q[:, :2], axis=1) - 0.4
-
-    def costly(self, side: int) -> Callable[[np.ndarray], np.ndarray]:
-        """It costs ten times as much to be on one side."""
-        return lambda q: np.where(side * q[:, 1] > 0, 10.0, 1.0)
 
 
 class Burrow(Wall):
@@ -169,31 +163,6 @@ def test_several_paths_are_different() -> None:
     assert len(found) >= 2 and [w.length for w in found] == sorted(w.length for w in found)
     s = np.linspace(0, 1, 21)
     assert all(np.abs(a.path(s) - b.path(s)).max() > 0.1 for a, b in zip(found, found[1:], strict=False))
-
-
-@pytest.mark.parametrize("side", [-1, 1])
-def test_cheap_paths_pass_where_it_is_cheap_and_then_elsewhere(side: int) -> None:
-    post, ends = Post(np.zeros(2), 0.0), Ends.of(START, GOAL, np.full(3, -2.0), np.full(3, 2.0), np.ones(3))
-    line = np.linspace(START, GOAL, 50)
-
-    def found(seed: int) -> list[np.ndarray]:
-        return list(cheap_paths(Looks(post, STEP), ends, post.costly(side), [line], seed, 2))
-
-    first, second = found(0)
-    for path in (first, second):
-        assert np.allclose(path[0], START, atol=0.01) and np.allclose(path[-1], GOAL, atol=0.01)
-        assert post.room(path).min() > -0.02  # smoothing cuts corners by little
-    assert (side * first[:, 1]).max() < 0.1 and (side * first[:, 1]).min() < -0.35
-    assert np.abs(first - second).max() > 0.1
-    assert all(np.array_equal(a, b) for a, b in zip(found(0), (first, second), strict=True))
-    assert not np.array_equal(found(1)[0], first)
-
-
-def test_costly_regions_are_passed_fast() -> None:
-    free, ends = Wall(np.zeros(2), 9.0), Ends.of(START, GOAL, np.full(3, -2.0), np.full(3, 2.0), np.ones(3))
-    line = np.linspace(START, GOAL, 50)
-    (path,) = cheap_paths(Looks(free, STEP), ends, lambda q: np.where(q[:, 0] > 0, 10.0, 1.0), [line], 0, 1)
-    assert (path[:, 0] > 0).mean() < 0.45
 
 
 def test_rounding_leaves_a_line_only_near_corners_and_can_be_tightened() -> None:

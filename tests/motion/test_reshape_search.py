@@ -12,12 +12,13 @@ from energy_opt.batches.tables import random_moves
 from energy_opt.conditions import ToolAcceleration
 from energy_opt.effects import CoulombFriction
 from energy_opt.motion import Move, Planner, Settings
-from energy_opt.motion.plan.candidates import first_line, task_of
+from energy_opt.motion.path import straight
+from energy_opt.motion.plan.candidates import task_of
 from energy_opt.motion.reshape.curve import Curve, Outcome
 from energy_opt.motion.reshape.layout import Ends, Shape
 from energy_opt.motion.reshape.search import Reshaper
 from energy_opt.motion.reshape.starts import valleys
-from energy_opt.motion.reshape.task import Task, at_most
+from energy_opt.motion.reshape.task import Line, Task, at_most
 from energy_opt.numerics.bspline import Basis
 from energy_opt.power import source_method_2
 from energy_opt.robot import load_robot
@@ -121,7 +122,7 @@ def test_the_answer_is_an_optimum_that_ipopt_cannot_better(panda, model):
     move = Move(START, GOAL, duration=2.0)
     context = planner.context(move)
     reshaper, task = context.reshaper("energy"), task_of(context, move, 2.0, 2.0)
-    found = reshaper.search(task, [first_line(move, 2.0)], 2, 0, lambda: False).best
+    found = reshaper.search(task, [Line.along(straight(START, GOAL), 2.0)], 2, 0, lambda: False).best
     polished = task.polished(reshaper.fine(0), found)
     assert polished.converged and task.cost(found) < task.cost(polished) * (1 + 1e-6)
 
@@ -147,6 +148,7 @@ def test_costs_below_zero_are_compared_as_others() -> None:
 def test_a_search_without_iterations_left_says_so() -> None:
     move = Move(START, GOAL, duration=2.0)
     context = Planner(load_robot("panda"), source_method_2()).context(move)
-    task, level, line = task_of(context, move, 1.0, 2.0), context.reshaper("energy").fine(0), first_line(move, 2.0)
+    task, level = task_of(context, move, 1.0, 2.0), context.reshaper("energy").fine(0)
+    line = Line.along(straight(START, GOAL), 2.0)
     short = task.descended(task.model(level), task.curve(level.shape, line), 3, trust=0.01, tolerance=1e-6)
     assert not short.converged and short.iterations >= 3 and "all its iterations were spent" in short.why

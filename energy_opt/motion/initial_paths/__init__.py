@@ -2,7 +2,7 @@
 
 They are starts, not answers. `find` bends the straight line through seeded poses, and asks OMPL (`ompl`) if that fails;
 `polyline` shortens bent lines and rounds their corners, so that they can be timed; `room` checks poses and proves
-paths; `roadmap` finds paths through regions where standing costs little.
+paths.
 """
 
 from energy_opt.motion.initial_paths.find import Free, InitialPath, find_paths

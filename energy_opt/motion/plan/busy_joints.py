@@ -14,8 +14,8 @@ import numpy as np
 from energy_opt.motion.limits.joint import JointLimit
 from energy_opt.motion.move import Move
 from energy_opt.motion.plan.blend import blended
-from energy_opt.motion.plan.candidates import NONE, REPAIRS, Candidate, first_line, task_of
-from energy_opt.motion.plan.context import Context
+from energy_opt.motion.plan.candidates import NONE, REPAIRS, Candidate, task_of
+from energy_opt.motion.plan.context import Context, path_of
 from energy_opt.motion.reshape.curve import Curve, refined
 from energy_opt.motion.reshape.search import trajectory_of
 from energy_opt.motion.reshape.task import Line, Task
@@ -43,7 +43,7 @@ def with_busy_joints(context: Context, move: Move, timing: Trajectory, optimum: 
     task = task_of(context, move, timing.duration, timing.duration)
     busy, spent, starts = _at_limits(context, timing), 0, 0
     if optimum is None:
-        lines = [first_line(move, timing.duration), Line.of(timing)]
+        lines = [Line.along(path_of(move), timing.duration), Line.of(timing)]
         answer = reshaper.search(_loosened(task, busy), lines, settings.starts, settings.seed, context.stopped)
         optimum, spent, starts = (answer.best or answer.optima[0]).curve, answer.iterations, answer.starts
     curve = refined(task.within(optimum), reshaper.fine(task.vias).shape, task.ends)

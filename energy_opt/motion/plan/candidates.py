@@ -187,12 +187,6 @@ def task_of(context: Context, move: Move, reference: float, duration: float | No
     return Task(ends, context.limits, context.values, durations, offset, float(np.clip(speed / SLOW, NARROWEST, 1.0)))
 
 
-def first_line(move: Move, duration: float) -> Line:
-    """The first path, passed smoothly from rest to rest in `duration` s: the base of the initial curves."""
-    u = np.linspace(0, 1, SAMPLES)
-    return Line(u, path_of(move)(u**3 * (10 - 15 * u + 6 * u**2)), duration)
-
-
 def reshaped(
     context: Context,
     move: Move,
@@ -223,7 +217,7 @@ def reshaped(
     path_timing = retimed() if move.duration is None and not free_time and not warm else None
     known = path_timing.trajectory if path_timing is not None else next(iter(warm), None)
     guess = 2 * reference if known is None else known.duration
-    lines = [first_line(move, guess), *(Line.of(t) for t in (*warm, *([move.input] if move.input else [])))]
+    lines = [Line.along(path_of(move), guess), *(Line.of(t) for t in (*warm, *([move.input] if move.input else [])))]
     reshaper = context.reshaper(settings.objective)
     answer = reshaper.search(task, lines, settings.starts, settings.seed, context.stopped, kept, worth)
     if not answer.wanted:

@@ -16,7 +16,7 @@ from energy_opt.errors import Infeasible
 from energy_opt.motion.move import Move
 from energy_opt.motion.plan.candidates import REPAIRS, Candidate, reference_time, reshaped, task_of
 from energy_opt.motion.plan.context import Context, path_of
-from energy_opt.motion.plan.further import alike, further_lines, line_along, wider_optima
+from energy_opt.motion.plan.further import alike, wider_optima
 from energy_opt.motion.reshape.clear import PLACES, TRUST, ClearSearch
 from energy_opt.motion.reshape.curve import Curve, Outcome
 from energy_opt.motion.reshape.search import trajectory_of
@@ -94,14 +94,13 @@ def kept_clear(
         work.search.iterations += slower.iterations
         if slower.outcome is not None:
             work.finish(task.within(slower.outcome.curve), TRUST)
-    # more starts: where little is saved, another path around the bodies; where they are asked for, paths of low cost
+    # more starts: another path around the bodies, where little is saved, and those that were asked for
     if work.little(timing) and not context.stopped():
         for path in context.further():
-            work.finish(task.curve(level.shape, line_along(path, work.first.duration)), TRUST)
+            work.finish(task.curve(level.shape, Line.along(path, work.first.duration)), TRUST)
     if context.settings.initial_paths:
-        known = [work.first, *(outcome.curve for outcome in (wider.outcome, work.best) if outcome is not None)]
-        found = further_lines(context, work.search.cell, task, level, known)
-        work.best_of([Start(task.curve(level.shape, line), TRUST) for line in found])
+        curves = [task.curve(level.shape, Line.along(path, work.first.duration)) for path in context.initial_paths]
+        work.best_of([Start(curve, TRUST) for curve in curves])
     if work.best is None:
         return Candidate(None, work.search.iterations, True, NOTHING, free.starts)
     candidate = repaired_clear(context, work.search, task, work.best)
@@ -341,7 +340,7 @@ def _lines(
         duration = float(np.clip(timing.duration, *task.durations))  # exactly the duration asked for, if it is fixed
         lines.append(Line.of(context.judge.slowed(timing, duration).trajectory))
     else:
-        lines.append(line_along(path_of(move), reference))
+        lines.append(Line.along(path_of(move), reference))
     return lines
 
 

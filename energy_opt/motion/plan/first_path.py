@@ -113,7 +113,9 @@ def _further_paths(
         return []
 
     def between(start: np.ndarray, goal: np.ndarray, count: int) -> list[InitialPath]:
-        room, ends, step = room_between(robot, cell, limits, start, goal)
+        room = Room(cell, np.stack([start, goal]))
+        ends = Ends.of(start, goal, *box_of(limits, robot.n), robot.limits.velocity)
+        step = steps(robot.body.tree())
         return find_paths(room, ends, step, planner=cell.request.planner, seed=settings.seed, count=count)
 
     if move.via and move.path is None:
@@ -127,19 +129,6 @@ def _further_paths(
         return [] if joined is None else [joined]
     count = max(1, PATHS if settings.initial_paths is None else settings.initial_paths)
     return between(move.start, move.goal, count if move.mode == "reshape" else 1)
-
-
-def room_between(
-    robot: Robot, cell: Cell, limits: Sequence[Limit], start: np.ndarray, goal: np.ndarray
-) -> tuple[Room, Ends, np.ndarray]:
-    """The space for paths from start to goal (n,) [rad, m], their ends, and the largest spacing of checked poses (n,).
-
-    Args:
-        limits: their bounds on positions hold for the paths.
-    """
-    lower, upper = box_of(limits, robot.n)
-    ends = Ends.of(start, goal, lower, upper, robot.limits.velocity)
-    return Room(cell, np.stack([start, goal])), ends, steps(robot.body.tree())
 
 
 def _straight_legs(robot: Robot, move: Move) -> list[InitialPath]:

@@ -21,7 +21,6 @@ from energy_opt.motion.move import Move
 from energy_opt.motion.plan.busy_joints import with_busy_joints
 from energy_opt.motion.plan.candidates import (
     NEAR_FASTEST,
-    first_line,
     least_energy_timing,
     reference_time,
     repaired,
@@ -29,6 +28,7 @@ from energy_opt.motion.plan.candidates import (
     task_of,
 )
 from energy_opt.motion.plan.clear import Clearing, repaired_clear
+from energy_opt.motion.plan.context import path_of
 from energy_opt.motion.plan.single import Single
 from energy_opt.motion.plan.standing import at_rest
 from energy_opt.motion.reshape.clear import TRUST
@@ -149,7 +149,7 @@ class Neighbours:
         """True if the known optimum is the best of all coarse optima found without bodies."""
         if here is None or here.outcome is None:
             return False
-        settings, lines = self._context.settings, [first_line(move, task.durations[0])]
+        settings, lines = self._context.settings, [Line.along(path_of(move), task.durations[0])]
         search, stopped = self._reshaper.optima, self._context.stopped
         best = search(task, lines, settings.starts, settings.seed, stopped, self._single.kept)[0][0].curve
         known = here.outcome.curve

@@ -9,7 +9,7 @@ import numpy as np
 
 from energy_opt.errors import Infeasible
 from energy_opt.motion.move import Move
-from energy_opt.motion.plan.candidates import first_line, least_energy_timing, reference_time, task_of
+from energy_opt.motion.plan.candidates import least_energy_timing, reference_time, task_of
 from energy_opt.motion.plan.context import Context, path_of
 from energy_opt.motion.plan.single import first_timing, is_hurried
 from energy_opt.motion.reshape.clear import ClearSearch
@@ -47,7 +47,7 @@ def sketched(context: Context, move: Move, rough: bool = False) -> Trajectory:
     free = timing is not None and move.duration is None and not rough
     best_timing = least_energy_timing(context, move, timing) if free and timing is not None else None
     guess = 2 * reference if best_timing is None else best_timing.trajectory.duration
-    line = first_line(move, guess)
+    line = Line.along(path_of(move), guess)
     reshaper = context.reshaper(objective)
     if rough:
         found = reshaper.outline(task, line, STARTS, context.settings.seed, context.stopped)

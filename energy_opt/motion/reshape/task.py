@@ -13,6 +13,7 @@ from functools import cache
 import numpy as np
 
 from energy_opt.motion.limits.base import Limit, values_of
+from energy_opt.motion.path import JointPath
 from energy_opt.motion.reshape.curve import SPENT, Curve, Outcome, between, fitted
 from energy_opt.motion.reshape.layout import Ends, Shape
 from energy_opt.motion.reshape.model import Model
@@ -77,18 +78,6 @@ class Level:
                 used += limit.scale.size
         return rate.reshape(count, -1) @ w, shares
 
-    def standing(self, q: np.ndarray, duration: float, parameters: np.ndarray, limits: Sequence[Limit]) -> np.ndarray:
-        """Cost per second (M,) of standing at each of q (M, n) in the middle of a motion of `duration` s."""
-        count, rates = len(self.shape.grid[0]), []
-        values, z = np.concatenate([parameters, values_of(limits)]), np.zeros((count, 3 * self.shape.joints + 1))
-        z[:, -1] = duration
-        middle = Batch(self._nodes.value, count).fixing(1, np.full((count, 1), 0.5))
-        for first in range(0, len(q), count):
-            block = q[first : first + count]
-            z[: len(block), : self.shape.joints] = block
-            rates.append(middle(z, values)[0][: len(block), 0] / duration)
-        return np.concatenate(rates)
-
     def excess(
         self, curve: Curve, parameters: np.ndarray, limits: Sequence[Limit], width: float = 1.0
     ) -> tuple[float, float]:
@@ -119,6 +108,7 @@ SLACK = 0.01  # the same for a constraint at a place, as beside bodies and in tu
 # multiple of its rival's cost. Multiples from 1 to 1.1 lose no optimum in `benchmarks/starts.py`.
 SOON, MORE, HOPELESS = 4, 3.0, 1.05
 FEASIBLE = 1e-4  # an outcome with a larger excess over a bound counts as infeasible
+PASSED = 200  # places of a path that a guess is fitted to
 FEWEST = 100  # least places of a guess at which it may pass via points; a file may have two samples
 EARLIEST = 0.02  # first time u at which a guess passes via points; the last one is as long before the goal
 REPAIRABLE = 0.05  # share of a bound: an excess that more control points, or IPOPT, may still repair
@@ -142,6 +132,12 @@ class Line:
         """The first guess that follows a trajectory."""
         t = trajectory.time - trajectory.time[0]
         return cls(t / t[-1], trajectory.position, trajectory.duration)
+
+    @classmethod
+    def along(cls, path: JointPath, duration: float) -> Line:
+        """The first guess that passes a path smoothly from rest to rest in `duration` s."""
+        u = np.linspace(0, 1, PASSED)
+        return cls(u, path(u**3 * (10 - 15 * u + 6 * u**2)), duration)
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from typing import Self
 
 import numpy as np
 
+from energy_opt.motion.carried import Carried
 from energy_opt.motion.conditions import tube_of
 from energy_opt.motion.dense import Dense
 from energy_opt.motion.limits.base import Fixed, Limit, PlaceConstraints, Violation, worst_of
@@ -21,48 +22,9 @@ from energy_opt.motion.nearest import Foot, NearestOf
 from energy_opt.motion.path import JointPath, through
 from energy_opt.motion.path_dynamics import PathDynamics
 from energy_opt.robot import Robot, Tool, tool_of
-from energy_opt.robot.kinematics import Kinematics
 
 PLACES = 80  # constraints along a curve: two for each control point of a fine one
 SAMPLED = 2001  # places of the path for the tool's spline: it errs by less than 1 um on bends of 1 cm
-
-
-class Carried:
-    """A tool of an arm, in NumPy: the position and motion of its origin."""
-
-    def __init__(self, robot: Robot, tool: Tool) -> None:
-        self.name, self._joint = str(tool), tool.joint
-        self._kinematics, self._origin = Kinematics(robot.body.tree()), np.array(tool.pose)[:3, 3]
-        self._moves = self._kinematics.moves[tool.joint]
-
-    def place(self, q: np.ndarray) -> np.ndarray:
-        """Its origin (M, 3) [m] in the base frame at q (M, n)."""
-        at = self._kinematics(q)
-        return np.asarray(at.origin[:, self._joint] + at.rotation[:, self._joint] @ self._origin)
-
-    def moved(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Axes z of all joints, and the velocities w they give the tool; zero for joints that do not move it, (M, L,
-        3) each.
-        """
-        at, slides = self._kinematics(q), self._kinematics.prismatic[:, None]
-        w = np.where(slides, at.axis, np.cross(at.axis, self.place(q)[:, None] - at.origin[:, :-1]))
-        return at.axis * (self._moves[:, None] & ~slides), w * self._moves[:, None]
-
-    def joined(self, moved: np.ndarray) -> np.ndarray:
-        """Velocities (M, n, 3) that the independent joints give the tool, from those of all joints, (M, L, 3)."""
-        return self._kinematics.coupling.joined(moved, axis=1)
-
-    def bent(self, axes: np.ndarray, moved: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        """Sum of the second derivatives of its origin's coordinates times weights, (M, n, n).
-
-        d2x / dq_i dq_j = z_i x w_j where joint i comes before j in the chain, or is j itself.
-
-        Args:
-            axes, moved: z and w of all joints, (M, L, 3) each, as `moved` gives them. weight: (M, 3).
-        """
-        half = np.cross(weight[:, None], axes) @ moved.transpose(0, 2, 1) * self._kinematics.moves[:-1].T
-        both, coupling = (half * ~np.eye(half.shape[1], dtype=bool)).transpose(0, 2, 1), self._kinematics.coupling
-        return coupling.joined(coupling.joined(half + both), axis=1)
 
 
 class Tube(Limit):

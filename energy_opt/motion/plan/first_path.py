@@ -14,6 +14,7 @@ import numpy as np
 
 from energy_opt.cell.cell import Cell
 from energy_opt.errors import BadInput, Infeasible
+from energy_opt.motion.carried import Carried
 from energy_opt.motion.initial_paths import InitialPath, find_paths, ompl
 from energy_opt.motion.initial_paths.find import Ends, Source
 from energy_opt.motion.initial_paths.polyline import length
@@ -28,8 +29,7 @@ from energy_opt.motion.path_dynamics import PathDynamics, points_of
 from energy_opt.motion.plan.context import path_of
 from energy_opt.motion.result import FirstPath
 from energy_opt.power import PowerModel
-from energy_opt.robot import Robot, Tool
-from energy_opt.robot.kinematics import Kinematics
+from energy_opt.robot import Robot
 
 PATHS = 1  # initial paths to look for if the user gives none; the planner asks for more if the result saves little
 # [rad, m] along paths: spacing of a spline's controls, tried in turn; it may leave them by a share of it
@@ -189,11 +189,11 @@ def posed(robot: Robot, model: PowerModel, limits: Sequence[Limit], path: JointP
     """
     kept = [limit for limit in limits if isinstance(limit, Keep)]
     lower, upper = box_of(limits, robot.n)
-    kinematics, share = Kinematics(robot.body.tree()), np.linspace(0, 1, POINTS)
+    tool, share = Carried(robot, kept[0].tool), np.linspace(0, 1, POINTS)
     q = path(share)
     inner = slice(1, -1)
     for _ in range(NEWTON):
-        poses, jacobian = _moved(kinematics, kept[0].tool, q[inner])
+        poses, jacobian = tool.poses(q[inner]), tool.jacobian(q[inner])
         parts = [limit.correction(poses, share[inner]) for limit in kept]
         off = np.concatenate([x for x, _ in parts], axis=1)[:, :, None]
         slope = np.concatenate([of @ jacobian for _, of in parts], axis=1)
@@ -203,17 +203,3 @@ def posed(robot: Robot, model: PowerModel, limits: Sequence[Limit], path: JointP
         q[inner] = np.clip(q[inner] + step, lower, upper)
     found = through(q)
     return found if holds(robot, model, limits, found) else None
-
-
-def _moved(kinematics: Kinematics, tool: Tool, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A tool's poses (M, 4, 4) at q (M, n), and the Jacobian (M, 6, n) of its origin and rotation, base frame."""
-    at, pose = kinematics(q), np.array(tool.pose)
-    poses = np.tile(np.eye(4), (len(q), 1, 1))
-    poses[:, :3, :3] = at.rotation[:, tool.joint] @ pose[:3, :3]
-    poses[:, :3, 3] = at.origin[:, tool.joint] + at.rotation[:, tool.joint] @ pose[:3, 3]
-    turns = np.where(kinematics.prismatic, 0.0, 1.0)[:, None]
-    lever = np.cross(at.axis, poses[:, None, :3, 3] - at.origin[:, :-1])
-    linear = np.where(turns > 0, lever, at.axis)
-    moves = kinematics.moves[tool.joint][:, None]
-    jacobian = kinematics.coupling.joined(np.concatenate([linear * moves, at.axis * turns * moves], axis=2), axis=1)
-    return poses, jacobian.transpose(0, 2, 1)

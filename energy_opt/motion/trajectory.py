@@ -115,21 +115,7 @@ class Trajectory:
         """
         k = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, len(self.time) - 2)
         h = (self.time[k + 1] - self.time[k])[:, None]
-        x = (time - self.time[k])[:, None] / h
-        data = np.stack(
-            [
-                self.position[k],
-                self.position[k + 1],
-                h * self.velocity[k],
-                h * self.velocity[k + 1],
-                h**2 * self.acceleration[k],
-                h**2 * self.acceleration[k + 1],
-            ]
-        )
-        # relative to the first position, so that differences of nearly equal positions keep their digits
-        data[1] -= data[0]
-        start = data[0].copy()
-        data[0] = 0.0
+        x, data = (time - self.time[k])[:, None] / h, self._pieces(k)
         c = np.tensordot(_HERMITE, data, axes=1)
         out = []
         for order in range(4):
@@ -138,18 +124,22 @@ class Trajectory:
                 factor = float(np.prod(np.arange(degree - order + 1, degree + 1)))
                 value = value * x + factor * c[degree]
             out.append(value / h**order)
-        out[0] = out[0] + start
-        return out[0], out[1], out[2], out[3]
+        return out[0] + self.position[k], out[1], out[2], out[3]
+
+    def _pieces(self, k: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """Data (6, M, n) of the quintics after samples k (M,), as `_HERMITE` takes them.
+
+        Relative to the first position of each, so that differences of nearly equal positions keep their digits.
+        """
+        step, state = np.diff(self.time)[k, None], (self.position, self.velocity, self.acceleration)
+        data = np.stack([x[k] * step**order for order, row in enumerate(state) for x in (row[:-1], row[1:])])
+        data[1] -= data[0]
+        data[0] = 0.0
+        return data
 
     def sample_denser(self, factor: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """As `sample` at the times of `denser(factor)`, but many times faster: the places between samples repeat."""
-        step = np.diff(self.time)[:, None]
-        state = self.position, self.velocity, self.acceleration
-        data = np.stack([x for row in state for x in (row[:-1], row[1:])])  # (6, N - 1, n)
-        data[1] -= data[0]
-        data[0] = 0.0
-        data[2:4] *= step
-        data[4:] *= step**2
+        step, data = np.diff(self.time)[:, None], self._pieces()
         out = []
         for order in range(4):
             between = np.tensordot(_places(factor)[order], data, axes=1)  # (factor, N - 1, n)
@@ -159,7 +149,9 @@ class Trajectory:
                 between /= step**order
             out.append(np.concatenate([between.transpose(1, 0, 2).reshape(-1, len(self.joints)), between[-1:, -1]]))
         end = np.tensordot(_powers(np.ones(1), 3) @ _HERMITE, data[:, -1], axes=1) / step[-1] ** 3
-        for values, last in zip(out, (*(row[-1:] for row in state), end), strict=True):
+        for values, last in zip(
+            out, (*(row[-1:] for row in (self.position, self.velocity, self.acceleration)), end), strict=True
+        ):
             values[-1] = last
         return out[0], out[1], out[2], out[3]
 
@@ -167,11 +159,7 @@ class Trajectory:
         """Jerk (N - 1, n) just before each sample but the first; it jumps at samples, and `sample` gives the value
         after.
         """
-        step = np.diff(self.time)[:, None]
-        state = self.position, self.velocity, self.acceleration
-        data = np.stack([x * step**k for k, row in enumerate(state) for x in (row[:-1], row[1:])])
-        data[1] -= data[0]
-        data[0] = 0.0
+        step, data = np.diff(self.time)[:, None], self._pieces()
         return np.asarray(np.tensordot(_powers(np.ones(1), 3) @ _HERMITE, data, axes=1)[0] / step**3)
 
     def __call__(self, time: np.ndarray, order: int = 0) -> np.ndarray:

@@ -92,11 +92,10 @@ RESOLVED = 1e-6  # relative: if the grid's duration differs from the true one by
 
 @dataclass
 class Tally:
-    """The effort of all solves together; build and solve in seconds."""
+    """The effort of all solves together; build in seconds."""
 
     iterations: int = 0
     build: float = 0.0
-    solve: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -283,14 +282,12 @@ class Retiming:
             before = time.perf_counter()
             constraints = self.limits.constraints(unit)
             whole = program(constraints, width)
-            built = time.perf_counter()
+            self.tally.build += time.perf_counter() - before
             near = wide is not None and width == NARROW
             answer = whole.solve(
                 x, (lower, upper), exactly=exactly, near=near, loosely=only_bound and law.coefficients is not None
             )
             self.tally.iterations += answer.iterations
-            self.tally.build += built - before
-            self.tally.solve += time.perf_counter() - built
             if not (answer.success or widened or answer.status == INFEASIBLE):
                 width, widened = WIDE, True
                 continue

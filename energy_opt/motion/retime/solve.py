@@ -52,12 +52,11 @@ class RetimeSolution:
     Attributes:
         trajectory: samples of it.
         timing: the path with its squared speed.
-        s, b: points along the path and the squared speed there, (M,).
         energy: J, by the exact laws on the grid.
         kind: "global" if a lower bound proves it (model convex, no jerk limit active), else "local".
         lower_bound: J; None if the program is not convex.
         gap_percent: between energy and bound, of the energy.
-        iterations, build_seconds, solve_seconds: of the solver, summed over all solves.
+        iterations, build_seconds: of the solver, summed over all solves.
         converged: False if the solver gave up and the best feasible timing is returned instead.
         message: a note for the user; may be empty.
         fastest: the minimum-time timing from which it was started.
@@ -65,15 +64,12 @@ class RetimeSolution:
 
     trajectory: Trajectory
     timing: Timing
-    s: np.ndarray
-    b: np.ndarray
     energy: float
     kind: str
     lower_bound: float | None
     gap_percent: float | None
     iterations: int
     build_seconds: float
-    solve_seconds: float
     converged: bool
     message: str
     fastest: Timing
@@ -280,19 +276,15 @@ def _solution(work: Retiming, plan: _Plan, shortest: Timing) -> RetimeSolution:
         bound = min(bound, plan.energy)
         gap = 100 * replace(plan, bound=bound).gap
         kind = "global" if gap <= GLOBAL_GAP else "local"
-    s = work.grid.s
     return RetimeSolution(
         trajectory=plan.timing.trajectory(work.robot.joints),
         timing=plan.timing,
-        s=s,
-        b=plan.timing.speed(s)[0],
         energy=plan.energy,
         kind=kind,
         lower_bound=bound,
         gap_percent=gap,
         iterations=work.tally.iterations,
         build_seconds=work.tally.build,
-        solve_seconds=work.tally.solve,
         converged=plan.converged,
         message=plan.message,
         fastest=shortest,
@@ -303,9 +295,6 @@ def _hold_pose(robot: Robot, model: PowerModel, duration: float | None, shortest
     """A move of no length: the arm holds its pose for the duration asked for."""
     timing = shortest if duration is None else shortest.slowed(duration)
     energy = standing_power(robot, model, timing.path) * timing.duration
-    s = np.array([0.0, 1.0])
     trajectory = timing.trajectory(robot.joints)
     message = "start and goal coincide"
-    return RetimeSolution(
-        trajectory, timing, s, np.zeros(2), energy, "global", energy, 0.0, 0, 0.0, 0.0, True, message, shortest
-    )
+    return RetimeSolution(trajectory, timing, energy, "global", energy, 0.0, 0, 0.0, True, message, shortest)

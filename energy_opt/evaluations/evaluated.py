@@ -195,7 +195,7 @@ def _baselines(
     """
     first = next(iter(scorers.values()))
     timings = {
-        i: minimum_time(robot, first(i).model, path, limits, path.start_speed, path.end_speed)
+        i: minimum_time(robot, first(i).model, path, limits)
         for i in intervals
         if not i.resting and (path := of_trajectory(_stopping(motion.trajectory, i))).moves
     }

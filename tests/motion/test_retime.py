@@ -177,7 +177,7 @@ def test_jerk_limits_hold_and_end_the_claim(panda: Robot, model: PowerModel) -> 
 
 def test_end_speeds_are_kept(panda: Robot, model: PowerModel) -> None:
     path = straight(START, GOAL)
-    shortest = fastest(without_jerk(panda), model, path, start_speed=0.4, end_speed=0.2)
+    shortest = fastest(without_jerk(panda), model, replace(path, start_speed=0.4, end_speed=0.2))
     for duration in (None, 1.4 * shortest.duration):
         found = retime(panda, model, path, shortest=shortest, duration=duration)
         assert found.converged

@@ -99,7 +99,7 @@ def test_one_joint_bangs_at_its_acceleration(panda: Robot, model: PowerModel) ->
 
 
 def test_end_speeds_are_met(panda: Robot, model: PowerModel) -> None:
-    timing = fastest(without_jerk(panda), model, straight(START, GOAL), start_speed=0.5, end_speed=0.3)
+    timing = fastest(without_jerk(panda), model, replace(straight(START, GOAL), start_speed=0.5, end_speed=0.3))
     assert np.sqrt(timing.control[[0, -1]]) == pytest.approx([0.5, 0.3])
     assert inside(panda, model, timing) < 1e-6
     assert timing.duration < fastest(without_jerk(panda), model, straight(START, GOAL)).duration
@@ -138,7 +138,7 @@ def test_a_goal_outside_the_limits_is_named(panda: Robot, model: PowerModel) -> 
 
 def test_an_end_speed_beyond_the_limits_is_named(panda: Robot, model: PowerModel) -> None:
     with pytest.raises(Infeasible) as caught:
-        fastest(panda, model, straight(START, GOAL), end_speed=50.0)
+        fastest(panda, model, replace(straight(START, GOAL), end_speed=50.0))
     assert caught.value.joint in panda.joints and caught.value.limit in ("velocity", "acceleration", "effort")
 
 

@@ -209,9 +209,7 @@ class Context:
         Raises:
             Infeasible: the path breaks limits at any timing.
         """
-        held = self.limits if limits is None else limits
-        speeds = path.start_speed, path.end_speed
-        return minimum_time(self.robot, self.model, path, held, *speeds)
+        return minimum_time(self.robot, self.model, path, self.limits if limits is None else limits)
 
 
 def path_of(move: Move) -> JointPath:

@@ -22,26 +22,16 @@ BINDING = 0.99  # share of a bound from which a limit counts as binding
 ROUNDING = 1e-7  # relative slowing of the fastest timing, for excesses between the grid's points
 
 
-def minimum_time(
-    robot: Robot,
-    model: PowerModel,
-    path: JointPath,
-    limits: Sequence[Limit],
-    start_speed: float = 0.0,
-    end_speed: float = 0.0,
-) -> Timing:
-    """The fastest timing of a path within limits.
+def minimum_time(robot: Robot, model: PowerModel, path: JointPath, limits: Sequence[Limit]) -> Timing:
+    """The fastest timing of a path within limits, with the path's speeds at both ends.
 
     It is TOPP-RA's, unless limits bind that TOPP-RA does not support (above all jerk): it would have to be slowed
     evenly to hold these, so the retiming program is then minimised for time, starting there.
 
-    Args:
-        start_speed, end_speed: path speed ds/dt [1/s] at both ends.
-
     Raises:
         Infeasible: the path breaks limits at any timing.
     """
-    first = fastest(robot, model, path, limits=limits, start_speed=start_speed, end_speed=end_speed)
+    first = fastest(robot, model, path, limits=limits)
     if not path.moves:
         return first
     d = PathDynamics(robot, model, path, points_of(path, CHECKS))

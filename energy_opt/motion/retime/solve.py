@@ -116,7 +116,7 @@ def retime(
     """
     held = joint_limits(robot.limits) if limits is None else tuple(limits)
     if shortest is None:
-        shortest = fastest(robot, model, path, limits=held, start_speed=path.start_speed, end_speed=path.end_speed)
+        shortest = fastest(robot, model, path, limits=held)
     if not path.moves:
         return _hold_pose(robot, model, duration, shortest)
     work = Retiming(robot, model, shortest, held)

@@ -37,23 +37,16 @@ CHECKS_PER_INTERVAL = 5
 GAIN = 1e-3  # relative: smaller gains of a minimum time end the iteration
 
 
-def fastest(
-    robot: Robot,
-    model: PowerModel,
-    path: JointPath,
-    *,
-    start_speed: float = 0.0,
-    end_speed: float = 0.0,
-    limits: Sequence[Limit] | None = None,
-) -> Timing:
+def fastest(robot: Robot, model: PowerModel, path: JointPath, *, limits: Sequence[Limit] | None = None) -> Timing:
     """The fastest timing of a path within limits (torque with every torque effect of `model`).
+
+    It begins and ends with the path's speeds there.
 
     TOPP-RA supports limits that are linear in path acceleration and squared speed, or that a tangent replaces. If the
     result breaks others, such as jerk, coarser grids, which switch more gently, and even slowing are tried, and the
     fastest valid timing is returned.
 
     Args:
-        start_speed, end_speed: path speed at both ends, 1/s.
         limits: in place of the robot's own.
 
     Raises:
@@ -67,7 +60,7 @@ def fastest(
     check_path(held, dense)
     if not path.moves:
         return Timing(path, np.array([0.0, 0.5, 1.0]), np.zeros(4))
-    ends = (start_speed, end_speed)
+    ends = path.start_speed, path.end_speed
     timing = _checked_toppra(knots, ends, held, dense)
     middle, one = dense.at(np.array([0.5])), np.ones(1)
     rest = [limit for limit in held if limit.local or limit.tangent(middle, one, one) is None]

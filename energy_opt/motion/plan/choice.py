@@ -114,7 +114,7 @@ def choose(
         solver=report,
         message="interrupted; the best so far" if interrupted else message,
         interrupted=interrupted,
-        warnings=(*_warnings(context), *_slow_warning(move, work.timing), *_closed_warning(context, move, work.timing)),
+        warnings=tuple(_warnings(context, move, work.timing)),
         progress=tuple(context.progress.losses),
     )
 
@@ -171,7 +171,8 @@ def least(
     freer = best is not None and best[0] == "reshape" and context.settings.tube is None
     beaten = freer or (best is not None and not energy_counts)
     solution = None if work.retimed is not None or beaten or context.stopped() else work.retiming()
-    if solution is not None and _may_win(solution, best):
+    # its energy is by its own quadrature
+    if solution is not None and (best is None or solution.energy < best[1].energy.total):
         repaired = repaired_timing(context, move, solution)
         iterations = repaired.iterations
         if repaired.trajectory is not None and fits_move(move, repaired.trajectory):
@@ -183,11 +184,6 @@ def least(
             judged.append((best[0], context.judge(trajectory)))
             best = valid()
     return best, iterations
-
-
-def _may_win(solution: RetimeSolution, best: tuple[str, Judged] | None) -> bool:
-    """Is the least energy on the first path, by its own quadrature, below that of the best candidate so far?"""
-    return best is None or solution.energy < best[1].energy.total
 
 
 def _duration(move: Move, work: Work) -> float:
@@ -263,16 +259,6 @@ def _optimality(move: Move, best: Judged, solution: RetimeSolution | None) -> Op
     return Optimality("global" if gap <= GLOBAL_GAP else "local", bound, gap)
 
 
-def _slow_warning(move: Move, timing: Timing | None) -> list[str]:
-    """A warning if the duration asked for is hundreds of times the shortest."""
-    if move.duration is None or timing is None or not timing.path.moves or move.duration < SLOW * timing.duration:
-        return []
-    return [
-        f"the duration of {move.duration:g} s is {move.duration / timing.duration:.3g} times the shortest on the first "
-        f"path, {timing.duration:.3g} s; expected seconds (are these milliseconds? {move.duration / 1000:g} s then)"
-    ]
-
-
 def is_at_rest(move: Move, settings: Settings) -> bool:
     """True if the move has nothing to reshape: it ends where it begins, and no tube keeps it near a path."""
     if settings.tube is not None and move.path is not None and move.path.moves:
@@ -280,19 +266,25 @@ def is_at_rest(move: Move, settings: Settings) -> bool:
     return bool(not move.via and not np.any(move.end_velocities) and np.abs(move.goal - move.start).max() < 1e-12)
 
 
-def _closed_warning(context: Context, move: Move, timing: Timing | None) -> list[str]:
-    """A warning if a path that ends where it begins keeps its shape, although reshaping is asked for."""
-    moves = timing is not None and timing.path.moves
-    if move.mode != "reshape" or not moves or not is_at_rest(move, context.settings):
-        return []
-    return [
-        "the path ends where it begins: its shape is kept, as standing still would cost least; --tube lets it change"
-    ]
-
-
-def _warnings(context: Context) -> list[str]:
+def _warnings(context: Context, move: Move, timing: Timing | None) -> list[str]:
+    """Warnings of the robot, and of what is left out of energies, a duration of hundreds of times the shortest, and a
+    path that ends where it begins and keeps its shape, although reshaping is asked for.
+    """
     out = list(context.robot.warnings)
     meter = [effect.name for effect in context.model.effects if effect.stage == "meter"]
     if meter:
         out.append(f"{', '.join(meter)}: of the meter, not of the arm; left out of all energies")
+    if timing is None or not timing.path.moves:
+        return out
+    if move.duration is not None and move.duration >= SLOW * timing.duration:
+        out.append(
+            f"the duration of {move.duration:g} s is {move.duration / timing.duration:.3g} times the shortest on the "
+            f"first path, {timing.duration:.3g} s; expected seconds (are these milliseconds? "
+            f"{move.duration / 1000:g} s then)"
+        )
+    if move.mode == "reshape" and is_at_rest(move, context.settings):
+        out.append(
+            "the path ends where it begins: its shape is kept, as standing still would cost least; "
+            "--tube lets it change"
+        )
     return out

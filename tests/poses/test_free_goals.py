@@ -112,7 +112,7 @@ def test_derivatives_by_the_goal_are_those_of_differences(program: Program) -> N
     context = planner.context(move)
     task = replace(task_of(context, move, sketch.duration, move.duration), open=Open(goal=goal))
     level = context.reshaper("energy").fine(0)
-    model = level.model(task.ends, task.limits, task.parameters, task.durations, task.offset, open_=task.open)
+    model = task.model(level)
     point = model.at_curve(task.curve(level.shape, Line.of(sketch)))
     along = np.zeros(model.shape.size + model.border)
     along[model.shape.size :][model.toward] = 1.0

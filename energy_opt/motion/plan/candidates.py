@@ -236,7 +236,7 @@ def reshaped(
         best, more = _from_the_fastest(context, move, task, lines, line is not None, reference, timing)
         spent += more
     if best is None and line is not None and not context.stopped():  # few control points did not suffice
-        last = reshaper.from_line(Line.of(line.trajectory), task)
+        last = reshaper.solved(task.curve(reshaper.fine(task.vias).shape, Line.of(line.trajectory)), task)
         best, spent, starts = last if last.broken <= FEASIBLE else None, spent + last.iterations, starts + 1
     if best is None:
         return Candidate(None, spent, False, NONE, starts)

@@ -142,9 +142,7 @@ class Clearing:
         """
         assert context.cell is not None
         level = context.reshaper(context.settings.objective).fine(task.vias)
-        cost, _ = level.excess(curves[-1], task.parameters, task.limits, task.width)
-        scale = 1 / max(abs(cost - task.offset * curves[-1].duration), 1e-6)
-        search = ClearSearch(context.cell, context.robot.joints, level, task, scale, context.stopped)
+        search = ClearSearch.scaled_by(curves[-1], context.cell, context.robot.joints, level, task, context.stopped)
         return cls(context, task, search, curves)
 
     @property
@@ -257,9 +255,7 @@ class Clearing:
         return found is not None
 
     def _cost(self, curve: Curve) -> float:
-        """The part of a curve's cost that depends on the path."""
-        cost, _ = self.search.level.excess(curve, self.task.parameters, self.task.limits, self.task.width)
-        return cost - self.task.offset * curve.duration
+        return self.task.path_cost(self.search.level, curve)
 
     def _half_way(self, optima: Sequence[Curve]) -> None:
         """Search from half-way to the best optimum without bodies: this may lead to another valley."""

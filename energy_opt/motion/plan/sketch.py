@@ -96,9 +96,7 @@ def _optimum(context: Context, move: Move, motion: Trajectory, open_: Open) -> S
     if context.cell is None:
         best = reshaper.solved(curve, task, context.stopped, near=not open_.any)
         return (motion, move.via) if best.broken > FEASIBLE else _settled(context, move, best.curve, task)
-    cost, _ = level.excess(curve, task.parameters, task.limits, task.width)
-    scale = 1 / max(abs(cost - task.offset * curve.duration), 1e-6)
-    search = ClearSearch(context.cell, context.robot.joints, level, task, scale, context.stopped)
+    search = ClearSearch.scaled_by(curve, context.cell, context.robot.joints, level, task, context.stopped)
     found = search.descent(curve, ITERATIONS, FIRST, SETTLED)
     return _settled(context, move, search.curve_of(found), task)
 

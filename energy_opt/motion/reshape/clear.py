@@ -10,6 +10,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -138,6 +139,13 @@ class ClearSearch:
         self.scale = scale
         self._model = task.model(level).scaled(scale)
         self.iterations = 0
+
+    @classmethod
+    def scaled_by(
+        cls, curve: Curve, cell: Cell, joints: tuple[str, ...], level: Level, task: Task, stopped: Callable[[], bool]
+    ) -> Self:
+        """A search whose costs are scaled by that of a curve."""
+        return cls(cell, joints, level, task, 1 / max(abs(task.path_cost(level, curve)), 1e-6), stopped)
 
     def proof(self, curve: Curve) -> Clearance:
         """Does the trajectory of a curve keep clear?"""

@@ -262,10 +262,6 @@ class Reshaper:
         )
         return replace(found, iterations=spent + found.iterations)
 
-    def from_line(self, line: Line, task: Task) -> Outcome:
-        """The optimum near a line."""
-        return self.solved(task.curve(self.fine(task.vias).shape, line), task)
-
 
 def trajectory_of(curve: Curve, joints: tuple[str, ...]) -> Trajectory:
     """Samples at the spacing of `row_step`, and one at every knot: between samples the curve is exactly the quintic."""

@@ -29,16 +29,9 @@ class Level:
     """All problems of one shape."""
 
     def __init__(self, shape: Shape, nodes: NodeFunctions) -> None:
-        self.shape, self._nodes = shape, nodes
+        self.shape, self.nodes = shape, nodes
         u = shape.grid[0][:, None]
         self._value = cache(lambda curves: Batch(nodes.value, curves * len(u)).fixing(1, np.tile(u, (curves, 1))))
-
-    def model(
-        self, ends: Ends, limits: Sequence[Limit], parameters: np.ndarray, durations: tuple[float, float],
-        offset: float, width: float = 1.0, open_: Open = FIXED,
-    ) -> Model:  # fmt: skip
-        """The problem for sequential quadratic programming; the arguments are those of `Evaluation`."""
-        return Model(self.shape, self._nodes, ends, limits, parameters, durations, offset, width, open_)
 
     def shares(
         self, curve: Curve, parameters: np.ndarray, limits: Sequence[Limit], width: float = 1.0
@@ -179,8 +172,14 @@ class Task:
         return replace(curve, duration=float(np.clip(curve.duration, *self.durations)))
 
     def model(self, level: Level) -> Model:
-        """The problem on a level."""
-        return level.model(self.ends, self.limits, self.parameters, self.durations, self.offset, self.width, self.open)
+        """The problem on a level, for sequential quadratic programming."""
+        given = self.ends, self.limits, self.parameters, self.durations, self.offset, self.width, self.open
+        return Model(level.shape, level.nodes, *given)
+
+    def path_cost(self, level: Level, curve: Curve) -> float:
+        """The part of a curve's cost that depends on the path; the curve is of the level's shape."""
+        cost, _ = level.excess(curve, self.parameters, self.limits, self.width)
+        return cost - self.offset * curve.duration
 
     def polished(self, level: Level, found: Outcome) -> Outcome:
         """The outcome `found`, solved again by IPOPT from its curve, which is of the level's shape."""

@@ -58,34 +58,25 @@ class Candidate:
     optima: tuple[Outcome, ...] = ()
 
 
-def small_enough(move: Move, line: RetimeSolution | None, curve: Candidate) -> Candidate:
-    """The curve, marked as converged if the move is so small that the best timing of its `line` is as good.
+def as_good_as_timed(context: Context, move: Move, line: RetimeSolution | None, curve: Candidate) -> Candidate:
+    """The curve, marked as converged if the best timing of its first path is as good: in a tube, or if it is tiny.
 
-    Over a few milliradians, inertia and gravity are constant, so another path saves nothing, and rounding errors are
-    larger than the solver's steps.
-    """
-    if move.via or np.abs(move.goal - move.start).max() >= SMALL or line is None or not line.converged:
-        return curve
-    message = f"{curve.message}; on a move of less than {SMALL:g} rad the best timing of the straight line is as good"
-    return replace(curve, converged=True, message=message)
-
-
-def in_tube(context: Context, move: Move, line: RetimeSolution | None, curve: Candidate) -> Candidate:
-    """The curve, marked as converged if a tube is asked for and the best timing of its path is valid.
-
-    In a tube of a tenth of a millimetre, rounding errors are larger than the solver's steps. But the path itself is
-    known, and the answer costs no more than its best timing.
+    Rounding errors are then larger than the solver's steps. Over a few milliradians, inertia and gravity are constant,
+    so another path saves nothing. In a tube of a tenth of a millimetre, the path itself is known, and the answer costs
+    no more than its best timing.
 
     Args:
-        line: the least-energy timing of that path; None if there is none.
-        curve: a candidate whose solver gave up.
+        line: the least-energy timing of that path; None if there is none. curve: a candidate whose solver gave up.
     """
-    if context.settings.tube is None or line is None or not line.converged:
+    if line is None or not line.converged:
         return curve
-    if not repaired_timing(context, move, line).converged:
+    if not move.via and np.abs(move.goal - move.start).max() < SMALL:
+        said = f"on a move of less than {SMALL:g} rad the best timing of the straight line is as good"
+    elif context.settings.tube is not None and repaired_timing(context, move, line).converged:
+        said = "the answer is no worse than the best timing of the path that the tube is about"
+    else:
         return curve
-    message = f"{curve.message}; the answer is no worse than the best timing of the path that the tube is about"
-    return replace(curve, converged=True, message=message)
+    return replace(curve, converged=True, message=f"{curve.message}; {said}")
 
 
 def in_line(context: Context, move: Move, retimed: Callable[[], RetimeSolution | None]) -> Candidate | None:

@@ -17,11 +17,10 @@ from energy_opt.motion.plan.busy_joints import with_busy_joints
 from energy_opt.motion.plan.candidates import (
     NEAR_FASTEST,
     Candidate,
-    in_tube,
+    as_good_as_timed,
     least_energy_timing,
     repaired_timing,
     reshaped,
-    small_enough,
 )
 from energy_opt.motion.plan.choice import Work, baselines_of, choose, is_at_rest
 from energy_opt.motion.plan.clear import kept_clear, nearly_clear
@@ -152,7 +151,7 @@ def _curve(
     log.info("keeping clear", extra={"share": 0.6})
     curve = kept_clear(context, move, timing, retimed, curve, warm, again)
     if not curve.converged and not context.stopped():
-        curve = in_tube(context, move, retimed(), small_enough(move, retimed(), curve))
+        curve = as_good_as_timed(context, move, retimed(), curve)
     return curve
 
 

@@ -36,7 +36,7 @@ def used(limits: Sequence[Limit], d: PathDynamics, a: np.ndarray, b: np.ndarray,
         functions = limit.functions(d.path, d.s)
         if functions is not None:
             k, j = (x.ravel() for x in np.indices((len(d.s), limit.bound.size)))
-            value = functions(k, j).value(np.stack([a, np.maximum(b, 0.0), w])[:, k])
+            value = functions(k, j, 1.0).value(np.stack([a, np.maximum(b, 0.0), w])[:, k])
             out.append(Use(limit, np.abs(value).reshape(len(d.s), -1)))
     return out
 

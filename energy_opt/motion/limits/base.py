@@ -254,8 +254,10 @@ class Limit:
         """The limit to first order about (a, b), (M,) each; None if that is not useful."""
         return self.linear(d, float(np.max(b)))
 
-    def functions(self, path: JointPath, s: np.ndarray) -> Callable[[np.ndarray, np.ndarray], Functions] | None:
-        """The limit as a function of (a, b, w) at s (M,): from places k and columns j (K,) to the functions there."""
+    def functions(self, path: JointPath, s: np.ndarray) -> Callable[[np.ndarray, np.ndarray, float], Functions] | None:
+        """The limit as a function of (a, b, w) at s (M,): from places k and columns j (K,), and the unit of a, b and w
+        [1/s^2], to the functions there.
+        """
         return None
 
     def use(self, d: PathDynamics, a: np.ndarray, b: np.ndarray) -> np.ndarray | None:

@@ -117,7 +117,9 @@ class Jerk(JointLimit):
 
     name, unit, order, reads = "jerk", "rad/s^3", 3, "jerk"
 
-    def functions(self, path: JointPath, s: np.ndarray) -> Callable[[np.ndarray, np.ndarray], JerkAlongPath] | None:
+    def functions(
+        self, path: JointPath, s: np.ndarray
+    ) -> Callable[[np.ndarray, np.ndarray, float], JerkAlongPath] | None:
         """The jerk along the path, (q' w + 3 q'' a + q''' b) sqrt(b).
 
         It is d/dt (q' a + q'' b) with ds/dt = sqrt(b), da/dt = w sqrt(b) and db/dt = 2 a sqrt(b).
@@ -125,7 +127,7 @@ class Jerk(JointLimit):
         if not np.isfinite(self.bound).any():
             return None
         factors = np.stack([3 * path(s, 2), path(s, 3), path(s, 1)]) / self.bound
-        return lambda k, j: JerkAlongPath(factors[:, k, j])
+        return lambda k, j, unit: JerkAlongPath(unit**1.5 * factors[:, k, j])
 
 
 @dataclass(frozen=True)

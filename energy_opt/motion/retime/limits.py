@@ -83,7 +83,7 @@ class OnPieces:
         shape = len(s), limit.bound.size
         self.held = np.zeros(shape, dtype=bool)
         self._everywhere = tuple(x.ravel() for x in np.indices(shape))
-        self._all = functions(*self._everywhere)
+        self._all = functions(*self._everywhere, 1.0)
 
     def use(self, control: np.ndarray) -> np.ndarray:
         """Used share of the bound, (M, m)."""
@@ -249,7 +249,7 @@ class PathLimits:
         for piece in self.on_pieces:
             if piece.held.any():
                 k, j = np.nonzero(piece.held)
-                curved.append(CurvedConstraints(piece.lift.part(k), InUnit(piece.functions(k, j), unit), 1))
+                curved.append(CurvedConstraints(piece.lift.part(k), piece.functions(k, j, unit), 1))
         if not places:
             return PathConstraints(None, tuple(curved))
         where = np.concatenate(places)
@@ -264,26 +264,6 @@ class PathLimits:
         scale = 1 / (limit.scale * held.tight[k] * held.reserve[k])
         functions = Symbolic.of(SharedByStructure.on(d.robot, d.model), d.robot.n, limit, numbers, shared, scale)
         return CurvedConstraints(self.lift.part(k), functions, limit.scale.size, limit.one_sided)
-
-
-@dataclass(frozen=True)
-class InUnit:
-    """Functions of (a, b, w) whose arguments are in another unit."""
-
-    functions: Functions
-    unit: float
-
-    def value(self, z: np.ndarray) -> np.ndarray:
-        """See `Functions.value`."""
-        return self.functions.value(self.unit * z)
-
-    def slope(self, z: np.ndarray) -> np.ndarray:
-        """See `Functions.slope`; by the chain rule once the unit."""
-        return self.unit * self.functions.slope(self.unit * z)
-
-    def curvature(self, z: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
-        """See `Functions.curvature`; by the chain rule twice the unit."""
-        return self.unit**2 * self.functions.curvature(self.unit * z, multipliers)
 
 
 def _near_bound(use: np.ndarray, share: np.ndarray) -> np.ndarray:

@@ -225,8 +225,7 @@ class Model(Evaluation):
         if not s.vias:
             return Constraints.of(n, self.border)
         basis, speed = s.basis.matrix(point.via_u), s.basis.matrix(point.via_u, 1) @ point.points
-        begin = s.first(point.via_u)
-        local = np.take_along_axis(basis, begin[:, None] + np.arange(LOCAL), axis=1)
+        window, local = self._placing(point.via_u)
         edge = np.zeros((s.vias, n, self.border))
         edge[:, :, self.toward] = (basis @ self.share.T)[:, None, self.of] * point.along.T
         for i in range(s.vias):
@@ -238,7 +237,7 @@ class Model(Evaluation):
         wide = [np.einsum("a,rj->raj", local[i], passed.slope).reshape(-1, s.width)
                 for i, passed in enumerate(point.passed)]  # fmt: skip
         return Constraints.of(
-            n, self.border, wide_first=np.repeat(begin - s.pinned, counts), wide=np.vstack(wide),
+            n, self.border, wide_first=np.repeat(window, counts), wide=np.vstack(wide),
             border=np.vstack([passed.slope @ edge[i] for i, passed in enumerate(point.passed)]),
             floor=np.concatenate([passed.low for passed in point.passed]),
             ceiling=np.concatenate([passed.high for passed in point.passed]), keys=np.concatenate(keys) * 4 + VIA,
@@ -252,11 +251,15 @@ class Model(Evaluation):
         border = np.zeros((count, self.border))
         border[:, self.border - count :] += np.eye(count)
         border[:, self.border - count - 1 : self.border - 1] -= np.eye(count)
+        return self._behind_band(border, -np.diff(point.via_u) / 2, np.full(count, np.inf), ORDER)
+
+    def _behind_band(self, border: np.ndarray, floor: np.ndarray, ceiling: np.ndarray, number: int) -> Constraints:
+        """Constraints (R,) on the unknowns behind the band, `border` (R, border); `number`: of the first one."""
+        count = len(border)
         none = np.zeros(count, dtype=np.int64)
         return Constraints.of(
-            n, self.border, first=none, joint=none, coefficient=np.zeros((count, LOCAL)), border=border,
-            floor=-np.diff(point.via_u) / 2, ceiling=np.full(count, np.inf),
-            keys=-1 - 4 * (ORDER + np.arange(count)),
+            self.shape.joints, self.border, first=none, joint=none, coefficient=np.zeros((count, LOCAL)), border=border,
+            floor=floor, ceiling=ceiling, keys=-1 - 4 * (number + np.arange(count)),
         )  # fmt: skip
 
     def _end_bounds(self, point: Point) -> Constraints:
@@ -273,14 +276,9 @@ class Model(Evaluation):
                 (border, np.concatenate([q, value]), *map(np.concatenate, zip(self.box, (low, high), strict=True)))
             )
         of_steps, value, low, high = (np.concatenate(part) for part in zip(*parts, strict=True))
-        count = len(value)
-        border = np.zeros((count, self.border))
+        border = np.zeros((len(value), self.border))
         border[:, self.toward] = of_steps
-        none = np.zeros(count, dtype=np.int64)
-        return Constraints.of(
-            self.shape.joints, self.border, first=none, joint=none, coefficient=np.zeros((count, LOCAL)), border=border,
-            floor=np.minimum(low - value, 0.0), ceiling=np.maximum(high - value, 0.0), keys=-1 - 4 * np.arange(count),
-        )  # fmt: skip
+        return self._behind_band(border, np.minimum(low - value, 0.0), np.maximum(high - value, 0.0), 0)
 
     @staticmethod
     def relaxed(constraints: Constraints, give: float, slack: float) -> Constraints:

@@ -158,8 +158,5 @@ def _spline(
     """The cubic spline through `points` (K, n) at `s` (K,) with the given end conditions."""
     from scipy.interpolate import CubicSpline
 
-    def condition(end: str | tuple[int, np.ndarray]) -> str | tuple[int, np.ndarray]:
-        return (2, np.zeros(points.shape[1])) if end == "natural" else end
-
-    spline = CubicSpline(s, points, bc_type=(condition(first), condition(last)))
+    spline = CubicSpline(s, points, bc_type=(first, last))
     return JointPath(np.asarray(s), spline.c[::-1].copy())

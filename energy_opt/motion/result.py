@@ -63,7 +63,7 @@ class Optimality:
 
     def document(self) -> dict[str, object]:
         """As result.json has it."""
-        return {"kind": self.kind, "lower_bound": self.lower_bound, "gap_percent": self.gap_percent}
+        return asdict(self)
 
 
 @dataclass(frozen=True)
@@ -246,14 +246,7 @@ class Result:
             "first_path": None if self.first_path is None else self.first_path.document(),
             "peak_power": self.certificate.peak_power,
             "optimality": self.optimality.document(),
-            "solver": {
-                "name": self.solver.name,
-                "iterations": self.solver.iterations,
-                "build_seconds": self.solver.build_seconds,
-                "solve_seconds": self.solver.solve_seconds,
-                "compiled": self.solver.compiled,
-                "starts": self.solver.starts,
-            },
+            "solver": asdict(self.solver),
             "chosen": self.chosen,
             "models": [dict(row) for row in self.models],
             **({} if self.robust is None else {"robust": dict(self.robust)}),

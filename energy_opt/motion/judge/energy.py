@@ -7,7 +7,7 @@ into standby, stored energy (which depends on the ends alone) and loss: only the
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 
 import casadi as ca
@@ -46,13 +46,7 @@ class Energy:
 
     def document(self) -> dict[str, object]:
         """As result.json has it."""
-        return {
-            "total": self.total,
-            "standby": self.standby,
-            "stored": self.stored,
-            "loss": self.loss,
-            "by_effect": self.by_effect,
-        }
+        return asdict(self)
 
 
 @dataclass(frozen=True)

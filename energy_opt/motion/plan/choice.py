@@ -15,13 +15,12 @@ from energy_opt.motion.plan.context import Context, Judged
 from energy_opt.motion.plan.refusals import too_short
 from energy_opt.motion.plan.standing import at_rest
 from energy_opt.motion.result import Baseline, Optimality, Result, SolverReport
-from energy_opt.motion.retime.solve import GLOBAL_GAP, RetimeSolution
+from energy_opt.motion.retime.solve import GLOBAL_GAP, ROUNDING, RetimeSolution
 from energy_opt.motion.timing.spline_timing import Timing
 from energy_opt.motion.trajectory import Trajectory
 
 SLOW = 200.0  # a duration of more times the shortest gives a warning about its unit
 HAIR = 1e-3  # share of a bound: largest violation of TOPP-RA's timing that is removed by slowing it
-SAME_DURATION = 1e-12  # relative: durations that differ by less are equal
 
 
 @dataclass(frozen=True)
@@ -217,7 +216,7 @@ def baselines_of(context: Context, move: Move, timing: Timing | None, duration: 
     out: list[tuple[str, Trajectory]] = []
     if timing is not None:
         toppra = context.judge.slowed(timing, timing.duration).trajectory
-        same = abs(duration / timing.duration - 1) <= SAME_DURATION
+        same = abs(duration / timing.duration - 1) <= ROUNDING
         scaled = toppra if same else context.judge.slowed(timing, duration).trajectory
         out += [("toppra", toppra), ("scaled", scaled)]
     if move.input is not None:

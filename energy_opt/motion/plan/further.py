@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from energy_opt.errors import Infeasible
+from energy_opt.motion.initial_paths.find import SAME
 from energy_opt.motion.move import Move
 from energy_opt.motion.plan.candidates import Candidate, reshaped
 from energy_opt.motion.plan.context import Context
@@ -15,7 +16,7 @@ from energy_opt.motion.reshape.curve import Curve, Outcome
 from energy_opt.motion.retime.solve import RetimeSolution
 from energy_opt.motion.timing.spline_timing import Timing
 
-SAME, LOOKED = 0.15, 40  # [rad] curves that differ by less at all of 40 points count as the same
+LOOKED = 40  # points at which curves are compared
 WIDER = 3  # most further seeds to look for optima without bodies, if initial paths are asked for
 
 
@@ -51,6 +52,6 @@ def wider_optima(
 
 
 def alike(a: Curve, b: Curve) -> bool:
-    """True if two curves differ only slightly (`SAME`)."""
+    """True if two curves differ as little as paths that count as the same (`SAME`)."""
     u = np.linspace(0, 1, LOOKED)
     return bool(np.abs(a.position(u) - b.position(u)).max() < SAME)

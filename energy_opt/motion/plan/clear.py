@@ -88,7 +88,9 @@ def kept_clear(
     level = context.reshaper(context.settings.objective).fine(task.vias)
     lines = _lines(context, move, retimed, timing, warm, task, 2 * reference)
     work = Clearing.of(context, task, [task.curve(level.shape, line) for line in lines])
-    work.search_from(wider)
+    work.search_from(free)
+    if wider is not free:
+        work.search_from(wider)
     if move.duration is None and not again and not context.stopped() and work.is_costly(wider):
         slower = _slower(context, move, timing, wider)
         work.search.iterations += slower.iterations
@@ -153,7 +155,7 @@ class Clearing:
     def search_from(self, free: Candidate) -> None:
         """Find the best result of searches from the first paths and from the optima found without bodies."""
         search, optima = self.search, self._optima(free)
-        starts = [Start(curve, TRUST) for curve in self.curves]
+        starts = [Start(curve, TRUST) for curve in self.curves if self.best is None]
         for number, optimum in enumerate(optima):
             least = search.scale * self._cost(optimum)
             if self.best is not None and least > self._scaled(self.best):

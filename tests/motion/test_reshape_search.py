@@ -89,7 +89,8 @@ def test_a_search_is_not_repeated_from_where_it_led_to_nothing_better(monkeypatc
     monkeypatch.setattr(Task, "descended", descended)
     monkeypatch.setattr(Task, "polished", lambda self, level, found: found)
     reshaper = Reshaper(SimpleNamespace(kinked=False), 1, 12, True, polished=False)
-    monkeypatch.setattr(reshaper, "_level", lambda shape: SimpleNamespace(model=lambda *a: None))
+    monkeypatch.setattr(reshaper, "_level", lambda shape: None)
+    monkeypatch.setattr(Task, "model", lambda self, level: None)
     found = reshaper.solved(outcome(1.0).curve, TASK)
     assert len(descents) == 2 and found.broken == 1e-3
 

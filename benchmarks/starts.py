@@ -18,7 +18,8 @@ import numpy as np
 from common import SEED, SUITES, cases, finish, robots, table
 
 from energy_opt.motion import Planner, Settings
-from energy_opt.motion.plan.candidates import first_line, task_of
+from energy_opt.motion.plan.candidates import task_of
+from energy_opt.motion.plan.context import path_of
 from energy_opt.motion.reshape import starts as rule
 from energy_opt.motion.reshape import task as descent
 from energy_opt.motion.reshape.search import WIDE
@@ -42,7 +43,7 @@ def problems(count: int, seeds: Sequence[int]) -> Iterator[tuple[descent.Level, 
                 yield (
                     context.reshaper("energy").coarse(0),
                     descent.replace(task, width=WIDE),
-                    first_line(case.move, duration),
+                    Line.along(path_of(case.move), duration),
                 )
 
 

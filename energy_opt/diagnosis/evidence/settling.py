@@ -19,13 +19,13 @@ import numpy as np
 
 from energy_opt.diagnosis.data.noise import Noise, Shared, Whitener
 from energy_opt.diagnosis.data.samples import Samples
-from energy_opt.diagnosis.fit.posterior import Fit
 
 LASTS = (0.15, 0.3, 0.6)  # [s] grid of the time constant of settling
 TOGETHER = 0.1  # [s] joints that stop within this time stop together
 # wave over white noise and memory [s] of noise that may rule in place of settling
 SLOW = ((0.0, 1.0), (0.6, 0.25), (0.6, 1.0), (2.0, 0.25), (2.0, 1.0))
 SIZES = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)  # grid of the size over the white noise of a reading
+SUPPOSED = 4.0  # the same of a search that supposes settling
 LEAST = 7.0  # least gain of log evidence for settling: a thousand to one
 
 
@@ -57,27 +57,28 @@ def stops(samples: Samples, lasts: float) -> Shared:
     return Shared(samples.shown(columns), each)
 
 
-def settling_of(f: Fit, plain: Samples) -> Settling:
-    """The settling with the largest evidence for a fit's residual; none if it is not sure that there is any.
+def settling_of(residual: np.ndarray, white: float, plain: Samples) -> tuple[Settling, float]:
+    """The settling with the largest evidence for a residual, none if it is not sure that there is any; its evidence.
 
     Args:
-        plain: the fit's samples with the weights that they have without settling.
+        residual: (M,) W. white: [W] noise of the readings. plain: samples with the weights that they have without
+            settling.
     """
-    times, count = [plain.at[p] for p in plain.parts], len(f.residual)
+    times, count = [plain.at[p] for p in plain.parts], len(residual)
 
     def worth(size: float, after: Shared) -> float:
         """Log evidence of settling, which is `size` times as large as the white noise, with the likeliest noise."""
         found = []
         for wave, memory in SLOW:
             whiten = Whitener(Noise(1.0, wave, memory, size), times, plain.weight, after)
-            white = float(np.sum(whiten(f.residual) ** 2)) / count
-            found.append(-0.5 * count * np.log(white) - 0.5 * whiten.log_determinant)
+            own = float(np.sum(whiten(residual) ** 2)) / count
+            found.append(-0.5 * count * (1 + np.log(own)) - 0.5 * whiten.log_determinant)
         return max(found)
 
     after = {lasts: stops(plain, lasts) for lasts in LASTS}
     none = worth(0.0, after[LASTS[0]])
     value, size, lasts = max((worth(size, columns), size, lasts) for lasts, columns in after.items() for size in SIZES)
-    return Settling(size * f.world.whiten.noise.white, lasts) if value - none > LEAST else Settling()
+    return (Settling(size * white, lasts), value - LEAST) if value - none > LEAST else (Settling(), none)
 
 
 def with_settling(plain: Samples, settling: Settling, repeats: Sequence[int]) -> Samples:

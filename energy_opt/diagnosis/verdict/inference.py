@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,7 +22,13 @@ from energy_opt.diagnosis.data.standing import by_chance, standing_noise
 from energy_opt.diagnosis.evidence.errors import Quality, mostly_explained
 from energy_opt.diagnosis.evidence.odds import links_odds
 from energy_opt.diagnosis.evidence.residual import follows
-from energy_opt.diagnosis.evidence.settling import with_settling
+from energy_opt.diagnosis.evidence.settling import (
+    LASTS,
+    SUPPOSED,
+    Settling,
+    stops,
+    with_settling,
+)
 from energy_opt.diagnosis.fit.posterior import Fit, Nuisance, Stopped, World
 from energy_opt.diagnosis.hypothesis.links import links_of
 from energy_opt.diagnosis.hypothesis.terms import Measured, Scale
@@ -47,7 +54,7 @@ from energy_opt.diagnosis.verdict.claims import (
     written,
 )
 from energy_opt.diagnosis.verdict.judge import Judge, by_chance_least, contradicted, same_readings, scattered
-from energy_opt.diagnosis.verdict.likeliest import likeliest_of
+from energy_opt.diagnosis.verdict.likeliest import likeliest_of, score_with_settling
 from energy_opt.power import PowerModel
 from energy_opt.robot import Limits
 
@@ -140,17 +147,28 @@ def infer(
     if not follows(samples, now):
         return plain(Search(world), "unexplained", follows=False)
     tried: list[Search] = []
-    try:
-        found, likeliest, noise, settling = likeliest_of(replace(world, stopped=stopped), nothing, tried)
-        if clock and (late := clock_error(likeliest)):
+
+    def searched(first: Settling) -> Inference:
+        """Search, with this settling in the first round, and judge the result."""
+        found, best, noise, settling = likeliest_of(replace(world, stopped=stopped), nothing, tried, first)
+        if clock and (late := clock_error(best)):
             return plain(found, "", late=late)
-        if settling.size and held is not None:
-            judge.held = with_settling(held, settling, [1] * len(held.parts))
         start = moved(nothing, found.world) if settling.size else nothing
-        return _judged(found, likeliest, noise, start, judge, idle)
+        kept = held and with_settling(held, settling, [1] * len(held.parts))
+        return _judged(found, best, noise, start, replace(judge, held=kept, seen={}, foreseen={}), idle)
+
+    try:
+        out = searched(Settling())
     except Stopped:
         best = tried[-1].so_far(nothing)
         return plain(tried[-1], "", nothing if best.free else best)
+    # effects may imitate settling, which is then not seen: suppose it, and compare the results
+    if out.verdict in ("partly", "unexplained") and stops(samples, LASTS[0]).motions:
+        with suppress(Stopped):
+            other = searched(Settling(SUPPOSED * still.white, LASTS[1]))
+            scores = [score_with_settling(x.search, x.best, samples) for x in (out, other)]
+            return other if scores[1] > scores[0] else out
+    return out
 
 
 def _judged(found: Search, best: Fit, noise: Noise, nothing: Fit, judge: Judge, idle: tuple[int, ...]) -> Inference:

@@ -5,8 +5,11 @@ from __future__ import annotations
 import logging
 from dataclasses import replace
 
+import numpy as np
+
 from energy_opt.diagnosis.data.clusters import repeats
 from energy_opt.diagnosis.data.noise import Noise
+from energy_opt.diagnosis.data.samples import Samples
 from energy_opt.diagnosis.evidence.odds import noise_of
 from energy_opt.diagnosis.evidence.settling import Settling, settling_of, with_settling
 from energy_opt.diagnosis.fit.posterior import Fit, World
@@ -19,19 +22,25 @@ TURNS, EARLY = 5, 2
 log = logging.getLogger(__name__)
 
 
-def likeliest_of(world: World, nothing: Fit, tried: list[Search]) -> tuple[Search, Fit, Noise, Settling]:
+def likeliest_of(
+    world: World, nothing: Fit, tried: list[Search], settling: Settling
+) -> tuple[Search, Fit, Noise, Settling]:
     """Search for the likeliest hypothesis, and for the noise and the settling that are likeliest for it.
 
     Args:
         nothing: the fit without new effects, where the search begins. tried: holds the search in progress.
+        settling: that of the first round.
     """
-    best, found, settling, plain = nothing, Search(world), Settling(), world.samples
+    plain = world.samples
+    world = replace(world, samples=with_settling(plain, settling, repeats(plain)))
+    found = Search(world.under(world.whiten.noise))
+    best = moved(nothing, found.world) if settling.size else nothing
     for turn in range(TURNS):
         log.info("effects, round %d of at most %d", turn + 1, TURNS, extra={"share": 0.05 + 0.06 * turn})
         tried[:] = [found]
         best = found.descend(best, EARLY)
         best = settled(found, max([best, *elsewhere(found, best)], key=found.score))
-        new = settling_of(best, plain)
+        new, _ = settling_of(best.residual, found.world.whiten.noise.white, plain)
         same = new.size == settling.size == 0 or abs(new.size - settling.size) < 0.3 * settling.size
         if not same:
             settling, world = new, replace(world, samples=with_settling(plain, new, repeats(plain)))
@@ -52,3 +61,10 @@ def likeliest_of(world: World, nothing: Fit, tried: list[Search]) -> tuple[Searc
         likelier = max(alternatives(found, best, CLAIM), key=found.score)  # linearised evidence is not exact
         best = without(found, best, k) if likelier is best else likelier
     return found, settled(found, max([best, *elsewhere(found, best)], key=found.score)), noise, settling
+
+
+def score_with_settling(found: Search, f: Fit, plain: Samples) -> float:
+    """Score of a hypothesis if noise and settling are those that suit its residual best, whatever the fit's weights."""
+    whiten = f.world.whiten
+    own = -0.5 * float(np.sum(whiten(f.residual) ** 2)) - 0.5 * whiten.log_determinant
+    return found.score(f) - own + settling_of(f.residual, whiten.noise.white, plain)[1]

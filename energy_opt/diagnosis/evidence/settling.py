@@ -18,7 +18,9 @@ from itertools import pairwise
 import numpy as np
 
 from energy_opt.diagnosis.data.noise import Noise, Shared, Whitener
+from energy_opt.diagnosis.data.predict import predict
 from energy_opt.diagnosis.data.samples import Samples
+from energy_opt.power import PowerModel
 
 LASTS = (0.15, 0.3, 0.6)  # [s] grid of the time constant of settling
 TOGETHER = 0.1  # [s] joints that stop within this time stop together
@@ -79,6 +81,13 @@ def settling_of(residual: np.ndarray, white: float, plain: Samples) -> tuple[Set
     none = worth(0.0, after[LASTS[0]])
     value, size, lasts = max((worth(size, columns), size, lasts) for lasts, columns in after.items() for size in SIZES)
     return (Settling(size * white, lasts), value - LEAST) if value - none > LEAST else (Settling(), none)
+
+
+def settling_at(model: PowerModel, held: Samples, white: float) -> Settling:
+    """The same for held-out runs under a model, each with a level of its own; `white`: [W] noise of the readings."""
+    residual = held.power - predict(model, held).reading
+    levels = [np.full(p.stop - p.start, np.median(residual[p]) if p.stop > p.start else 0.0) for p in held.parts]
+    return settling_of(residual - np.concatenate(levels), white, held)[0]
 
 
 def with_settling(plain: Samples, settling: Settling, repeats: Sequence[int]) -> Samples:

@@ -26,6 +26,7 @@ from energy_opt.diagnosis.evidence.settling import (
     LASTS,
     SUPPOSED,
     Settling,
+    settling_at,
     stops,
     with_settling,
 )
@@ -154,7 +155,10 @@ def infer(
         if clock and (late := clock_error(best)):
             return plain(found, "", late=late)
         start = moved(nothing, found.world) if settling.size else nothing
-        kept = held and with_settling(held, settling, [1] * len(held.parts))
+        kept = held
+        if held is not None:  # like noise, settling is judged by all runs: stops differ
+            own = max(settling, settling_at(written(best), held, noise.white), key=lambda x: x.size)
+            kept = with_settling(held, own, [1] * len(held.parts))
         return _judged(found, best, noise, start, replace(judge, held=kept, seen={}, foreseen={}), idle)
 
     try:

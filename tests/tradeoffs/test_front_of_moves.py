@@ -100,7 +100,9 @@ def test_command_line(tmp_path, capsys):
 
 def test_a_list_of_durations_is_checked(panda):
     """A word had ended in an error of Python; NaN and durations below 0 had been planned."""
-    for durations in ([], [1.0, "a"], [1.0, -2.0], [1.0, float("nan")], [[1.0], [1.0, 2.0]]):
+    with pytest.raises(BadInput, match="durations: an empty list; give at least one"):
+        TradeoffRequest(panda, durations=[])
+    for durations in ([1.0, "a"], [1.0, -2.0], [1.0, float("nan")], [[1.0], [1.0, 2.0]]):
         with pytest.raises(
             BadInput, match=r"durations .*: expected FIRST:LAST:COUNT, or a list of durations above 0 s"
         ):

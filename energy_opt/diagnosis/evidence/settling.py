@@ -73,7 +73,7 @@ def settling_of(residual: np.ndarray, white: float, plain: Samples) -> tuple[Set
         found = []
         for wave, memory in SLOW:
             whiten = Whitener(Noise(1.0, wave, memory, size), times, plain.weight, after)
-            own = float(np.sum(whiten(residual) ** 2)) / count
+            own = max(float(np.sum(whiten(residual) ** 2)) / count, 1e-12)
             found.append(-0.5 * count * (1 + np.log(own)) - 0.5 * whiten.log_determinant)
         return max(found)
 

@@ -22,6 +22,7 @@ AROUND, COUNTS, FEW = 1.5, (17, 5, 5), 3  # first range around the best, over an
 # as -2 log likelihood: difference within which values are alike; least gain by another value, as single readings at the
 # edge of a hold may be off
 FLAT, LEAST = 1.0, 15.0
+# friction of most arms, and laws of friction by speed that may imitate it
 USUAL = ("coulomb_friction", "viscous_friction")
 BY_SPEED = ("asymmetric_friction", "power_law_friction", "sigmoid_friction", "stribeck_friction", "friction_curve")
 SEVERAL = 2  # least effects that may imitate a law of negative power together
@@ -107,8 +108,9 @@ def usual_friction(found: Search, f: Fit) -> list[Fit]:
     while (k := next((k for k, name in enumerate(base.names) if name in own), None)) is not None:
         base = without(found, base, k)
     bank = found.bank(base)
-    both = {next(k for k, b in enumerate(bank.blocks) if b.name == name) for name in USUAL}
-    return [found.refit(bank, found.whole(bank) | both)]
+    first = {b.name: k for k, b in reversed(list(enumerate(bank.blocks)))}
+    both = {first[name] for name in USUAL if name in first}
+    return [found.refit(bank, found.whole(bank) | both)] if len(both) == len(USUAL) else []
 
 
 def other_options(found: Search, f: Fit) -> list[Fit]:

@@ -133,9 +133,10 @@ def test_a_rough_cycle_follows_the_base_and_a_step_costs_less(tmp_path: Path, ur
     here = search.settled(np.zeros(4), "seed")
     there, _ = search.step(here, 1.0, 1)
     assert there is not None and there.energy < here.energy
-    anew = search.settled(there.point, "grid", ends=there.ends)  # from straight lines, its time shared anew
-    losses = sum(answer.energy.loss for answer in there.plan.answers)
-    assert there.energy < anew.energy + 0.05 * losses  # from there, the search may end at a worse optimum
+    # complete solves at both placements confirm most of the promised saving
+    before, after = (search.solve(rough.point, "grid", ends=rough.ends) for rough in (here, there))
+    assert before is not None and after is not None
+    assert before.energy - after.energy > 0.5 * (here.energy - there.energy)
     for k, wanted in ((0, [0.45, 0.2, 0.1]), (1, [-0.2, 0.5, 0.2])):
         answer = there.plan.answers[k]
         at = by_pinocchio(ur.robot, answer.trajectory.position[-1])[:3, 3] + there.point[:3]

@@ -87,10 +87,8 @@ def _in_order(given: Trajectory, robot: Robot) -> Trajectory:
     """The trajectory with its columns in the robot's order, matched by name.
 
     Raises:
-        BadInput: fewer than two samples, times that do not rise, a number that is not finite, or a missing joint.
+        BadInput: times that do not rise, a number that is not finite, or a missing joint.
     """
-    if len(given.time) < 2:
-        raise BadInput(f"--path: {len(given.time)} samples; a trajectory has at least two")
     q, v, a = given.position, given.velocity, given.acceleration
     found = Samples("--path", given.joints, q, given.time, v, a).of(robot.joints, following=robot.followers)
     columns = [np.asarray(block) for block in (found.position, found.velocity, found.acceleration)]

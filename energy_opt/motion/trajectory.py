@@ -74,7 +74,7 @@ class Trajectory:
     torque) and power (N,) [W] are set once a model has been applied; until then they are None. Sequences are accepted.
 
     Raises:
-        BadInput: an array does not consist of numbers, or has another shape.
+        BadInput: an array does not consist of numbers, has another shape, or has less than two samples.
     """
 
     joints: tuple[str, ...]
@@ -88,6 +88,8 @@ class Trajectory:
     def __post_init__(self) -> None:
         expect(self.joints, Sequence, "trajectory: joints")
         count, joints = np.size(self.time), len(self.joints)
+        if count < 2:
+            raise BadInput(f"trajectory: time has {count} samples; expected 2 or more")
         for name in ("time", "position", "velocity", "acceleration", "effort", "power"):
             shape, given = (count,) if name in ("time", "power") else (count, joints), getattr(self, name)
             if given is None and name in ("effort", "power"):

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from energy_opt.errors import BadInput
+from energy_opt.errors import BadInput, shown
 from energy_opt.files import finite_number, words_of
 from energy_opt.robot.kinematics import no_degrees, pose_of
 
@@ -122,6 +122,16 @@ class AnyOf(tuple[object, ...]):
     Each goal is a pose of the tool (see `pose_from`), a sequence (n,) of joint positions [rad, m], or a mapping from
     joint names to positions.
     """
+
+    def __new__(cls, goals: Iterable[object]) -> AnyOf:
+        """Goals as a tuple.
+
+        Raises:
+            BadInput: they are no sequence.
+        """
+        if not isinstance(goals, Iterable):
+            raise BadInput(f"AnyOf {shown(goals)}: expected a sequence of goals")
+        return super().__new__(cls, goals)
 
 
 def pose_from(

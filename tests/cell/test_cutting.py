@@ -134,6 +134,7 @@ def test_pieces_cover_every_surface(seed: int) -> None:
         assert outside.max() < 2e-6
 
 
+@pytest.mark.slow
 def test_a_move_into_a_bin_is_as_cheap_as_into_one_of_five_boxes(tmp_path: Path) -> None:
     """Its hull fills it, so no plane kept the hand and the bin apart: the answer was the straight line's timing."""
     body = tray()

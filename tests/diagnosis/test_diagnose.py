@@ -116,7 +116,9 @@ def test_two_effects_at_once(tmp_path):
     assert set(names(result)) == {"coulomb_friction", "regeneration"}
 
 
-@pytest.mark.parametrize("special", ["cogging", "fan", "standby_step"])
+@pytest.mark.parametrize(
+    "special", [*(pytest.param(s, marks=pytest.mark.slow) for s in ("cogging", "fan")), "standby_step"]
+)
 def test_what_no_effect_accounts_for_stays_unexplained(special, tmp_path):
     made = make_set(tmp_path / "set", "panda", specials=[special], seed=4)
     result = diagnose(read_set(made.folder), made.declared)

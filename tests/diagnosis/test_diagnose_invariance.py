@@ -168,3 +168,4 @@ def test_power_in_kilowatts_without_a_unit_is_remarked(coulomb, tmp_path):
         write_table(other / row["file"], list(table), list(table.values()))
     result = diagnose(read_set(other), coulomb.declared)
     assert any("kW" in remark for remark in result.document["remarks"])
+    assert result.document["verdict"] == "unexplained" and names(result) == []

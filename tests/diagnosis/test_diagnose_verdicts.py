@@ -194,6 +194,7 @@ def test_a_model_less_an_effect_is_less_those_that_need_it():
     assert [e.name for e in model.without("copper_loss").effects] == ["standby"]
 
 
+@pytest.mark.slow
 def test_a_level_that_effects_add_is_taken_back_in_standby(tmp_path):
     truth = write_world(World("xarm7", 73, (0.0, 0.0), cause="psu_loss", motions=6, poses=3), tmp_path / "set")
     d = diagnosed(truth, tmp_path / "out")

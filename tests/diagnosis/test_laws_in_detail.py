@@ -72,9 +72,12 @@ def test_heat_that_grows_faster_than_the_square_of_torque_is_no_copper_loss(tmp_
     "world",
     [
         World("z1", 12000010, (0.0, 0.05), "ar1", unlisted="current_offset"),  # a loss in proportion to signed torque
-        World("panda", 12000042, (0.0, 0.05), "ar1", unlisted="dahl"),  # friction that builds up over some travel
-        # a supply that switches by its load
-        World("xarm7", 12010011, (0.0, 0.05), "ar1", "viscous_friction", unlisted="phases"),
+        pytest.param(  # friction that builds up over some travel
+            World("panda", 12000042, (0.0, 0.05), "ar1", unlisted="dahl"), marks=pytest.mark.slow
+        ),
+        pytest.param(  # a supply that switches by its load
+            World("xarm7", 12010011, (0.0, 0.05), "ar1", "viscous_friction", unlisted="phases"), marks=pytest.mark.slow
+        ),
     ],
     ids=lambda world: world.unlisted,
 )
@@ -133,6 +136,7 @@ def test_white_noise_is_seldom_taken_for_noise_with_memory():
     assert np.mean([remembered(slow @ rng.normal(size=count)) for _ in range(20)]) > 0.9
 
 
+@pytest.mark.slow
 def test_of_durations_that_no_dwell_tells_apart_the_middle_one_is_taken(tmp_path):
     """A hold of 0.8 s where dwells last up to 0.61 s: 0.6 s leaves the last readings of a dwell unexplained.
 

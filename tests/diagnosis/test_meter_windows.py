@@ -31,6 +31,7 @@ def test_a_moving_mean_is_named(tmp_path, name, seed):
     assert row["name"] == "meter_window" and low <= 0.2 <= high
 
 
+@pytest.mark.slow
 def test_a_declared_window_is_applied_and_never_claimed(tmp_path):
     """Beside a declared window of half the size, another one was claimed."""
     folder = record(tmp_path / "set", Hidden("ur5e"), over(0.4), seed=1)

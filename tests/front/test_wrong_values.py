@@ -108,6 +108,8 @@ def test_objects_that_users_make_are_checked(robot):
     )
     refused("velocity", eo.Trajectory, robot.joints, two, zeros, np.zeros((3, 7)), zeros)
     refused("joints None", eo.Trajectory, None, two, zeros, zeros, zeros)
+    refused("time has 1 samples; expected 2", eo.Trajectory, robot.joints, two[:1], *3 * [zeros[:1]])
+    refused("^AnyOf 3: expected a sequence of goals", eo.AnyOf, 3)
     assert eo.Trajectory(robot.joints, two, zeros.tolist(), zeros, zeros).duration == 1.0
 
 
@@ -157,12 +159,12 @@ def test_a_trajectory_as_a_path_has_rising_finite_samples_of_the_robots_joints(r
 
     hole = np.full((3, 7), np.nan)
     for path, says in (
-        (motion([0, 0, 1]), "expected steps of"), (motion([0, 2, 1]), "expected steps of"), (motion([0]), "1 samples"),
-        (motion([]), "0 samples"),
+        (motion([0, 0, 1]), "expected steps of"), (motion([0, 2, 1]), "expected steps of"),
         (motion([0, np.nan, 1]), "finite time"), (motion([0, 1, 2], position=hole), "finite"),
         (motion([0, 1, 2], velocity=hole), "velocity has values that are not finite"),
         (motion([0, 1], joints=tuple("abcdefg")), "joint panda_joint1 is missing"),
     ):  # fmt: skip
         refused(f"^path: .*{says}", eo.optimize, robot, path=path, mode="retime", self_collision=False)
+    refused("^trajectory: time has 0 samples", motion, [])
     turned = motion([0, 1], joints=robot.joints[::-1], position=np.linspace(HOME, np.add(HOME, 0.1), 2)[:, ::-1])
     assert path_from(turned, robot).start == pytest.approx(HOME)

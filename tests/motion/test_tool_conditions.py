@@ -283,6 +283,7 @@ def test_a_limit_of_the_tool_and_the_own_body_are_held_together(seed: int, most:
     assert result.energy.total < most
 
 
+@pytest.mark.slow
 def test_searches_beside_the_own_body_go_on_under_a_limit_of_the_tool() -> None:
     """They ended far from an optimum: these seeds took 631 and 1,177 J. Of five seeds, one still takes 13 % more."""
     start = [1.323038483, 2.996569864, 1.285813699, 0.0155452015, -0.6322491853, 1.501334273]

@@ -50,6 +50,7 @@ def test_the_best_of_all_branches_and_turns_is_found_where_estimates_rank_it_lat
     assert found["solves"]["full"] <= 4
 
 
+@pytest.mark.slow
 def test_a_turn_whose_motion_is_clear_is_chosen_over_turns_that_lead_around_the_own_body() -> None:
     """Motions to the cheapest turns touch the forearm with the wrist; going around it took 65 % of the loss more."""
     start, best = (

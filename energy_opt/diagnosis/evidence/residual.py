@@ -106,7 +106,21 @@ CHANCE = 0.2  # largest p-value at which the power counts as following the motio
 ROUGH_CHANCE = 0.01  # the same if neighbouring readings hardly correlate, as in noise
 ALIKE = 0.5  # least correlation of neighbouring samples of an arm's power
 FEW = 3.0  # least readings per column; with fewer, the columns fit anything
+PREFIX = 1000.0  # factor between watts and kilowatts, or milliwatts and watts
 SHOWN = 0.5  # share of the meter's noise below which variations of mechanical power are not visible
+
+
+def other_unit(samples: Samples, now: Prediction) -> tuple[str, float] | None:
+    """The unit that the power seems to be in, and its ratio to the model's; None where watts are plausible.
+
+    Args:
+        samples: of the set. now: the declared model at the samples.
+    """
+    ratio = float(np.median(samples.power) / max(float(np.median(now.reading)), 1e-9))
+    for unit, factor in (("kW", 1 / PREFIX), ("mW", PREFIX)):
+        if ratio > 0 and abs(np.log(ratio / factor)) < np.log(PREFIX) / 4:
+            return unit, ratio
+    return None
 
 
 def follows(samples: Samples, now: Prediction) -> bool:

@@ -38,6 +38,10 @@ class Settling:
     size: float = 0.0
     lasts: float = LASTS[0]
 
+    def is_alike(self, other: Settling) -> bool:
+        """True if the sizes are about the same."""
+        return self.size == other.size == 0 or abs(self.size - other.size) < 0.3 * other.size
+
 
 def stops(samples: Samples, lasts: float) -> Shared:
     """exp(-s / lasts) of the readings, s seconds after the latest stop of a joint: a column for each stop of a run."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from energy_opt.diagnosis.data.clusters import SLOW
 from energy_opt.diagnosis.data.predict import friction_torque, predict
+from energy_opt.diagnosis.evidence.residual import other_unit
 from energy_opt.diagnosis.fit.posterior import Fit
 from energy_opt.diagnosis.verdict.inference import NOISE, Inference
 from energy_opt.effects import effect_class
@@ -19,7 +20,6 @@ from energy_opt.robot.limits import unit_of
 UNKNOWN = 0.4  # posterior over prior standard deviation above which the data hardly determined a number
 WANDERS = 0.3  # share of the noise by which runs' levels must differ to be mentioned
 SHARE = 0.01  # least explained share that the headline states
-PREFIX = 1000.0  # factor between watts and kilowatts, or milliwatts and watts
 UNRECORDED = "no signal that was recorded"  # the rest depends on it where it depends on none of the log
 PLAIN = {
     "coulomb_friction": "dry friction",
@@ -97,7 +97,10 @@ def remarks(found: Inference, measured: MeasuredSet, declared: PowerModel) -> li
             "The measured power does not depend on the motion: shifted in time, it fits equally well. "
             "Are power and motion columns of the same recording, in the same order?"
         )
-    out += _unit(found, declared)
+    samples = found.root.world.samples
+    if unit := other_unit(samples, predict(declared, samples)):
+        said = f"The power is {unit[1]:.2g} times that of the declared model: is it in {unit[0]}?"
+        out.append(f"{said} Give its unit in log.toml.")
     if len(found.idle) == len(joints):
         out.append(
             f"No joint reaches {100 * SLOW:.0f} % of its velocity limit: so slow motions show neither friction nor "
@@ -161,17 +164,6 @@ def _links(f: Fit, joints: Sequence[str]) -> str:
     )
     links = ", ".join(joints[j] for j in np.argsort(-np.abs(f.world.links.effect(f.amounts, s).values["mass"]))[:2])
     return f"The torque of the URDF's links is off by (rms): {each}; most of it by the links behind {links}."
-
-
-def _unit(found: Inference, declared: PowerModel) -> list[str]:
-    """A remark if the power is about a thousandth, or a thousand times, of the declared model's."""
-    s = found.root.world.samples
-    ratio = float(np.median(s.power) / max(float(np.median(predict(declared, s).reading)), 1e-9))
-    for unit, factor in (("kW", 1 / PREFIX), ("mW", PREFIX)):
-        if ratio > 0 and abs(np.log(ratio / factor)) < np.log(PREFIX) / 4:
-            said = f"The power is {ratio:.2g} times that of the declared model: is it in {unit}?"
-            return [f"{said} Give its unit in log.toml."]
-    return []
 
 
 def _borrowed(f: Fit, joints: Sequence[str]) -> list[str]:

@@ -21,15 +21,8 @@ from energy_opt.diagnosis.data.samples import Samples
 from energy_opt.diagnosis.data.standing import by_chance, standing_noise
 from energy_opt.diagnosis.evidence.errors import Quality, mostly_explained
 from energy_opt.diagnosis.evidence.odds import links_odds
-from energy_opt.diagnosis.evidence.residual import follows
-from energy_opt.diagnosis.evidence.settling import (
-    LASTS,
-    SUPPOSED,
-    Settling,
-    settling_at,
-    stops,
-    with_settling,
-)
+from energy_opt.diagnosis.evidence.residual import follows, other_unit
+from energy_opt.diagnosis.evidence.settling import LASTS, settling_at, stops, with_settling
 from energy_opt.diagnosis.fit.posterior import Fit, Nuisance, Stopped, World
 from energy_opt.diagnosis.hypothesis.links import links_of
 from energy_opt.diagnosis.hypothesis.terms import Measured, Scale
@@ -55,7 +48,7 @@ from energy_opt.diagnosis.verdict.claims import (
     written,
 )
 from energy_opt.diagnosis.verdict.judge import Judge, by_chance_least, contradicted, same_readings, scattered
-from energy_opt.diagnosis.verdict.likeliest import likeliest_of, score_with_settling
+from energy_opt.diagnosis.verdict.likeliest import Likeliest, likeliest_of, likeliest_with_settling
 from energy_opt.power import PowerModel
 from energy_opt.robot import Limits
 
@@ -147,11 +140,14 @@ def infer(
         return plain(Search(world), "insufficient", blind=True)
     if not follows(samples, now):
         return plain(Search(world), "unexplained", follows=False)
+    if (unit := other_unit(samples, now)) and unit[0] == "kW":  # missing overhead may look like milliwatts
+        return plain(Search(world), "unexplained")
     tried: list[Search] = []
 
-    def searched(first: Settling) -> Inference:
-        """Search, with this settling in the first round, and judge the result."""
-        found, best, noise, settling = likeliest_of(replace(world, stopped=stopped), nothing, tried, first)
+    world = replace(world, stopped=stopped)
+
+    def judged(likeliest: Likeliest) -> Inference:
+        found, best, noise, settling = likeliest
         if clock and (late := clock_error(best)):
             return plain(found, "", late=late)
         start = moved(nothing, found.world) if settling.size else nothing
@@ -162,16 +158,16 @@ def infer(
         return _judged(found, best, noise, start, replace(judge, held=kept, seen={}, foreseen={}), idle)
 
     try:
-        out = searched(Settling())
+        first = likeliest_of(world, nothing, tried)
+        out = judged(first)
     except Stopped:
         best = tried[-1].so_far(nothing)
         return plain(tried[-1], "", nothing if best.free else best)
-    # effects may imitate settling, which is then not seen: suppose it, and compare the results
+    # effects may imitate settling, which is then not seen: suppose it, and judge the likelier result
     if out.verdict in ("partly", "unexplained") and stops(samples, LASTS[0]).motions:
         with suppress(Stopped):
-            other = searched(Settling(SUPPOSED * still.white, LASTS[1]))
-            scores = [score_with_settling(x.search, x.best, samples) for x in (out, other)]
-            return other if scores[1] > scores[0] else out
+            other = likeliest_with_settling(world, nothing, tried, first)
+            out = out if other is None else judged(other)
     return out
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from energy_opt.diagnosis.data.clusters import repeats
 from energy_opt.diagnosis.data.noise import Noise
 from energy_opt.diagnosis.data.samples import Samples
 from energy_opt.diagnosis.evidence.odds import noise_of
-from energy_opt.diagnosis.evidence.settling import Settling, settling_of, with_settling
+from energy_opt.diagnosis.evidence.settling import LASTS, SUPPOSED, Settling, settling_of, with_settling
 from energy_opt.diagnosis.fit.posterior import Fit, World
 from energy_opt.diagnosis.search.effect_sets import Search, moved, without
 from energy_opt.diagnosis.search.kinks import elsewhere, settled
@@ -19,17 +20,47 @@ from energy_opt.diagnosis.verdict.claims import CLAIM, alike, alternatives, shap
 
 # most noise estimates, and search rounds before each: few, as effects that imitate a misfit hide it
 TURNS, EARLY = 5, 2
+NONE = Settling()
 log = logging.getLogger(__name__)
 
 
+class Likeliest(NamedTuple):
+    """What a search found: its hypothesis, the noise, and the settling."""
+
+    search: Search
+    best: Fit
+    noise: Noise
+    settling: Settling
+
+
+def likeliest_with_settling(world: World, nothing: Fit, tried: list[Search], first: Likeliest) -> Likeliest | None:
+    """Search once more, supposing that power settles after stops; None where the `first` result is likelier.
+
+    Effects may imitate settling, which the first search then does not see. A search that comes back to the settling of
+    the first one ends early.
+    """
+    supposed = Settling(SUPPOSED * world.whiten.noise.white, LASTS[1])
+    try:
+        other = likeliest_of(world, nothing, tried, supposed, first.settling)
+    except _NothingNew:
+        return None
+    first_score, score = (_score(each, world.samples) for each in (first, other))
+    return other if score > first_score else None
+
+
+class _NothingNew(Exception):
+    """A search came back to a settling that is known."""
+
+
 def likeliest_of(
-    world: World, nothing: Fit, tried: list[Search], settling: Settling
-) -> tuple[Search, Fit, Noise, Settling]:
+    world: World, nothing: Fit, tried: list[Search], settling: Settling = NONE, known: Settling | None = None
+) -> Likeliest:
     """Search for the likeliest hypothesis, and for the noise and the settling that are likeliest for it.
 
     Args:
         nothing: the fit without new effects, where the search begins. tried: holds the search in progress.
         settling: that of the first round.
+        known: the search ends by `_NothingNew` where it finds this settling.
     """
     plain = world.samples
     world = replace(world, samples=with_settling(plain, settling, repeats(plain)))
@@ -41,7 +72,9 @@ def likeliest_of(
         best = found.descend(best, EARLY)
         best = settled(found, max([best, *elsewhere(found, best)], key=found.score))
         new, _ = settling_of(best.residual, found.world.whiten.noise.white, plain)
-        same = new.size == settling.size == 0 or abs(new.size - settling.size) < 0.3 * settling.size
+        if known is not None and new.is_alike(known):
+            raise _NothingNew
+        same = new.is_alike(settling)
         if not same:
             settling, world = new, replace(world, samples=with_settling(plain, new, repeats(plain)))
             best = moved(best, world.under(found.world.whiten.noise))
@@ -60,11 +93,13 @@ def likeliest_of(
     while (k := shaped_otherwise(found, best)) is not None:
         likelier = max(alternatives(found, best, CLAIM), key=found.score)  # linearised evidence is not exact
         best = without(found, best, k) if likelier is best else likelier
-    return found, settled(found, max([best, *elsewhere(found, best)], key=found.score)), noise, settling
+    best = settled(found, max([best, *elsewhere(found, best)], key=found.score))
+    return Likeliest(found, best, noise, settling)
 
 
-def score_with_settling(found: Search, f: Fit, plain: Samples) -> float:
+def _score(likeliest: Likeliest, plain: Samples) -> float:
     """Score of a hypothesis if noise and settling are those that suit its residual best, whatever the fit's weights."""
+    found, f = likeliest.search, likeliest.best
     whiten = f.world.whiten
     own = -0.5 * float(np.sum(whiten(f.residual) ** 2)) - 0.5 * whiten.log_determinant
     return found.score(f) - own + settling_of(f.residual, whiten.noise.white, plain)[1]

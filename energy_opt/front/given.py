@@ -230,7 +230,8 @@ def positions(given: Any, robot: Robot, name: str, srdf: Path | None = None) -> 
         raise BadInput(f"--{name}: {shown(given)} is not {robot.n} numbers [rad]") from None
     if q.shape != (robot.n,):
         hint = "; for several goals give eo.AnyOf([...])" if name == "goal" and q.ndim == 2 else ""
-        raise BadInput(f"--{name}: shape {q.shape}; {robot.name} has {robot.n} joints: {', '.join(robot.joints)}{hint}")
+        found = f"{len(q)} numbers" if q.ndim == 1 else f"{shown(given)} is not a list of numbers"
+        raise BadInput(f"--{name}: {found}; {robot.name} has {robot.n} joints: {', '.join(robot.joints)}{hint}")
     if not np.isfinite(q).all():
         raise BadInput(f"--{name}: expected finite joint positions [rad]")
     return q

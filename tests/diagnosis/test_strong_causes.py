@@ -15,12 +15,12 @@ from energy_opt.power import PowerModel
 COPPER, STANDBY, NOISE = 0.01, 60.0, 0.6  # [W / (N m)^2], [W], [W]
 
 
-def diagnosed(folder, friction, seed, count=8, settles=0.0):
+def diagnosed(folder, friction, seed, count=8, settles=0.0, copper=COPPER):
     """Document of a set of `count` motions of a UR5e with quintic timing.
 
     Args:
         friction: (N, n) N m from v and the rigid torque. settles: [N m] standard deviation of the motors' torque that
-            friction bears after a stop; it decays over 0.3 s.
+            friction bears after a stop; it decays over 0.3 s. copper: (N,) W / (N m)^2, of which COPPER is declared.
     """
     body, rng = pinocchio.buildModelFromUrdf(str(UR.urdf)), np.random.default_rng(seed)
     middle = np.array([0, -1.57, 1.57, -1.57, -1.57, 0])
@@ -35,7 +35,7 @@ def diagnosed(folder, friction, seed, count=8, settles=0.0):
         rigid = np.array([pinocchio.rnea(body, data, *row) for row in zip(q, v, a, strict=True)])
         since = np.where(t > 0.3 + lasts, t - 0.3 - lasts, np.inf)[:, None]
         tau = rigid + friction(v, rigid) + settles * rng.normal(size=UR.n) * np.exp(-since / 0.3)
-        power = STANDBY + (tau * v + COPPER * tau**2).sum(1) + NOISE * rng.normal(size=len(t))
+        power = STANDBY + (tau * v + copper * tau**2).sum(1) + NOISE * rng.normal(size=len(t))
         header = ",".join(["time", *(f"{joint}.position" for joint in UR.joints), "power"])
         put(folder / f"{k}.csv", lines(header, [t, *q.T, power]))
         runs += f'[[run]]\nfile = "{k}.csv"\nkind = "motion"\nstart = {start}\n'
@@ -54,6 +54,16 @@ def test_strong_viscous_friction_is_one_cause(tmp_path):
     """A part of it was claimed as viscous friction that falls with time."""
     found = diagnosed(tmp_path, lambda v, tau: 6.0 * v, 5)  # at a wrist a third of its torque
     assert [e["name"] for e in found["effects"]] == ["viscous_friction"]
+
+
+def test_declared_values_may_be_wrong_by_another_factor_for_each_joint(tmp_path):
+    """Priors kept the declared ratios of the joints: the rest went with torque, and nothing was named."""
+    copper = COPPER * np.array([10.0, 1.0, 1.0, 1.0, 1.0, 1.0])
+    found = diagnosed(tmp_path, lambda v, tau: 0 * v, 7, count=16, copper=copper)
+    assert found["verdict"] == "explained" and [e["name"] for e in found["effects"]] == ["copper_loss"]
+    for j in (0, 1, 2):  # the others bear too little torque
+        low, high = found["effects"][0]["ci95"]["r_over_kt2"][j]
+        assert low < copper[j] < high
 
 
 DRY, VISCOUS = np.array([1.5, 2.0, 1.1, 0.5, 0.5, 0.4]), np.array([1.5, 1.9, 1.2, 0.5, 0.4, 0.4])  # N m, N m s/rad

@@ -98,7 +98,10 @@ def test_arguments_as_people_have_them(panda):
         ({"start": START, "goal": GOAL, "duratoin": 1}, "no argument 'duratoin'; did you mean"),
         ({"start": START, "goal": GOAL, "out": "folder"}, r"no argument 'out'; save\(FOLDER\) of the result"),
         ({"start": START, "goal": [np.nan] * 7}, "^goal: expected finite"),
-        ({"start": START, "goal": [GOAL, START]}, r"^goal: .* is not a list of numbers; .* for several goals give eo.AnyOf"),
+        (
+            {"start": START, "goal": [GOAL, START]},
+            r"^goal: .* is not a list of numbers; .* for several goals give eo.AnyOf",
+        ),
         ({"start": START, "goal": eo.AnyOf([])}, "^goal: AnyOf without a goal; expected one or more"),
         ({"path": lambda s: "north"}, r"^path: expected waypoints \(K, 7\) \[rad\], or a function of s in \[0, 1\]"),
         ({"path": "no/such/file"}, r"^no/such/file: No such file or directory$"),

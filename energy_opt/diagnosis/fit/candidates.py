@@ -54,11 +54,11 @@ def candidates(now: Fit) -> Iterator[Candidate]:
     for kind in known_effects().values():
         if kind is MeterWindow and now.world.samples.averaged:  # a window that is known is applied, and never claimed
             continue
-        if kind.name in taken or kind.name in ALLOWED_FOR or not kind.sought or not _sizes_known(kind):
+        if kind.name in taken or kind.name in ALLOWED_FOR:
             continue
         if declared.get(kind.name) is not None:
             yield from _declared(kind, now)
-        elif kind.stage == "drive" and drives:
+        elif not kind.sought or not _sizes_known(kind) or (kind.stage == "drive" and drives):
             continue
         elif issubclass(kind, MeterEffect | StoreEffect):
             yield from _by_difference(kind, now)

@@ -22,9 +22,11 @@ AROUND, COUNTS, FEW = 1.5, (17, 5, 5), 3  # first range around the best, over an
 # as -2 log likelihood: difference within which values are alike; least gain by another value, as single readings at the
 # edge of a hold may be off
 FLAT, LEAST = 1.0, 15.0
-# friction of most arms, and laws of friction by speed that may imitate it
+# friction of most arms, and laws by speed that may imitate it
 USUAL = ("coulomb_friction", "viscous_friction")
-BY_SPEED = ("asymmetric_friction", "power_law_friction", "sigmoid_friction", "stribeck_friction", "friction_curve")
+BY_SPEED = (
+    "asymmetric_friction", "power_law_friction", "sigmoid_friction", "stribeck_friction", "friction_curve", "iron_loss"
+)  # fmt: skip
 SEVERAL = 2  # least effects that may imitate a law of negative power together
 
 
@@ -97,7 +99,7 @@ def elsewhere(found: Search, f: Fit) -> list[Fit]:
 
 
 def usual_friction(found: Search, f: Fit) -> list[Fit]:
-    """The fit with dry and viscous friction in place of all its friction by speed, if another law is among this.
+    """The fit with dry and viscous friction in place of all its losses by speed, if another law is among these.
 
     One law, or two, may imitate these two in the speeds of a set. No exchange of one effect reaches them.
     """

@@ -6,7 +6,7 @@ it, and if it is neither an error of the clocks, nor the meter's drift, nor an i
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -297,10 +297,13 @@ def instead_of_links(found: Search, start: Fit) -> list[Fit]:
     return sorted(out.values(), key=found.score, reverse=True)[:MOST]
 
 
-def widened(f: Fit) -> Fit:
+def widened(f: Fit, may: Callable[[Chart], bool] = lambda chart: True) -> Fit:
     """The hypothesis fitted again with empirical-Bayes prior widths; unchanged if the usual widths fit.
 
     Numbers of an effect share a width. Declared ones have each their own: one joint's friction may have changed alone.
+
+    Args:
+        may: whose widths may change.
     """
     measured = f.world.scale.measured
     usual, widened = f.charts, f
@@ -309,7 +312,7 @@ def widened(f: Fit) -> Fit:
         wanted = []
         for c, z in zip(usual, widened.numbers, strict=True):
             squares = np.where(c.shapes, 0.0, (z - c.mean) ** 2 / np.diag(np.linalg.inv(c.precision)))
-            if c.term.name in measured:
+            if c.term.name in measured or not may(c):
                 squares = np.zeros_like(squares)
             elif not c.term.declared:
                 squares[:] = squares.sum() / max((~c.shapes).sum(), 1)

@@ -16,7 +16,7 @@ from energy_opt.diagnosis.evidence.settling import LASTS, SUPPOSED, Settling, se
 from energy_opt.diagnosis.fit.posterior import Fit, World
 from energy_opt.diagnosis.search.effect_sets import Search, moved, without
 from energy_opt.diagnosis.search.kinks import elsewhere, settled
-from energy_opt.diagnosis.verdict.claims import CLAIM, alike, alternatives, shaped_otherwise
+from energy_opt.diagnosis.verdict.claims import CLAIM, alike, alternatives, shaped_otherwise, widened
 
 # most noise estimates, and search rounds before each: few, as effects that imitate a misfit hide it
 TURNS, EARLY = 5, 2
@@ -70,7 +70,7 @@ def likeliest_of(
         log.info("effects, round %d of at most %d", turn + 1, TURNS, extra={"share": 0.05 + 0.06 * turn})
         tried[:] = [found]
         best = found.descend(best, EARLY)
-        best = settled(found, max([best, *elsewhere(found, best)], key=found.score))
+        best = settled(found, max([best, _redeclared(best), *elsewhere(found, best)], key=found.score))
         new, _ = settling_of(best.residual, found.world.whiten.noise.white, plain)
         if known is not None and new.is_alike(known):
             raise _NothingNew
@@ -95,6 +95,11 @@ def likeliest_of(
         best = without(found, best, k) if likelier is best else likelier
     best = settled(found, max([best, *elsewhere(found, best)], key=found.score))
     return Likeliest(found, best, noise, settling)
+
+
+def _redeclared(f: Fit) -> Fit:
+    """The fit with prior widths of declared effects that their numbers ask for: declared values may be far off."""
+    return widened(f, lambda chart: chart.term.declared)
 
 
 def _score(likeliest: Likeliest, plain: Samples) -> float:

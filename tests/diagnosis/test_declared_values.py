@@ -7,7 +7,7 @@ import pytest
 from virtual_sets import base_model, make_set
 
 from energy_opt.diagnosis import diagnose
-from energy_opt.effects import FrictionCurve
+from energy_opt.effects import CoulombFriction, FrictionCurve, ViscousFriction
 from energy_opt.measured import read_set
 from energy_opt.virtual_arm.simulate import Instruments
 
@@ -28,3 +28,15 @@ def test_a_declared_friction_curve_is_fitted_anew(tmp_path, joints):
     assert document["verdict"] == "explained" or [effect["name"]] in document["alternatives"]
     torque = np.reshape(effect["parameters"]["torque"], (7, 4))
     assert abs(torque[1, 2] - now.values["torque"][1, 2]) < 0.15
+
+
+@pytest.mark.slow
+def test_a_second_declared_value_that_is_a_little_wrong_does_not_hide_the_first(tmp_path):
+    """Viscous friction was thought to be right, so dry friction had to fit what it left: `partly` at best."""
+    now, calm = np.array([0.6, 1.2, 0.6, 0.6, 0.6, 0.6]), Instruments(noise=0.6, power_resolution=0.05)
+    owned = base_model("z1").replaced(CoulombFriction(tau_c=2 * now)).replaced(ViscousFriction(b=1.25 * now))
+    effects = [CoulombFriction(tau_c=now), ViscousFriction(b=now)]
+    made = make_set(tmp_path / "set", "z1", effects, seed=1, instruments=calm, declared=owned, motions=4)
+    document = diagnose(read_set(made.folder), owned).document
+    assert document["verdict"] == "explained"
+    assert [effect["name"] for effect in document["effects"]] == ["coulomb_friction", "viscous_friction"]

@@ -67,10 +67,11 @@ def claimed(found: Search, best: Fit) -> tuple[Fit, tuple[Claim, ...]]:
     No law holds in every detail. So the error of a very certain effect must not be claimed as another effect. A narrow
     prior must not divide an effect that is stronger than usual between two effects of usual strength. So the odds are
     the smaller ones of those with the usual priors and with priors as wide as the numbers ask for. A warm-up whose
-    rival is a meter that drifts farther than meters do is claimed as soon as no rival is as likely.
+    rival is a meter that drifts farther than meters do is claimed as soon as no rival is as likely. So is a wrong
+    declared value beside another one that is certain: then declared values are not reliable.
     """
     while True:
-        claims, spare = [], []
+        claims: list[tuple[Chart, Claim, bool]] = []
         reached = [_profiled(found, f) for f in (best, widened(best))]
         for k, c in enumerate(best.charts):
             if c.term.name in found.world.given:
@@ -78,14 +79,17 @@ def claimed(found: Search, best: Fit) -> tuple[Fit, tuple[Claim, ...]]:
             less = without(found, best, k)
             gains = [high - _profiled(found, f) for high, f in zip(reached, (less, widened(less)), strict=True)]
             claim = Claim(c.term.name, min(gains), less)
-            no_drift = warms(c.term.kind) and drifts_most(less) and not is_a_line(best, claim)
-            claims.append(claim)
-            spare.append(claim.odds - (RIVAL if no_drift else CLAIM))
+            claims.append((c, claim, warms(c.term.kind) and drifts_most(less) and not is_a_line(best, claim)))
         if not claims:
             return best, ()
-        if min(spare) >= DETAIL * max(c.odds for c in claims):
-            return best, tuple(claims)
-        best = claims[int(np.argmin(spare))].without
+        wrong = {claim.name for c, claim, _ in claims if c.term.declared and claim.odds >= CLAIM}
+        spare = [
+            claim.odds - (RIVAL if no_drift or (c.term.declared and wrong - {claim.name}) else CLAIM)
+            for c, claim, no_drift in claims
+        ]
+        if min(spare) >= DETAIL * max(claim.odds for _, claim, _ in claims):
+            return best, tuple(claim for _, claim, _ in claims)
+        best = claims[int(np.argmin(spare))][1].without
 
 
 def warms(kind: type[Effect]) -> bool:

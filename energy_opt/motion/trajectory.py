@@ -74,7 +74,7 @@ class Trajectory:
     torque) and power (N,) [W] are set once a model has been applied; until then they are None. Sequences are accepted.
 
     Raises:
-        BadInput: an array does not consist of numbers, has another shape, or has less than two samples.
+        BadInput: an array does not consist of numbers, has another shape, or there are fewer than two samples.
     """
 
     joints: tuple[str, ...]

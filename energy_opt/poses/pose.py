@@ -123,7 +123,7 @@ class AnyOf(tuple[object, ...]):
     joint names to positions.
     """
 
-    def __new__(cls, goals: Iterable[object]) -> AnyOf:
+    def __new__(cls, goals: Iterable[object] = ()) -> AnyOf:
         """Goals as a tuple.
 
         Raises:

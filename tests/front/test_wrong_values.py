@@ -109,6 +109,7 @@ def test_objects_that_users_make_are_checked(robot):
     refused("velocity", eo.Trajectory, robot.joints, two, zeros, np.zeros((3, 7)), zeros)
     refused("joints None", eo.Trajectory, None, two, zeros, zeros, zeros)
     refused("time has 1 samples; expected 2", eo.Trajectory, robot.joints, two[:1], *3 * [zeros[:1]])
+    refused("^goal: AnyOf without a goal", eo.optimize, robot, start=HOME, goal=eo.AnyOf())
     refused("^AnyOf 3: expected a sequence of goals", eo.AnyOf, 3)
     assert eo.Trajectory(robot.joints, two, zeros.tolist(), zeros, zeros).duration == 1.0
 

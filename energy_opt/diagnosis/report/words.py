@@ -98,8 +98,9 @@ def remarks(found: Inference, measured: MeasuredSet, declared: PowerModel) -> li
             "Are power and motion columns of the same recording, in the same order?"
         )
     samples = found.root.world.samples
-    if unit := other_unit(samples, predict(declared, samples)):
-        said = f"The power is {unit[1]:.2g} times that of the declared model: is it in {unit[0]}?"
+    if likely := other_unit(samples, predict(declared, samples)):
+        unit, ratio = likely
+        said = f"The power is {ratio:.2g} times that of the declared model: is it in {unit}?"
         out.append(f"{said} Give its unit in log.toml.")
     if len(found.idle) == len(joints):
         out.append(

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -49,10 +50,14 @@ class JointPath:
         piece = np.clip(np.searchsorted(self.knots, s, side="right") - 1, 0, len(self.knots) - 2)
         x = (s - self.knots[piece])[:, None]
         out = np.zeros((len(s), self.n))
-        for power in range(3, order - 1, -1):
-            factor = float(np.prod(np.arange(power - order + 1, power + 1)))
-            out = out * x + factor * self.coefficients[power, piece]
+        for power in range(self._degree, order - 1, -1):
+            out = out * x + math.perm(power, order) * self.coefficients[power, piece]
         return out
+
+    @cached_property
+    def _degree(self) -> int:
+        """The highest power with a coefficient that is not 0; 0 if there is none."""
+        return int(np.flatnonzero(self.coefficients.any(axis=(1, 2))).max(initial=0))
 
     @property
     def n(self) -> int:
@@ -69,7 +74,7 @@ class JointPath:
         """q(1), (n,) [rad]."""
         return self(np.ones(1))[0]
 
-    @property
+    @cached_property
     def moves(self) -> bool:
         """False if the path has no length: start and goal coincide and nothing lies between."""
         return bool(np.abs(self.coefficients[1:]).max() > NO_LENGTH)

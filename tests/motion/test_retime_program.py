@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from poses import GOAL, MIDDLE, START, without_jerk
 
+from energy_opt.batches.tables import random_moves
 from energy_opt.effects import (
     CopperLoss,
     CoulombFriction,
@@ -27,10 +28,11 @@ from energy_opt.motion.limits.joint import Effort, JerkAlongPath
 from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.path import JointPath, straight, through
 from energy_opt.motion.path_dynamics import PathDynamics
+from energy_opt.motion.retime.bound import largest_price
 from energy_opt.motion.retime.fastest import minimum_time
 from energy_opt.motion.retime.nlp import CurvedConstraints, LinearConstraints, PathConstraints, RetimeProgram
 from energy_opt.motion.retime.points import PathLaw, Symbolic
-from energy_opt.motion.retime.program import Retiming, largest_price
+from energy_opt.motion.retime.program import Retiming
 from energy_opt.motion.retime.quadrature import lift, quadrature
 from energy_opt.motion.retime.solve import retime
 from energy_opt.motion.retime.sums import compressed, law_function, point_numbers
@@ -268,6 +270,28 @@ def test_a_price_of_time_needs_few_iterations(panda: Robot) -> None:
     slowed = [quickest.slowed(duration) for duration in np.linspace(quickest.duration, 1.5, 20)]
     least = min(work.energy(timing) - 60.0 * timing.duration for timing in slowed)
     assert found.energy - 60.0 * found.timing.duration < least
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+@pytest.mark.parametrize("more", [(), (CoulombFriction(tau_c=3.0), Regeneration(efficiency=0.7))])
+def test_newton_steps_find_the_least_cost_that_ipopt_finds(name: str, more: tuple[Effect, ...]) -> None:
+    """Cost for any duration, from the fastest timing and from one that is slower."""
+    robot = load_robot(name)
+    base, limits = named_model("source-method-2", robot), joint_limits(robot.limits)
+    model = PowerModel(robot.name, (*base.effects, *more))
+    for move in random_moves(robot, 2, 4):
+        quickest = minimum_time(robot, model, straight(np.array(move.start), np.array(move.goal)), limits)
+        work = Retiming(robot, model, quickest, limits)
+        price = work.convex_price()
+        reference = work.optimise(quickest, price=price, longest=np.inf, floor=1e-6)
+        assert reference.solved
+        least = reference.energy - price * reference.timing.duration
+        near = 1e-2 if more else 1e-3  # kinks are smoothed, in units of the timing
+        for share in (1.0, 2.0):
+            found = work.relax(quickest.slowed(share * quickest.duration), price=price, floor=1e-6)
+            assert found.solved and found.bound is not None
+            assert least * (1 + 1e-6) > found.bound > least - near * abs(least)
+            assert found.energy - price * found.timing.duration < least + near * abs(least)
 
 
 def test_narrow_kinks_need_few_iterations() -> None:

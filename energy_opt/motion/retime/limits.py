@@ -56,7 +56,7 @@ class AtPoints:
         self.held = np.zeros(shape, dtype=bool)
         self.tight, self.reserve = np.ones(shape), np.ones(shape)
         self.times = np.zeros(shape, dtype=int)
-        line = limit.linear(d, typical)
+        self.line = line = limit.linear(d, typical)
         # constant limits: of a speed, by bounds of control values; of an acceleration, linear between knots
         self.bounds_speed = line is not None and line.of_speed and _is_constant(line.rb)
         self.bounds_slope = line is not None and not (line.rb.any() or line.r0.any()) and _is_constant(line.ra)
@@ -119,13 +119,11 @@ class PathLimits:
             elif functions is not None:
                 at = lift(knots, pieces, "abw", np.tile(np.arange(len(knots) - 1), 3))
                 self.on_pieces.append(OnPieces(limit, pieces, at, functions))
-        speeds = [line for held in self.at_points if (line := held.limit.linear(dynamics, typical)) and line.of_speed]
-        self.speed_bound = np.min([line.fastest for line in speeds], axis=0)
-        even = [held.limit.linear(dynamics, typical) for held in self.at_points if held.bounds_speed]
-        self.even_bound = min((float(line.fastest.min()) for line in even if line is not None), default=np.inf)
+        lines = [(held, held.line) for held in self.at_points if held.line is not None]
+        self.speed_bound = np.min([line.fastest for _, line in lines if line.of_speed], axis=0)
+        self.even_bound = min((float(line.fastest.min()) for held, line in lines if held.bounds_speed), default=np.inf)
         # if |ra a| <= 1 is constant along the path: the largest path acceleration that all such limits allow
-        slopes = [held.limit.linear(dynamics, typical) for held in self.at_points if held.bounds_slope]
-        steepest = max((float(np.abs(line.ra[0]).max()) for line in slopes if line is not None), default=0.0)
+        steepest = max((float(np.abs(line.ra[0]).max()) for held, line in lines if held.bounds_slope), default=0.0)
         self.steepest = 1 / steepest if steepest > 0 else np.inf
         self._last: tuple[np.ndarray, list[np.ndarray]] | None = None
 

@@ -163,7 +163,6 @@ LEAP: dict[str, object] = {
 }
 CREEP: dict[str, object] = {"mu_init": 1e-2}
 NEAR: dict[str, object] = {"mu_init": 1e-4}
-LOOSE: dict[str, object] = {"tol": 1e-5, "mu_init": 1e-3, "bound_mult_init_method": "mu-based"}
 
 
 @dataclass(frozen=True)
@@ -276,7 +275,6 @@ class RetimeProgram:
         *,
         exactly: bool = False,
         near: bool = False,
-        loosely: bool = False,
     ) -> ipopt.Answer:
         """Solve from `start` (N,) with control values within `bounds`.
 
@@ -286,7 +284,6 @@ class RetimeProgram:
             bounds: lowest and highest free control values, (N,) each.
             exactly: T = T_ref instead of T <= T_ref.
             near: the start is close to the answer.
-            loosely: only a lower bound is wanted.
         """
         lower = self.held_constraints.lower
         least_time = [1.0 if exactly else -np.inf] * self._timed
@@ -296,7 +293,7 @@ class RetimeProgram:
         # without the constraint on T, a cost that hardly depends on T leads IPOPT to ever longer T: no second attempt;
         # nor close to the answer, where a slow barrier did not help
         for preset in (NEAR,) if near else (LEAP, CREEP)[: 1 + self._timed]:
-            options = {**OPTIONS, **preset, **(LOOSE if loosely else {})}
+            options = {**OPTIONS, **preset}
             answer = ipopt.solve(self, start, bounds, row_bounds, options)
             used += answer.iterations
             if answer.success or answer.status == STOPPED:

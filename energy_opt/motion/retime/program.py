@@ -1,23 +1,11 @@
-"""From a path, a model and limits to a solved timing, with limits added where a solve broke them, and its proof.
-
-The proof that a retiming is optimal: convexity follows from the law's coefficients, a lower bound from weak duality.
-
-With the power in its nine monomials (`drive_law`), a point's share of the energy is, up to terms linear in (a, b),
-
-    [k3 a^2 + k4 a b + k5 b^2 + k1 a + k2 b + k0 - price] / sqrt(b)
-
-where `price` is the credit for a second of the duration. Completing the square in a leaves
-R(b) = r0 + r1 b + r2 b^2, and since (square of an affine function) / sqrt(b) is convex, the share is convex on
-0 < b <= B if and only if 3 (r0 - price) - r1 b + 3 r2 b^2 >= 0 there
-(4 b^(5/2) times the second derivative of (R - price) / sqrt(b)).
-"""
+"""From a path, a model and limits to a solved timing, with limits added where a solve broke them, and its proof."""
 
 from __future__ import annotations
 
 import copy
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -25,6 +13,7 @@ import numpy as np
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.path_dynamics import PathDynamics
+from energy_opt.motion.retime.bound import largest_price, least_cost, lower_bound
 from energy_opt.motion.retime.limits import MARGIN, PathLimits
 from energy_opt.motion.retime.nlp import PathConstraints, RetimeProgram
 from energy_opt.motion.retime.points import PathLaw
@@ -34,52 +23,6 @@ from energy_opt.motion.timing.spline_timing import Timing
 from energy_opt.numerics.bspline import greville
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
-
-
-def largest_price(k: np.ndarray, upper: np.ndarray) -> float:
-    """The largest price [W] at which every point's cost is convex on 0 < b <= upper; -inf if there is none.
-
-    Args:
-        k: (9, M) coefficients of the power's monomials.
-        upper: (M,) bounds of b, in the unit of the coefficients.
-    """
-    k0, k1, k2, k3, k4, k5 = k[:6]
-    size = np.abs(k[:6]).max()
-    flat = k3 <= 1e-12 * size
-    if (np.abs(np.stack([k1, k4]))[:, flat] > 1e-9 * size).any():
-        return -np.inf
-    safe = np.where(flat, 1.0, k3)
-    r0 = k0 - np.where(flat, 0, k1**2 / (4 * safe))
-    r1 = k2 - np.where(flat, 0, k1 * k4 / (2 * safe))
-    r2 = k5 - np.where(flat, 0, k4**2 / (4 * safe))
-    # least value of r2 b^2 - r1 b / 3 on [0, upper]: at the vertex if it is inside, else at an end
-    vertex = np.clip(np.divide(r1, 6 * r2, out=np.zeros_like(r1), where=np.abs(r2) > 1e-300), 0, upper)
-    at = np.stack([np.zeros_like(upper), vertex, upper])
-    return float((r0 + (r2 * at**2 - r1 * at / 3).min(axis=0)).min())
-
-
-def lower_bound(program: RetimeProgram, x: np.ndarray, multipliers: np.ndarray, allowed: np.ndarray) -> float:
-    """A lower bound of the cost of all feasible timings on the grid, for a convex cost and linear constraints.
-
-    The Lagrangian at the multipliers found (of the right signs) is convex, hence nowhere below its tangent at x; the
-    tangent's least value over 0 <= control <= allowed is the bound. Only the signs of the multipliers are assumed:
-    inaccurate x and multipliers give a lower, still valid bound.
-
-    Args:
-        x: (N,) free control values.
-        multipliers: of T / T_ref and of the constraints.
-        allowed: (N,) bounds from the true velocity limits, instead of the program's bounds.
-    """
-    here = program.at(x)
-    of_time, of_constraints = max(float(multipliers[0]), 0.0), multipliers[1:]
-    value = here.cost + of_time * (here.time - 1)
-    slope = here.slope + of_time * here.time_slope
-    linear = program.held_constraints.linear
-    if linear is not None:
-        value += float(of_constraints @ here.constraints - np.abs(of_constraints) @ linear.allowed)
-        slope = slope + linear.adjoint(of_constraints)
-    return value + float(np.minimum(-slope * x, slope * (allowed - x)).sum())
-
 
 ROUNDS = 12  # most rounds of adding constraints
 INFEASIBLE = "Infeasible_Problem_Detected"  # IPOPT's status
@@ -135,6 +78,8 @@ class Retiming:
         self.grid = quadrature(shortest.knots, self.rest)
         self.dynamics = PathDynamics(robot, model, shortest.path, self.grid.s)
         self.limits = PathLimits(self.dynamics, shortest.knots, limits, float(shortest.control.max()))
+        # limits that the shortest timing, or a solve's start, uses nearly in full will probably bind
+        self.limits.add_broken(shortest.control, always=True)
         self.speed_bound = self.limits.speed_bound
         self.tally = Tally()
         self._law: PathLaw | None = None
@@ -215,7 +160,6 @@ class Retiming:
         floor: float,
         exactly: bool = False,
         energy: bool = True,
-        only_bound: bool = False,
         bounded: bool = False,
     ) -> Solved:
         """Minimise energy - price * duration from a timing on the grid.
@@ -226,15 +170,13 @@ class Retiming:
             floor: no control value falls below this share of the start's largest; near the ends the share is smaller.
             exactly: in exactly `longest` seconds.
             energy: False leaves the energy out, so that only time counts.
-            only_bound: limits between the grid's points are not checked and the solver stops early: the bound remains
-                valid.
             bounded: the longest duration probably binds; else it is left out first.
         """
         drifts = energy and any(effect.drifts for effect in self.model.effects)
 
         def attempt(start: Timing) -> Solved:
-            for timed in (False, True)[exactly or only_bound or bounded :]:
-                found = self._optimise(start, price, longest, floor, timed, exactly, energy, only_bound)
+            for timed in (False, True)[exactly or bounded :]:
+                found = self._optimise(start, price, longest, floor, timed, exactly, energy)
                 if found.solved and found.timing.duration <= longest:
                     break
             return found
@@ -244,49 +186,33 @@ class Retiming:
         far = abs(np.log(found.timing.duration / start.duration)) > np.log(FAR_OFF)
         return attempt(found.timing) if drifts or (found.solved and far) else found
 
+    def _scaled(self, start: Timing, price: float, floor: float, energy: bool = True) -> _Scaled:
+        """The program of energy - price * duration near a timing, in its own units; see `optimise`."""
+        unit, law = float(start.control.max()), self.law(start)
+        upper, g = self._upper() / unit, greville(start.knots)[1:-1]
+        box = np.minimum(floor * np.minimum(1.0, 4 * g * (1 - g)), 0.5 * upper), upper
+        x = np.clip(start.control[1:-1] / unit, *box)
+        self.limits.add_broken(start.control, always=True)
+        scaled = _Scaled(self, unit, law, box, x, 1.0, float(energy), price)
+        cost = scaled.program(PathConstraints(), start.duration).cost(x)
+        return replace(scaled, size=max(abs(cost), 1e-3 * abs(price) * start.duration, 1e-12))
+
     def _optimise(
-        self,
-        start: Timing,
-        price: float,
-        longest: float,
-        floor: float,
-        timed: bool,
-        exactly: bool,
-        energy: bool,
-        only_bound: bool,
+        self, start: Timing, price: float, longest: float, floor: float, timed: bool, exactly: bool, energy: bool
     ) -> Solved:
         """One solve and its corrections; without `timed`, `longest` is ignored."""
-        unit = float(start.control.max())
-        clock = 1 / np.sqrt(unit)  # [s] the program's unit of time
-        weight, points = self.grid.weight, self.limits.lift
-        law = self.law(start)
-        ends, upper = self.ends / unit, self._upper() / unit
-        g = greville(start.knots)[1:-1]
-        lower = np.minimum(floor * np.minimum(1.0, 4 * g * (1 - g)), 0.5 * upper)
-        x = np.clip(start.control[1:-1] / unit, lower, upper)
-        size = 1.0
-
-        def program(constraints: PathConstraints, width: float) -> RetimeProgram:
-            cost = law.cost(weight, unit, clock * energy / size, -price * clock / size, width)
-            return RetimeProgram(points, weight, cost, ends, longest / clock, constraints, timed)
-
-        whole = program(PathConstraints(), NARROW)
-        size = max(abs(whole.cost(x)), 1e-3 * abs(price) * start.duration, 1e-12)
-        # limits that the shortest timing or the start uses nearly in full will probably bind
-        self.limits.add_broken(self.shortest.control, always=True)
-        self.limits.add_broken(start.control, always=True)
+        scaled = self._scaled(start, price, floor, energy)
+        x, unit, law = scaled.x, scaled.unit, scaled.law
         width, widened = NARROW, law.coefficients is not None  # True if wide kinks were tried, or there are no kinks
         wide: np.ndarray | None = None  # the answer with wide kinks
         rounds, rough = 0, False
         while True:
             before = time.perf_counter()
             constraints = self.limits.constraints(unit)
-            whole = program(constraints, width)
+            whole = scaled.program(constraints, longest, timed, width)
             self.tally.build += time.perf_counter() - before
             near = wide is not None and width == NARROW
-            answer = whole.solve(
-                x, (lower, upper), exactly=exactly, near=near, loosely=only_bound and law.coefficients is not None
-            )
+            answer = whole.solve(x, scaled.box, exactly=exactly, near=near)
             self.tally.iterations += answer.iterations
             if not (answer.success or widened or answer.status == INFEASIBLE):
                 width, widened = WIDE, True
@@ -302,16 +228,71 @@ class Retiming:
             rounds += 1
             if not answer.success or rounds == ROUNDS:
                 break
-            if not self.limits.add_broken(control) and (only_bound or not self.limits.refine(control)):
+            if not self.limits.add_broken(control) and not self.limits.refine(control):
                 break
         timing = Timing(start.path, start.knots, control)
-        # weak duality needs a convex cost and linear constraints
-        bound = None
-        if answer.success and self.convex and not constraints.curved and not rough:
-            allowed = upper / (1 - MARGIN) ** 2
-            bound = lower_bound(whole, x, answer.row_multipliers, allowed) * size
-            if law.coefficients is None:
-                bound += law.smoothing(points.values(whole.control(x)), unit, weight)
+        bound = scaled.bound(whole, x, answer.row_multipliers) if answer.success and not rough else None
         if answer.success and self.limits.worst(control).excess > 1e-6:
             return Solved(self, timing, bound, False, f"limits not held after {ROUNDS} rounds")
         return Solved(self, timing, bound, answer.success, answer.status)
+
+    def relax(self, start: Timing, *, price: float, floor: float) -> Solved:
+        """The least energy - price * duration for any duration, by Newton steps, and its bound; see `optimise`.
+
+        Limits between the grid's points are not checked; the bound remains valid.
+        """
+        scaled = self._scaled(start, price, floor)
+        x, added, constraints = scaled.x, True, self.limits.constraints(scaled.unit)
+        while added:
+            whole = scaled.program(constraints, start.duration)
+            found = least_cost(whole, x, scaled.box, scaled.allowed)
+            x, control = found.x, scaled.unit * whole.control(found.x)
+            self.limits.add_broken(control)
+            constraints = self.limits.constraints(scaled.unit)
+            added = found.converged and constraints.count > whole.held_constraints.count
+        bound = scaled.bound(whole, x, found.multipliers)
+        return Solved(self, Timing(start.path, start.knots, control), bound, found.converged, "")
+
+
+@dataclass(frozen=True)
+class _Scaled:
+    """The program of energy - price * duration in units of a timing of its path.
+
+    Attributes:
+        unit: of squared speed [1/s^2]. size: of the cost [J].
+        box: lowest and highest free control values, (N,) each. x: (N,) those of the timing, within the box.
+        energy: 1, or 0 where only time counts. price: [W].
+    """
+
+    work: Retiming
+    unit: float
+    law: PathLaw
+    box: tuple[np.ndarray, np.ndarray]
+    x: np.ndarray
+    size: float
+    energy: float
+    price: float
+
+    @property
+    def allowed(self) -> np.ndarray:
+        """(N,) bounds of the free control values from the true velocity limits."""
+        return self.box[1] / (1 - MARGIN) ** 2
+
+    def program(
+        self, constraints: PathConstraints, longest: float, timed: bool = False, width: float = NARROW
+    ) -> RetimeProgram:
+        """Args: `longest` duration [s], which holds where `timed`; `width`: factor of the widths of kinks."""
+        weight, clock = self.work.grid.weight, 1 / np.sqrt(self.unit)  # [s] the program's unit of time
+        factors = self.energy * clock / self.size, -self.price * clock / self.size
+        cost = self.law.cost(weight, self.unit, *factors, width)
+        lift, ends = self.work.limits.lift, self.work.ends / self.unit
+        return RetimeProgram(lift, weight, cost, ends, longest / clock, constraints, timed)
+
+    def bound(self, program: RetimeProgram, x: np.ndarray, multipliers: np.ndarray) -> float | None:
+        """A lower bound [J]; None unless cost and limits are convex, as weak duality needs."""
+        if not self.work.convex or program.held_constraints.curved:
+            return None
+        bound = lower_bound(program, x, multipliers, self.allowed) * self.size
+        if self.law.coefficients is None:
+            bound += self.law.smoothing(program.lift.values(program.control(x)), self.unit, self.work.grid.weight)
+        return bound

@@ -174,18 +174,22 @@ def _exact(work: Retiming, start: Timing, duration: float) -> _Plan:
     price = work.convex_price()
     best = _equality(work, start, price, duration)
     if work.convex and best.gap > PROVED:
-        near = best.timing if best.converged else start
-        relaxed = work.optimise(near, price=price, longest=duration, floor=FLOOR, only_bound=True)
+        if best.converged:
+            relaxed = work.relax(best.timing, price=price, floor=FLOOR)
+        else:
+            relaxed = work.optimise(start, price=price, longest=duration, floor=FLOOR, bounded=True)
         if relaxed.bound is not None:
             below = relaxed.bound + price * duration
             best = replace(best, bound=below if best.bound is None else max(below, best.bound))
+        other = best
         if relaxed.solved:
-            other = _Plan(_stretched_at(relaxed.timing, duration), relaxed.energy, best.bound, True)
-            if abs(relaxed.timing.duration / duration - 1) > USED_UP or work.limits.refine(other.timing.control):
-                far = not best.converged or (best.bound is not None and best.gap > GLOBAL_GAP / 100)
-                other = _equality(work, other.timing, price, duration) if far else best
-            if other.energy < best.energy:
-                best = replace(other, bound=best.bound)
+            timing = _stretched_at(relaxed.timing, duration)
+            if abs(relaxed.timing.duration / duration - 1) <= USED_UP and not work.limits.refine(timing.control):
+                other = _Plan(timing, relaxed.energy, best.bound, True)
+            elif not best.converged or best.bound is None or best.gap > GLOBAL_GAP / 100:
+                other = _equality(work, timing, price, duration)
+        if other.energy < best.energy:
+            best = replace(other, bound=best.bound)
     reason = "the search ended at a timing of more energy" if best.converged else best.message
     slowed = _feasible_start(work, start, reason, best.bound)
     least = duration / (1 + USED_UP)

@@ -137,5 +137,6 @@ class Timing:
         marks = marks[keep & (marks < duration - CLOSE * step)]
         marks = np.append(marks, duration)
         counts = np.ceil(np.diff(marks) / step - 1e-9).astype(int)
-        share = np.concatenate([np.arange(count) / count for count in counts])
-        return np.append(np.repeat(marks[:-1], counts) + share * np.repeat(np.diff(marks), counts), duration)
+        piece = np.repeat(np.arange(len(counts)), counts)
+        share = (np.arange(len(piece)) - (np.cumsum(counts) - counts)[piece]) / counts[piece]
+        return np.append(marks[piece] + share * np.diff(marks)[piece], duration)

@@ -1,0 +1,131 @@
+"""The proof that a retiming is optimal: convexity follows from the law's coefficients, a lower bound from weak duality.
+
+With the power in its nine monomials (`drive_law`), a point's share of the energy is, up to terms linear in (a, b),
+
+    [k3 a^2 + k4 a b + k5 b^2 + k1 a + k2 b + k0 - price] / sqrt(b)
+
+where `price` is the credit for a second of the duration. Completing the square in a leaves
+R(b) = r0 + r1 b + r2 b^2, and since (square of an affine function) / sqrt(b) is convex, the share is convex on
+0 < b <= B if and only if 3 (r0 - price) - r1 b + 3 r2 b^2 >= 0 there
+(4 b^(5/2) times the second derivative of (R - price) / sqrt(b)).
+
+The least cost of the convex program without the constraint on the duration is found by Newton steps, each of which is a
+quadratic program with the linearised limits. A step takes half a millisecond, a solve by IPOPT ten.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from energy_opt.motion.retime.nlp import RetimeProgram
+from energy_opt.numerics.native import LOCAL
+from energy_opt.numerics.quadratic import Banded, Constraints, minimise
+
+STEPS = 20  # most Newton steps
+SHRINK, GROW = (
+    -0.6,
+    1.5,
+)  # a step changes control values by these shares of them at most: 1 / sqrt(b) is far from square
+CLOSE = 1e-4  # relative distance of cost and bound at which the steps end
+SETTLED = 1e-7  # share of the cost: the steps end where the next one is expected to save less
+EXCESS_PRICE = 1e3  # cost of exceeding a limit by itself, for a cost of order one: far above the limits' multipliers
+CENTRED = 1e-6  # barrier parameter at which each quadratic program ends
+
+
+def largest_price(k: np.ndarray, upper: np.ndarray) -> float:
+    """The largest price [W] at which every point's cost is convex on 0 < b <= upper; -inf if there is none.
+
+    Args:
+        k: (9, M) coefficients of the power's monomials.
+        upper: (M,) bounds of b, in the unit of the coefficients.
+    """
+    k0, k1, k2, k3, k4, k5 = k[:6]
+    size = np.abs(k[:6]).max()
+    flat = k3 <= 1e-12 * size
+    if (np.abs(np.stack([k1, k4]))[:, flat] > 1e-9 * size).any():
+        return -np.inf
+    safe = np.where(flat, 1.0, k3)
+    r0 = k0 - np.where(flat, 0, k1**2 / (4 * safe))
+    r1 = k2 - np.where(flat, 0, k1 * k4 / (2 * safe))
+    r2 = k5 - np.where(flat, 0, k4**2 / (4 * safe))
+    # least value of r2 b^2 - r1 b / 3 on [0, upper]: at the vertex if it is inside, else at an end
+    vertex = np.clip(np.divide(r1, 6 * r2, out=np.zeros_like(r1), where=np.abs(r2) > 1e-300), 0, upper)
+    at = np.stack([np.zeros_like(upper), vertex, upper])
+    return float((r0 + (r2 * at**2 - r1 * at / 3).min(axis=0)).min())
+
+
+def lower_bound(program: RetimeProgram, x: np.ndarray, multipliers: np.ndarray, allowed: np.ndarray) -> float:
+    """A lower bound of the cost of all feasible timings on the grid, for a convex cost and linear constraints.
+
+    The Lagrangian at the multipliers found (of the right signs) is convex, hence nowhere below its tangent at x; the
+    tangent's least value over 0 <= control <= allowed is the bound. Only the signs of the multipliers are assumed:
+    inaccurate x and multipliers give a lower, still valid bound.
+
+    Args:
+        x: (N,) free control values.
+        multipliers: of T / T_ref and of the constraints.
+        allowed: (N,) bounds from the true velocity limits, instead of the program's bounds.
+    """
+    here = program.at(x)
+    of_time, of_constraints = max(float(multipliers[0]), 0.0), multipliers[1:]
+    value = here.cost + of_time * (here.time - 1)
+    slope = here.slope + of_time * here.time_slope
+    linear = program.held_constraints.linear
+    if linear is not None:
+        value += float(of_constraints @ here.constraints - np.abs(of_constraints) @ linear.allowed)
+        slope = slope + linear.adjoint(of_constraints)
+    return value + float(np.minimum(-slope * x, slope * (allowed - x)).sum())
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """The least cost of a program without the constraint on T.
+
+    Attributes:
+        x: (N,) free control values. multipliers: (1 + R,) of T / T_ref (0) and of the constraints.
+        converged: whether the steps ended by themselves.
+    """
+
+    x: np.ndarray
+    multipliers: np.ndarray
+    converged: bool
+
+
+def least_cost(
+    program: RetimeProgram, x: np.ndarray, box: tuple[np.ndarray, np.ndarray], allowed: np.ndarray
+) -> Minimum:
+    """The least cost by Newton steps from x (N,), with control values within `box`, (N,) each.
+
+    Args:
+        program: without the constraint on T.
+        allowed: (N,) see `lower_bound`, which ends the steps where it applies.
+    """
+    held, n = program.held_constraints, len(x)
+    count, none = held.count, np.zeros((n, 0))
+    index = np.arange(count)
+    coefficient, at_joint, border = np.zeros((count, LOCAL)), np.zeros(count, dtype=int), np.zeros((count, 0))
+    metric = Banded(np.pad(np.ones((n, 1)), ((0, 0), (0, LOCAL - 1))), none, np.zeros((0, 0)))
+    multipliers = np.zeros(1 + count)
+    for _ in range(STEPS):
+        here = program.at(x)
+        if not held.curved and here.cost - lower_bound(program, x, multipliers, allowed) < CLOSE * abs(here.cost):
+            return Minimum(x, multipliers, True)
+        upper = program.banded_hessian(x, 1.0, multipliers).reshape(n, 3)
+        band = np.zeros((n, LOCAL))  # from columns of the upper triangle to columns of the lower one
+        band[:, 0], band[:-1, 1], band[:-2, 2] = upper[:, 2], upper[1:, 1], upper[2:, 0]
+        coefficient[:, :3] = held.slopes(program.control(x))
+        floor, ceiling = held.lower - here.constraints, 1.0 - here.constraints
+        linear = Constraints.of(
+            1, 0, first=held.first - 1, joint=at_joint, coefficient=coefficient, border=border, floor=floor,
+            ceiling=ceiling, keys=index,
+        )  # fmt: skip
+        reach = np.maximum(box[0] - x, SHRINK * x), np.minimum(box[1] - x, GROW * x)
+        step = minimise(
+            Banded(band, none, np.zeros((0, 0))), here.slope, reach, linear, EXCESS_PRICE, metric, tolerance=CENTRED
+        )
+        x, multipliers = x + step.d, np.append(0.0, step.multipliers)
+        if step.saved < SETTLED * abs(here.cost):
+            return Minimum(x, multipliers, True)
+    return Minimum(x, multipliers, False)

@@ -61,14 +61,15 @@ def alike(a: Noise, b: Noise) -> bool:
     )
 
 
-def claimed(found: Search, best: Fit) -> tuple[Fit, tuple[Claim, ...]]:
+def claimed(found: Search, best: Fit, together: Collection[str] = ()) -> tuple[Fit, tuple[Claim, ...]]:
     """The hypothesis `best` without its uncertain effects (the least certain is removed first), and the other claims.
 
     No law holds in every detail. So the error of a very certain effect must not be claimed as another effect. A narrow
     prior must not divide an effect that is stronger than usual between two effects of usual strength. So the odds are
     the smaller ones of those with the usual priors and with priors as wide as the numbers ask for. A warm-up whose
     rival is a meter that drifts farther than meters do is claimed as soon as no rival is as likely. So is a wrong
-    declared value beside another one that is certain: then declared values are not reliable.
+    declared value beside another one that is certain: then declared values are not reliable. So is each
+    effect of `together`, which are one effect before the data.
     """
     while True:
         claims: list[tuple[Chart, Claim, bool]] = []
@@ -83,11 +84,13 @@ def claimed(found: Search, best: Fit) -> tuple[Fit, tuple[Claim, ...]]:
         if not claims:
             return best, ()
         wrong = {claim.name for c, claim, _ in claims if c.term.declared and claim.odds >= CLAIM}
+        detail = DETAIL * max(claim.odds for _, claim, _ in claims)
         spare = [
-            claim.odds - (RIVAL if no_drift or (c.term.declared and wrong - {claim.name}) else CLAIM)
+            claim.odds - RIVAL if claim.name in together and len(claims) > 1
+            else claim.odds - detail - (RIVAL if no_drift or (c.term.declared and wrong - {claim.name}) else CLAIM)
             for c, claim, no_drift in claims
-        ]
-        if min(spare) >= DETAIL * max(claim.odds for _, claim, _ in claims):
+        ]  # fmt: skip
+        if min(spare) >= 0:
             return best, tuple(claim for _, claim, _ in claims)
         best = claims[int(np.argmin(spare))][1].without
 

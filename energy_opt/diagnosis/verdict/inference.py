@@ -49,14 +49,13 @@ from energy_opt.diagnosis.verdict.claims import (
 )
 from energy_opt.diagnosis.verdict.judge import Judge, by_chance_least, contradicted, same_readings, scattered
 from energy_opt.diagnosis.verdict.likeliest import Likeliest, likeliest_of, likeliest_with_settling
+from energy_opt.diagnosis.verdict.rivals import as_good, left_open, pair, supported
 from energy_opt.power import PowerModel
 from energy_opt.robot import Limits
 
 log = logging.getLogger(__name__)
 
 NO_CLAIM = (is_a_step, is_a_line, is_beyond_bounds)  # an effect is not claimed if one of these is true
-ALIKE = 1.1  # factor on the held-out error within which a set predicts equally well
-HALF = 0.5  # least log odds of such a set, as a share of those of the accepted one
 BESIDE = 0.3  # share of the explained log odds that a claimed effect must have if more than noise is left
 NOISE = 1.2  # factor on the noise below which a model's held-out error counts as noise
 
@@ -195,29 +194,34 @@ def _judged(found: Search, best: Fit, noise: Noise, nothing: Fit, judge: Judge, 
     if accepted.free:
         accepted = plain_fit(found, accepted)
         claims = tuple(replace(c, without=plain_fit(found, c.without)) for c in claims)
-    if claims:
+    # an error above the noise may be noise, which then decides less between the alternatives
+    weigher, known, seen = loud if unknown else judge, dict[frozenset[str], Fit](), set[frozenset[str]]()
+    while claims and frozenset(accepted.names) not in seen:  # a likelier set has alternatives of its own
+        seen.add(frozenset(accepted.names))
         reach = RIVAL + RIVAL_DETAIL * max(c.odds for c in claims)
-        rivals = alternatives(found, accepted, RIVAL + reach)  # held-out motions may change the likeliest set
-        best = max((best, *rivals), key=found.score)
-    start = root(found.world, best.nuisance)
-    if claims:
-        # an error above the noise may be noise, which then decides less between the alternatives
-        weigher = loud if unknown else judge
-        rivals = _as_good(found, judge, accepted) if misspecified else left_open(found, weigher, rivals, reach)
-        borne = {
-            id(f): _borne_out(found, judge, *claimed(found, f), shaped=not unknown) for f in rivals if f is not accepted
-        }
-        borne[id(accepted)] = accepted, claims
-        # a rival counts only if held-out motions support all of its effects, too
-        rivals = tuple(f for f in rivals if borne[id(f)][1] and borne[id(f)][0].names == f.names) or (accepted,)
-        if misspecified and same_readings(rivals):
+        # held-out motions may change the likeliest set
+        known |= {frozenset(f.names): f for f in alternatives(found, accepted, RIVAL + reach)}
+        best = max((best, *known.values()), key=found.score)
+        nearly = tuple(known.values())
+        rivals = as_good(found, judge, accepted) if misspecified else left_open(found, weigher, nearly, reach)
+        borne = [
+            (accepted, claims) if f is accepted else _borne_out(found, judge, *claimed(found, f, pair(f)), not unknown)
+            for f in rivals
+        ]
+        rivals, own = supported(found, rivals, borne, misspecified)
+        if not rivals:
+            rivals, own = (accepted,), {id(accepted): claims}
+        if not misspecified or same_readings(rivals):
             rivals = left_open(found, weigher, rivals, reach)
-        accepted, claims = borne[id(rivals[0])]
-        # an effect that only some of the sets have may imitate the unknown law
-        if misspecified and not same_readings(rivals):
-            shared = set.intersection(*(set(f.names) for f in rivals))
-            accepted, claims = _borne_out(found, judge, *claimed(found, only(found, rivals[0], shared)), shaped=False)
-            rivals = (accepted,)
+        accepted, claims = rivals[0], own[id(rivals[0])]
+        if misspecified:
+            break
+    start = root(found.world, best.nuisance)
+    # an effect that only some of the sets have may imitate the unknown law
+    if claims and misspecified and not same_readings(rivals):
+        shared = set.intersection(*(set(f.names) for f in rivals))
+        accepted, claims = _borne_out(found, judge, *claimed(found, only(found, rivals[0], shared)), shaped=False)
+        rivals = (accepted,)
     rivals = tuple(scattered(widened(f)) if unknown else widened(f) for f in rivals)
     best, accepted = rivals[0] if best is accepted else best, rivals[0]
     # the written model must predict held-out motions better than the declared one
@@ -267,34 +271,6 @@ def _links_are_off(found: Search, judge: Judge, start: Fit, best: Fit) -> bool:
         return False
     odds = links_odds(found.bank(start)) + max(0.0, found.score(best) - found.score(start))
     return odds > CLAIM and bool((np.abs(start.amounts) > 3 * np.sqrt(np.diag(start.link_covariance))).any())
-
-
-def _as_good(found: Search, judge: Judge, accepted: Fit) -> tuple[Fit, ...]:
-    """If a law is not in the library: all sets that predict held-out motions as well, highest prior odds first.
-
-    Evidence compares the details of laws. Small differences decide nothing here, because no law holds in detail. But a
-    set that has less than `HALF` of the log odds of another does not explain the same.
-    """
-    most = ALIKE * judge.of(accepted).rmse
-    none = found.score(root(found.world, accepted.nuisance))
-    least = none + HALF * (found.score(accepted) - none)
-    rivals = [
-        f for f in alternatives(found, accepted, np.inf)
-        if f is accepted or (judge.of(f).rmse <= most and found.score(f) > least)
-    ]  # fmt: skip
-    return tuple(sorted(rivals, key=found.odds, reverse=True))
-
-
-def left_open(found: Search, judge: Judge, rivals: tuple[Fit, ...], reach: float) -> tuple[Fit, ...]:
-    """Those of `rivals` whose log odds, with held-out motions, are within `reach` of the best, the likeliest first.
-
-    The lower prior odds of rare effects exclude none of them. Laws that agree to first order, as load friction and gear
-    efficiency, have equal evidence before they are fitted: rounding decides which of them the search finds.
-    """
-    gains = [0.0 if judge.held is None else float(np.sum(judge.gains(f, rivals[0]))) for f in rivals]
-    scores = [np.array([found.score(f), found.level_score(f)]) + gain for f, gain in zip(rivals, gains, strict=True)]
-    order = sorted(range(len(rivals)), key=lambda k: -scores[k][0])
-    return tuple(rivals[k] for k in order if (scores[k] > scores[order[0]] - reach).any())
 
 
 def _unjudged(judge: Judge, f: Fit) -> bool:

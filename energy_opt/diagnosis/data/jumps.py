@@ -51,15 +51,17 @@ def of_single(samples: Samples, error: np.ndarray, power: np.ndarray) -> list[np
 
     Between nodes, a step s of the power adds to it: where in the interval it lies is not known. At a share u of the
     interval the reading has the variance u (1 - u) s^2, whose mean is s^2 / 6. What the power changes in both
-    neighbouring intervals is no step.
+    neighbouring intervals is no step. Steps are at most as large as such errors show, except where a joint turns:
+    friction then changes its sign.
 
     Args:
         error: (K,) W. power: (K,) [W] at the nodes.
     """
     readings, out = of_readings(samples, error), []
     for k, (span, part, op) in enumerate(zip(samples.slices, samples.parts, samples.operators, strict=True)):
-        time = samples.single[k][0]
-        if not error[span].any():
+        time, averaged = samples.single[k][0], samples.counts[k] > 1
+        turns = (samples.v[span][1:] * samples.v[span][:-1] < 0).any(axis=1)
+        if not (error[span].any() or (averaged and turns.any())):
             out.append(np.zeros(len(time)))
         elif op is not None and len(time) == part.stop - part.start:
             out.append(readings[part] ** 2)
@@ -67,10 +69,10 @@ def of_single(samples: Samples, error: np.ndarray, power: np.ndarray) -> list[np
             at = samples.t[span]
             size = _rms(at, error[span], samples.periods[k])
             variance = np.interp(time, at, size**2)
-            if samples.counts[k] > 1:
+            if averaged:
                 change = np.abs(np.diff(power[span]))
                 step = np.maximum(change - np.convolve(change, [0.5, 0.0, 0.5], "same"), 0.0)
-                step = np.minimum(step, JUMP * np.maximum(size[1:], size[:-1]))
+                step = np.where(turns, step, np.minimum(step, JUMP * np.maximum(size[1:], size[:-1])))
                 variance += step[np.clip(np.searchsorted(at, time) - 1, 0, len(step) - 1)] ** 2 / 6
             out.append(variance)
     return out

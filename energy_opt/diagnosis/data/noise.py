@@ -24,7 +24,8 @@ from energy_opt.diagnosis.data.samples import Samples
 FLOOR = 0.8  # least noise of a fit, over the noise of single readings
 NORMAL_MEDIAN = 0.6745  # median of |x| of a standard normal x
 SAME_READING = 1e-9  # share of the level: readings that differ by less are equal
-EDGE, DOUBTED = 2, 0.15  # samples around the start and end of a motion, and their weight
+EDGE, DOUBTED = 2, 0.15  # least number of samples on both sides of the start and end of a motion, and their weight
+GROWN, UNSEEN = 8.0, 0.1  # growth of a cube when time doubles; [s] longest time that a motion is not seen
 NEAR, SWITCHED = 8, 3.0  # readings beside the middle of a dwell; step of power there over the noise of single readings
 # change of the power at rest over two readings that is a step, over the noise of single readings; least number of
 # readings between it and a motion, as a late meter shows the end of the motion later
@@ -171,8 +172,8 @@ def weighted(
     """The same samples with less weight where errors of clocks or positions make a model's power uncertain.
 
     The time between motion and meter is uncertain by `SLACK`, velocities and accelerations by `Samples.blur`. Smoothed
-    positions do not show the exact start and end of a motion: `EDGE` samples there have less weight. Such errors are
-    the same in all repeats of a motion, see `repeated`.
+    positions do not show the exact start and end of a motion: the samples `_around` them have less weight. Such errors
+    are the same in all repeats of a motion, see `repeated`.
 
     Args:
         now: a model's prediction; its slopes convert such errors to watts. repeats: (R,) of each run's motion.
@@ -196,8 +197,8 @@ def weighted(
             alike[a:b] = 0 if moving[span][a] else b - a
         own = 1 / np.sqrt(1 + (variance + alike * fixed**2) / noise**2)
         doubted = np.zeros(len(variance), dtype=bool)
-        for k in [*edges, *_switches(samples, span, part, noise), *_steps(samples, part, noise)]:
-            near = slice(max(0, k - EDGE), k + EDGE)
+        others = [*_switches(samples, span, part, noise), *_steps(samples, part, noise)]
+        for near in [*(_around(samples, span, k) for k in edges), *(slice(max(0, k - EDGE), k + EDGE) for k in others)]:
             # a reading there may show the power before the change or after it; averaged ones do not show how much it is
             jump = np.ptp(samples.power[part][near]) if not grouped else 0.0
             own[near] *= 1 / np.hypot(1 / DOUBTED, jump / noise)
@@ -248,6 +249,24 @@ def repeated(weight: np.ndarray, count: int, shared: float = SHARED) -> np.ndarr
     the variance of the mean, only the noise falls with their number.
     """
     return np.asarray(1 / np.sqrt(1 + count * (1 / weight**2 - 1) + max(count - 1, 0) * shared**2))
+
+
+def _around(samples: Samples, span: slice, k: int) -> slice:
+    """Nodes of a run beside node k, where a motion starts or ends, whose exact time the positions do not show.
+
+    A smooth start is first seen where it exceeds noise and resolution of the positions, at some displacement d. If
+    positions grow as t^3 from the true start on, 8 d is reached after twice that time. An end is the same backwards.
+    """
+    q, t = samples.q[span] / samples.unit, samples.t[span]
+    starts = bool((samples.v[span.start + k] != 0).any())
+    inside = slice(k, None) if starts else slice(k - 1, None, -1)
+    time = np.abs(t[inside] - t[inside][0])
+    moved = np.abs(q[inside][time <= UNSEEN] - q[k - 1 if starts else k]).max(axis=1)
+    grown = np.flatnonzero(moved >= GROWN * moved[0])
+    before = time[grown[0]] if grown.size else UNSEEN
+    if starts:
+        return slice(max(0, min(k - EDGE, int(np.searchsorted(t, t[k] - before)))), k + EDGE)
+    return slice(max(0, k - EDGE), max(k + EDGE, int(np.searchsorted(t, t[k - 1] + before, side="right"))))
 
 
 def _switches(samples: Samples, span: slice, part: slice, noise: float) -> list[int]:

@@ -19,10 +19,9 @@ from energy_opt.diagnosis.evidence.errors import reading_of
 from energy_opt.diagnosis.evidence.odds import density
 from energy_opt.diagnosis.fit.posterior import Free
 from energy_opt.diagnosis.report.words import headline
-from energy_opt.diagnosis.verdict.claims import RIVAL, Claim, is_a_line
+from energy_opt.diagnosis.verdict.claims import Claim, is_a_line
 from energy_opt.diagnosis.verdict.findings import between
 from energy_opt.diagnosis.verdict.judge import jackknifed
-from energy_opt.diagnosis.verdict.rivals import left_open
 from energy_opt.diagnosis.verdict.usable import Foreseen, foreseen
 from energy_opt.effects import Effect, PowerLawFriction, Standby, StandbyDrift, ViscousFriction
 from energy_opt.measured import read_set
@@ -189,57 +188,6 @@ def test_losses_of_the_supply_are_found_beside_links_that_are_off_and_noise_with
     named = [x.name for x in d.effects]
     assert cause in named or [cause] in d.document["alternatives"]
     assert not set(named) - {"psu_loss", "supply_efficiency", "meter_gain", "link_inertia"}
-
-
-@pytest.fixture
-def as_given(monkeypatch):
-    """Priors stay as they are."""
-    monkeypatch.setattr("energy_opt.diagnosis.verdict.rivals.widened", lambda f: f)
-
-
-@pytest.mark.usefixtures("as_given")
-@pytest.mark.parametrize(
-    ("gains", "left"), [((0.0, 0.5), "ba"), ((0.0, -1.5), "ab"), ((0.0, -9.0), "a"), ((0, 9), "b")]
-)
-def test_held_out_motions_settle_which_alternative_stays(gains, left):
-    """Two laws of the same evidence on the motions fitted."""
-    a, b = SimpleNamespace(name="a", names=()), SimpleNamespace(name="b", names=())
-    judge = SimpleNamespace(held=1, gains=lambda more, _: np.array([gains[0] if more is a else gains[1]]))
-    found = SimpleNamespace(score=lambda f: 5.0, level_score=lambda f: 5.0)
-    assert "".join(f.name for f in left_open(found, judge, (a, b), RIVAL)) == left
-
-
-@pytest.mark.usefixtures("as_given")
-def test_without_motions_held_out_the_likelier_alternative_is_claimed():
-    """The search may end at either of two laws that are the same to first order."""
-    a, b = SimpleNamespace(score=5.0, names=()), SimpleNamespace(score=6.0, names=())
-    found = SimpleNamespace(score=lambda f: f.score, level_score=lambda f: f.score)
-    assert left_open(found, SimpleNamespace(held=None), (a, b), RIVAL) == (b, a)
-
-
-@pytest.mark.usefixtures("as_given")
-def test_the_prior_odds_of_a_rare_law_exclude_no_alternative():
-    """Odds by evidence and prior; by evidence alone, where the rare law gains 2. The usual law is claimed first."""
-    usual = SimpleNamespace(score=9.0, level=9.0, names=("coulomb_friction",))
-    rare = SimpleNamespace(score=5.5, level=7.5, names=("power_law_friction",))
-    found = SimpleNamespace(score=lambda f: f.score, level_score=lambda f: f.level)
-    judge = SimpleNamespace(held=None)
-    assert left_open(found, judge, (rare, usual), RIVAL) == (usual, rare)
-    rare.score, rare.level, usual.level = 9.5, 11.5, 8.0
-    usual.score = 8.0  # within odds of twenty to one by evidence and prior, not by evidence alone
-    assert left_open(found, judge, (rare, usual), RIVAL) == (rare, usual)
-
-
-@pytest.mark.usefixtures("as_given")
-def test_dry_and_viscous_friction_count_as_one_effect_among_alternatives():
-    """Most arms have both. A single law that imitates them is likelier by the odds of one effect, one in fifty."""
-    one = SimpleNamespace(score=9.0, names=("power_law_friction",))
-    both = SimpleNamespace(score=3.0, names=("coulomb_friction", "viscous_friction"))
-    found = SimpleNamespace(score=lambda f: f.score, level_score=lambda f: f.score)
-    judge = SimpleNamespace(held=None)
-    assert left_open(found, judge, (one, both), RIVAL) == (one, both)
-    both.names = ("coulomb_friction", "load_friction")
-    assert left_open(found, judge, (one, both), RIVAL) == (one,)
 
 
 def test_the_headline_states_no_share_of_nothing():

@@ -191,7 +191,7 @@ def weighted(
             continue
         slope = np.gradient(now.power[span], samples.t[span]) if span.stop - span.start > 1 else np.zeros(1)
         variance = (SLACK * slope) ** 2 + open_power[span] ** 2
-        edges = 1 + np.flatnonzero(np.diff(moving[span]))
+        edges = (1 + np.flatnonzero(np.diff(moving[span]))).tolist()
         alike = np.zeros(len(variance))  # number of readings with one error of rounding
         for a, b in pairwise([0, *edges, len(variance)]):
             alike[a:b] = 0 if moving[span][a] else b - a

@@ -244,7 +244,7 @@ def bent(found: Search, f: Fit) -> list[bool]:
 
 
 def alternatives(found: Search, accepted: Fit, reach: float) -> tuple[Fit, ...]:
-    """The accepted fit, then fits with one effect exchanged whose scores are within `reach` of it.
+    """The accepted fit, then fits with one effect exchanged that are as likely, see `_as_likely`.
 
     Linearised evidence, by which they are chosen, is uncertain by a share `DETAIL` of what the effects explain.
     """
@@ -269,9 +269,8 @@ def alternatives(found: Search, accepted: Fit, reach: float) -> tuple[Fit, ...]:
                 near.append((found_value, option))
     # fits that no exchange of one effect reaches: other laws of negative power, other lags of the meter
     out = {frozenset(accepted.names): accepted}
-    reached = found.score(accepted)
     for new in elsewhere(found, accepted):
-        if found.score(new) > reached - reach:
+        if _as_likely(found, new, accepted, reach):
             out.setdefault(frozenset(new.names), new)
     first: dict[frozenset[str], Subset] = {}
     for _, option in sorted(near, key=lambda row: -row[0]):
@@ -279,9 +278,14 @@ def alternatives(found: Search, accepted: Fit, reach: float) -> tuple[Fit, ...]:
     for option in list(first.values())[:MOST]:
         new = found.refit(bank, option)
         names = frozenset(new.names)
-        if names not in out and found.score(new) > reached - reach:
+        if names not in out and _as_likely(found, new, accepted, reach):
             out[names] = new
     return tuple(out.values())
+
+
+def _as_likely(found: Search, f: Fit, other: Fit, reach: float) -> bool:
+    """True if the score of a fit is within `reach` of another's, with the usual priors or with widened ones."""
+    return any(found.score(a) > found.score(b) - reach for a, b in ((f, other), (widened(f), widened(other))))
 
 
 def instead_of_links(found: Search, start: Fit) -> list[Fit]:

@@ -152,6 +152,7 @@ OPTIONS: dict[str, object] = {
     "tol": 1e-7,  # relative to a cost of order one
     "max_iter": 200,
     "bound_relax_factor": 0.0,
+    "fast_step_computation": "yes",
 }
 # Most retimings converge with large steps of the barrier parameter; otherwise it is reduced slowly.
 LEAP: dict[str, object] = {

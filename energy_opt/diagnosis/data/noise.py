@@ -257,11 +257,14 @@ def _around(samples: Samples, span: slice, k: int) -> slice:
     A smooth start is first seen where it exceeds noise and resolution of the positions, at some displacement d. If
     positions grow as t^3 from the true start on, 8 d is reached after twice that time. An end is the same backwards.
     """
-    q, t = samples.q[span] / samples.unit, samples.t[span]
+    q, t = samples.q[span], samples.t[span]
     starts = bool((samples.v[span.start + k] != 0).any())
-    inside = slice(k, None) if starts else slice(k - 1, None, -1)
-    time = np.abs(t[inside] - t[inside][0])
-    moved = np.abs(q[inside][time <= UNSEEN] - q[k - 1 if starts else k]).max(axis=1)
+    if starts:
+        inside = np.arange(k, np.searchsorted(t, t[k] + UNSEEN, side="right"))
+    else:
+        inside = np.arange(k - 1, np.searchsorted(t, t[k - 1] - UNSEEN) - 1, -1)
+    time = np.abs(t[inside] - t[inside[0]])
+    moved = np.abs((q[inside] - q[k - 1 if starts else k]) / samples.unit).max(axis=1)
     grown = np.flatnonzero(moved >= GROWN * moved[0])
     before = time[grown[0]] if grown.size else UNSEEN
     if starts:

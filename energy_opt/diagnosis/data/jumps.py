@@ -21,6 +21,7 @@ from energy_opt.power import PowerModel
 JUMP = 4.8
 # Share of the rms error that a mean over `BIN` leaves, as the error has both signs; seen in trapezoids at 100 to 500 Hz
 LEFT = 0.4
+SHORTEST = 3  # nodes of a run up to which no interval between them has two neighbours
 
 
 def known_by(model: PowerModel, samples: Samples, repeats: Sequence[int]) -> tuple[Samples, Prediction]:
@@ -59,7 +60,7 @@ def of_single(samples: Samples, error: np.ndarray, power: np.ndarray) -> list[np
     """
     readings, out = of_readings(samples, error), []
     for k, (span, part, op) in enumerate(zip(samples.slices, samples.parts, samples.operators, strict=True)):
-        time, averaged = samples.single[k][0], samples.counts[k] > 1
+        time, averaged = samples.single[k][0], samples.counts[k] > 1 and span.stop - span.start > SHORTEST
         turns = (samples.v[span][1:] * samples.v[span][:-1] < 0).any(axis=1)
         if not (error[span].any() or (averaged and turns.any())):
             out.append(np.zeros(len(time)))

@@ -68,8 +68,8 @@ def claimed(found: Search, best: Fit, together: Collection[str] = ()) -> tuple[F
     prior must not divide an effect that is stronger than usual between two effects of usual strength. So the odds are
     the smaller ones of those with the usual priors and with priors as wide as the numbers ask for. A warm-up whose
     rival is a meter that drifts farther than meters do is claimed as soon as no rival is as likely. So is a wrong
-    declared value beside another one that is certain: then declared values are not reliable. So is each
-    effect of `together`, which are one effect before the data.
+    declared value beside another one that is certain: then declared values are not reliable. Effects of
+    `together` occur together in most arms: each needs only odds of twenty to one beside the others.
     """
     while True:
         claims: list[tuple[Chart, Claim, bool]] = []

@@ -73,5 +73,4 @@ def supported(
         likelier = not misspecified and found.score(part) > found.score(f)
         if claims and (part.names == f.names or likelier):
             out.setdefault(frozenset(part.names), (part, claims))
-    order = sorted(out.values(), key=lambda row: -found.score(row[0])) if not misspecified else list(out.values())
-    return tuple(f for f, _ in order), {id(f): claims for f, claims in order}
+    return tuple(f for f, _ in out.values()), {id(f): claims for f, claims in out.values()}

@@ -31,7 +31,6 @@ SHRINK, GROW = (
 CLOSE = 1e-4  # relative distance of cost and bound at which the steps end
 SETTLED = 1e-7  # share of the cost: the steps end where the next one is expected to save less
 EXCESS_PRICE = 1e3  # cost of exceeding a limit by itself, for a cost of order one: far above the limits' multipliers
-CENTRED = 1e-6  # barrier parameter at which each quadratic program ends
 
 
 def largest_price(k: np.ndarray, upper: np.ndarray) -> float:
@@ -122,9 +121,11 @@ def least_cost(
             ceiling=ceiling, keys=index,
         )  # fmt: skip
         reach = np.maximum(box[0] - x, SHRINK * x), np.minimum(box[1] - x, GROW * x)
-        step = minimise(
-            Banded(band, none, np.zeros((0, 0))), here.slope, reach, linear, EXCESS_PRICE, metric, tolerance=CENTRED
-        )
+        hessian = Banded(band, none, np.zeros((0, 0)))
+        try:
+            step = minimise(hessian, here.slope, reach, linear, EXCESS_PRICE, metric)
+        except np.linalg.LinAlgError:  # no damping makes the program convex, because numbers overflowed
+            return Minimum(x, multipliers, False)
         x, multipliers = x + step.d, np.append(0.0, step.multipliers)
         if step.saved < SETTLED * abs(here.cost):
             return Minimum(x, multipliers, True)

@@ -1,6 +1,7 @@
 """The physical effects that a power model can hold, by their names in model files."""
 
 from energy_opt.effects.base import Effect, Signals
+from energy_opt.effects.changing_friction import DailyFriction, TemperatureFriction, ThermalViscous
 from energy_opt.effects.electrics import (
     CopperLoss,
     InverterLoss,
@@ -16,15 +17,12 @@ from energy_opt.effects.electrics import (
 from energy_opt.effects.friction import (
     AsymmetricFriction,
     CoulombFriction,
-    DailyFriction,
     FrictionCurve,
     GearEfficiency,
     LoadFriction,
     PowerLawFriction,
     SigmoidFriction,
     StribeckFriction,
-    TemperatureFriction,
-    ThermalViscous,
     ViscousFriction,
 )
 from energy_opt.effects.mechanics import Armature, BaseTilt, GravitySpring, LinkInertia, Payload, PayloadChange

@@ -95,6 +95,7 @@ class Effect:
     follows: ClassVar[tuple[str, ...]] = ()  # signals of the past or the recording that the law uses
     bakes: ClassVar[bool] = False  # True if its values are numbers, not parameters, of the inverse dynamics
     needs: ClassVar[tuple[str, ...]] = ()  # effects that it requires
+    contains: ClassVar[tuple[str, ...]] = ()  # effects whose sum is a special case of this one, see `containing`
     # Parameters that the law multiplies by another one, and the product's bound in a fit: {"com": ("mass", 100.0)}.
     products: ClassVar[Mapping[str, tuple[str, float]]] = {}
     same_on_all_joints: ClassVar[bool] = True  # True if one number may represent all joints in a fit
@@ -234,6 +235,13 @@ class Effect:
 
     # A fit works with numbers x in which the effect is (nearly) linear, instead of `full`. They equal `full`, but
     # `products` take the place of their parameters.
+
+    @classmethod
+    def containing(cls, *others: Effect) -> tuple[Effect, ...]:
+        """Effects that each equal the sum of `others`, the effects `contains`; they differ in numbers that matter only
+        elsewhere.
+        """
+        raise NotImplementedError(cls.name)
 
     @classmethod
     def idle(cls, joints: int, **words: str | int) -> Effect:

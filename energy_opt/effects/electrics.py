@@ -7,7 +7,8 @@ from types import SimpleNamespace
 import casadi as ca
 
 from energy_opt.effects.base import Signals
-from energy_opt.effects.friction import SIGN_WIDTH, SOAKING, SOAKING_TRIALS, TORQUE_WIDTH
+from energy_opt.effects.changing_friction import SOAKING, SOAKING_TRIALS
+from energy_opt.effects.friction import SIGN_WIDTH, TORQUE_WIDTH
 from energy_opt.effects.parameter import Kinks, Parameter
 from energy_opt.effects.stages import DriveEffect, HeatEffect, PowerEffect, SupplyEffect, WindingEffect
 

@@ -11,8 +11,8 @@ import casadi as ca
 import numpy as np
 
 from energy_opt.effects.base import Signals
+from energy_opt.effects.changing_friction import SOAKING
 from energy_opt.effects.electrics import POWER_WIDTH
-from energy_opt.effects.friction import SOAKING
 from energy_opt.effects.parameter import Kinks, Parameter
 from energy_opt.effects.stages import HeatMemoryEffect, PowerEffect, StoreEffect
 from energy_opt.errors import BadInput

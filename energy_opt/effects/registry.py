@@ -17,7 +17,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 
-from energy_opt.effects import electrics, friction, mechanics, meter, recorded, stages
+from energy_opt.effects import changing_friction, electrics, friction, mechanics, meter, recorded, stages
 from energy_opt.effects.base import Effect, described
 from energy_opt.effects.check import refuse_unusable
 from energy_opt.effects.parameter import Parameter
@@ -74,10 +74,10 @@ ALL_EFFECTS: tuple[type[Effect], ...] = (
     mechanics.GravitySpring, electrics.Regeneration, friction.GearEfficiency, electrics.InverterLoss,
     electrics.SupplyEfficiency, electrics.MotionPower, electrics.WindingTemperature, electrics.StandbyDrift,
     meter.MeterDelay, meter.MeterFilter, meter.MeterGain, meter.MeterWindow, friction.FrictionCurve,
-    friction.AsymmetricFriction, friction.PowerLawFriction, friction.SigmoidFriction, friction.ThermalViscous,
+    friction.AsymmetricFriction, friction.PowerLawFriction, friction.SigmoidFriction, changing_friction.ThermalViscous,
     electrics.PsuLoss, electrics.IronLoss, recorded.DcLink, recorded.IdleHold, recorded.RunOffset,
-    mechanics.LinkInertia, recorded.WindingSelfHeating, friction.TemperatureFriction, friction.DailyFriction,
-    recorded.SignalPower, mechanics.PayloadChange,
+    mechanics.LinkInertia, recorded.WindingSelfHeating, changing_friction.TemperatureFriction,
+    changing_friction.DailyFriction, recorded.SignalPower, mechanics.PayloadChange,
 )  # fmt: skip
 BY_NAME: dict[str, type[Effect]] = {effect.name: effect for effect in ALL_EFFECTS}
 

@@ -57,13 +57,18 @@ def candidates(now: Fit) -> Iterator[Candidate]:
         if kind.name in taken or kind.name in ALLOWED_FOR:
             continue
         if declared.get(kind.name) is not None:
-            yield from _declared(kind, now)
+            if model.get(kind.name) is not None:  # another effect may be in its place
+                yield from _declared(kind, now)
         elif not kind.sought or not _sizes_known(kind) or (kind.stage == "drive" and drives):
             continue
         elif issubclass(kind, MeterEffect | StoreEffect):
             yield from _by_difference(kind, now)
         elif all(model.get(name) is not None for name in kind.needs):
             absent += [(kind, term) for term in _variants(kind, now.world.samples)]
+            held = [e for name in kind.contains if (e := declared.get(name)) is not None]
+            if kind.contains and len(held) == len(kind.contains):
+                starts = (tuple(e.full(now.world.samples.n).tolist()) for e in kind.containing(*held))
+                absent += [(kind, Term(kind.name, (), start, instead=kind.contains)) for start in starts]
     yield from _absent(absent, now)
 
 
@@ -106,10 +111,10 @@ def _absent(kinds: Sequence[tuple[type[Effect], Term]], now: Fit) -> Iterator[Ca
             idle = kind.idle(n, **dict(word.split("=") for word in term.options)).full(n)
             parameters = [p for p, _, _ in entries(kind, n, len(idle))]
             if term.trial:
-                idle = np.where([p.shapes or p.steps for p in parameters], term.trial, idle)
+                idle = np.where([p.shapes or p.steps or bool(term.instead) for p in parameters], term.trial, idle)
             z0 = kind.to_chart(idle, n)[c.kept]
             charts[kind.name] = (c, z0, [p.shapes and p.neutral != 0 for p in parameters])
-            whole = whole.replaced(c.effect(z0))
+            whole = c.into(whole, z0)
         jacobian = predict(whole, w.samples, push).jacobian
         where = whole.places(n)
         for name, (c, z0, shapes) in charts.items():
@@ -117,7 +122,7 @@ def _absent(kinds: Sequence[tuple[type[Effect], Term]], now: Fit) -> Iterator[Ca
             if not columns.any():  # the effect does not influence these data, e.g. no run has a dwell
                 continue
             c = sized(c, columns, w.scale)
-            amount = ~np.array(shapes)[c.kept]
+            amount = columns.any(axis=0) if c.term.instead else ~np.array(shapes)[c.kept]
             way = np.eye(len(z0))[:, amount]
             covariance = np.linalg.inv(c.precision)[np.ix_(amount, amount)]
             low, high = (c.lower - z0)[amount], (c.upper - z0)[amount]

@@ -309,7 +309,7 @@ def linearised(
     s, links, model = world.samples, world.links, world.declared
     numbers, weights, amounts, levels = _parts(world, charts, drawn, theta)
     for c, z in zip(charts, numbers, strict=True):
-        model = model.replaced(c.effect(z))
+        model = c.into(model, z)
     p = predict(model, s, links.torques @ amounts, links.torques)
     residual = s.power - p.reading - drawn @ weights - world.offsets @ levels
     by_theta = slopes(world, model, charts, numbers, drawn, p)

@@ -72,12 +72,14 @@ class Term:
         options: `key=word` of its options and lengths.
         trial: values of `full` where its shapes start and its grid stays (a tuple, so that terms can be compared).
         declared: True to refit an effect of the declared model.
+        instead: names of the declared effects that this one contains, and replaces; it starts at all values of `trial`.
     """
 
     name: str
     options: tuple[str, ...] = ()
     trial: tuple[float, ...] = ()
     declared: bool = False
+    instead: tuple[str, ...] = ()
 
     @property
     def kind(self) -> type[Effect]:
@@ -122,6 +124,22 @@ class Chart:
         values = self.values(z)
         lower, upper = _bounds(kind, self.n, len(values))
         return kind.from_full(np.clip(values, lower, upper), self.n, **words)
+
+    def into(self, model: PowerModel, z: np.ndarray) -> PowerModel:
+        """The model with the effect of these numbers, in place of those that it replaces."""
+        model = model.replaced(self.effect(z))
+        for name in self.term.instead:
+            model = model.without(name)
+        return model
+
+    def out_of(self, model: PowerModel, declared: PowerModel) -> PowerModel:
+        """The model with what the declared one has in place of the effect."""
+        held = [e for name in (self.term.instead or (self.term.name,)) if (e := declared.get(name)) is not None]
+        if not self.term.declared:
+            model = model.without(self.term.name)
+        for effect in held:
+            model = model.replaced(effect)
+        return model
 
     @property
     def shapes(self) -> np.ndarray:
@@ -195,7 +213,7 @@ def chart(term: Term, declared: PowerModel, scale: Scale, n: int) -> Chart:
     kind, words = term.kind, words_of(term.options)
     held = declared.get(term.name) if term.declared else None
     idle = kind.neutral(n, **words)
-    full = held.full(n) if held is not None else idle.full(n)
+    full = np.array(term.trial) if term.instead else held.full(n) if held is not None else idle.full(n)
     own = entries(kind, n, len(full))
     if held is None and term.trial:
         full = np.where([p.shapes or p.steps for p, _, _ in own], term.trial, full)

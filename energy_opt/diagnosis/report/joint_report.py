@@ -82,7 +82,7 @@ def _slope(f: Fit, c: Chart, z: np.ndarray, k: int, joint: int, speed: float, va
     step = 1e-4 * max(abs(z[k]), float(c.precision[k, k]) ** -0.5)
     moved = z.copy()
     moved[k] += step
-    model = f.model.replaced(c.effect(moved))
+    model = c.into(f.model, moved)
     return (float(friction_torque(model, f.world.samples.n)(np.array([speed]), joint)[0]) - value) / step
 
 

@@ -17,7 +17,6 @@ from energy_opt.diagnosis.evidence.odds import Bank, Block, Subset, Weighed
 from energy_opt.diagnosis.fit.candidates import Candidate, candidates, functions
 from energy_opt.diagnosis.fit.posterior import Fit, Free, Nuisance, World, fit
 from energy_opt.diagnosis.hypothesis.terms import Chart, Term, chart
-from energy_opt.effects import Effect
 
 # Prior log odds of an effect (one in fifty), of a refitted declared effect, of a free function. RARE is added before an
 # effect is claimed; it excludes no alternative.
@@ -304,24 +303,28 @@ def _pairs(bank: Bank, here: Subset) -> Iterator[Subset]:
             yield from (less | {*pair} for pair in combinations(_front(bank, less, 5), 2) if _together(bank, *pair))
 
 
-def _kind(bank: Bank, k: int) -> type[Effect] | None:
-    """The effect of a block, None for a free function."""
+def _term(bank: Bank, k: int) -> Term | None:
+    """The term of a block, None for a free function."""
     source = bank.blocks[k].source
     if isinstance(source, Candidate):
-        return source.chart.term.kind
-    return bank.fit.charts[source].term.kind if isinstance(source, int) and source < len(bank.fit.charts) else None
+        return source.chart.term
+    return bank.fit.charts[source].term if isinstance(source, int) and source < len(bank.fit.charts) else None
 
 
 def buildable(bank: Bank, chosen: Subset) -> bool:
-    """True if every effect of the `chosen` set finds the effects that it needs in the set or in the declared model."""
-    kinds = [kind for k in chosen if (kind := _kind(bank, k)) is not None]
-    there = {kind.name for kind in kinds} | {e.name for e in bank.fit.world.declared.effects}
-    return all(name in there for kind in kinds for name in kind.needs)
+    """True if every effect of the `chosen` set finds the effects that it needs in the set or in the declared model, and
+    no declared effect gets new values that another one replaces.
+    """
+    terms = [term for k in chosen if (term := _term(bank, k)) is not None]
+    names, declared = {term.name for term in terms}, {e.name for e in bank.fit.world.declared.effects}
+    replaced = {name for term in terms for name in term.instead}
+    there = (names | declared) - replaced
+    return names.isdisjoint(replaced) and all(name in there for term in terms for name in term.kind.needs)
 
 
 def _together(bank: Bank, a: int, b: int) -> bool:
     """False for two drive effects: a drive has one law for negative power."""
-    return not all((kind := _kind(bank, k)) is not None and kind.stage == "drive" for k in (a, b))
+    return not all((term := _term(bank, k)) is not None and term.kind.stage == "drive" for k in (a, b))
 
 
 def root(world: World, nuisance: Nuisance) -> Fit:

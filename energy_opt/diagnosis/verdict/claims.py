@@ -230,9 +230,7 @@ def bent(found: Search, f: Fit) -> list[bool]:
     push = w.links.torques @ f.amounts
     bends = []
     for c in f.charts:
-        declared = w.declared.get(c.term.name)
-        less = f.model.without(c.term.name) if declared is None else f.model.replaced(declared)
-        watts = f.prediction.metered - predict(less, w.samples, push).metered
+        watts = f.prediction.metered - predict(c.out_of(f.model, w.declared), w.samples, push).metered
         share = np.abs(watts) / max(float(np.sqrt(np.mean(watts**2))), 1e-9)
         column = w.samples.shown(watts * np.log(np.maximum(share, 1e-9)))
         bends.append(Free(f"power of {c.term.name}", column[:, None], 1.0))

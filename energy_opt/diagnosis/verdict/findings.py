@@ -76,8 +76,7 @@ def findings_of(found: Inference) -> list[Finding]:
         value = effect.full(n)
         unsure = np.where(value > samples.idle.max(initial=0.0), value / STUDENT, samples.step / 2)
         deviation = np.where(stepped, np.maximum(deviation, unsure), deviation)
-        before = declared.get(c.term.name)
-        less = f.model.without(c.term.name) if before is None else f.model.replaced(before)
+        less = c.out_of(f.model, declared)
         if found.unknown:
             deviation = np.hypot(deviation, between(effect, found.rivals, n))
         values = _values(effect, deviation, samples.body.slides)

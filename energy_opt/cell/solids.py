@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,7 @@ ROUND = 12  # corners of the polygons that replace circles if vertices are neede
 THIN = 1e-6  # share of their largest extent below which points are flat
 SHEET = 1e-6  # [m] a mesh without volume is thickened by this much for its hull
 SIGNS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])  # corners of a cube
+FILES = 100  # most mesh files that a process keeps
 LARGE = 10.0  # [m] half the edge of the box that replaces a half-space if a bounded body is needed
 
 
@@ -123,7 +124,8 @@ def mesh(vertices: np.ndarray, triangles: np.ndarray) -> Solid:
 def mesh_file(path: Path, scale: tuple[float, ...], most: int) -> Solid:
     """The solid within the surface of a mesh file, scaled along x, y and z to metres.
 
-    As in ROS, numbers of a COLLADA file are in the unit that it states. Coal ignores this unit.
+    As in ROS, numbers of a COLLADA file are in the unit that it states. Coal ignores this unit. A process reads a file
+    once, as long as its time of change and size stay the same.
 
     Args:
         most: triangles that it may have.
@@ -131,6 +133,13 @@ def mesh_file(path: Path, scale: tuple[float, ...], most: int) -> Solid:
     Raises:
         BadInput: it cannot be read, has numbers that are not finite, or more triangles.
     """
+    state = path.stat()
+    return _read(path, scale, most, (state.st_mtime_ns, state.st_size))
+
+
+@lru_cache(maxsize=FILES)
+def _read(path: Path, scale: tuple[float, ...], most: int, state: tuple[int, int]) -> Solid:
+    """See `mesh_file`; `state`: when the file was changed [ns], and its size [bytes]."""
     collada = path.suffix.lower() == ".dae"
     unit = re.search(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']\s*([0-9.eE+-]+)", path.read_bytes()) if collada else None
     try:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from energy_opt.cell.cell import Cell
-from energy_opt.formats.controller_program import Part
+from energy_opt.formats.controller_program import NANOSECOND, Part
 from energy_opt.formats.resample import KINDS, worst_step
 from energy_opt.motion.judge.certificate import Certificate, certify
 from energy_opt.motion.judge.clearance import clearance_of
@@ -133,7 +134,7 @@ class CycleJudging(Judging):
             part, judge = _part(trajectory, window), window.judge
             if window.stops:
                 judge = replace(judge, stops=trajectory.sample(trajectory.time[0] + np.array(window.stops))[0])
-            looks.append((look(judge, part), float(part.time[0] - trajectory.time[0])))
+            looks += [(look(judge, each), float(each.time[0] - trajectory.time[0])) for each in apart(part)]
         return _worst(looks)
 
 
@@ -150,6 +151,13 @@ def _worst(looks: Sequence[tuple[Certificate, float]]) -> Certificate:
     clearance = next((c for c in clearances if not c.proven), clearances[0] if clearances else None)
     samples, power = sum(c.samples for c in certificates), max(c.peak_power for c in certificates)
     return Certificate(samples, worst, power, clearance, all(c.proven for c in certificates))
+
+
+def apart(trajectory: Trajectory) -> list[Trajectory]:
+    """The motions between jumps of the acceleration, where `joined` keeps two samples a nanosecond apart."""
+    jumps = np.flatnonzero(np.diff(trajectory.time) < 1.5 * NANOSECOND)
+    bounds = [0, *(jumps + 1).tolist(), len(trajectory.time)]
+    return [trajectory.part(slice(a, b)) for a, b in pairwise(bounds) if b - a > 1] or [trajectory]
 
 
 def _part(trajectory: Trajectory, window: Window) -> Trajectory:

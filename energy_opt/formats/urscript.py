@@ -220,7 +220,7 @@ def read_program(path: Path) -> list[Part]:
 def read(path: Path) -> Samples:
     """All motions and waits of a program as one."""
     t = joined([part.trajectory for part in read_program(path)])
-    return Samples(str(path), t.joints, t.position, t.time, t.velocity, t.acceleration)
+    return Samples(str(path), t.joints, t.position, t.time, t.velocity, t.acceleration, planned=True)
 
 
 def _numbers(words: str) -> list[float]:

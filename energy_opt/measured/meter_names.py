@@ -16,12 +16,16 @@ SINGLE = words_in(
 )
 WHOLE = words_in("robot arm total whole sum main gesamt")
 ALTERNATING = words_in("pf cos phi apparent reactive frequency hz va var")
-NOT_POWER = words_in("apparent reactive factor max min peak limit state mode on off status button")
+NOT_POWER = words_in(
+    "apparent reactive factor max min peak limit state mode on off status button percent pct mech mechanical shaft"
+)
+METERED = dict.fromkeys(words_in("meter measured meas actual ist elec electric electrical"), 0.5)
 
 
 def power_column(header: Sequence[str]) -> str | None:
     """The header of the whole robot's power, None if there is none."""
     good = {"total": 2.0, "robot": 1.0, "arm": 1.0, "active": 1.0, "whole": 1.0, "sum": 1.0, "main": 0.5, "input": 0.5}
+    good |= METERED
     return _best_header(header, POWER, NOT_POWER, good, "power")
 
 

@@ -80,8 +80,8 @@ SIGNALS: dict[str, frozenset[str]] = {
 }
 # Words for commanded or computed values: measured ones are wanted.
 COMMANDED = words_in(
-    "computed calculated calc model modelled modeled simulated sim estimated est theoretical feedforward predicted "
-    "target desired des command commanded cmd ref reference setpoint goal d soll error err planned nominal"
+    "computed calculated calc model modelled modeled simulated sim estimate estimated est theoretical feedforward "
+    "predicted target desired des command commanded cmd ref reference setpoint goal d soll error err planned nominal"
 )
 STRANGE = words_in(  # a header with one of these words is no joint's signal
     "tcp cartesian tool pose wrench force ext external hat output register registers bit bits mode digital analog "

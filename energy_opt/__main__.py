@@ -1,4 +1,7 @@
-"""`energy-opt` and `python -m energy_opt`. Ctrl-C ends the program without a traceback, also while libraries load."""
+"""`energy-opt` and `python -m energy_opt`. Ctrl-C ends the program without a traceback, also while libraries load.
+
+SIGTERM, with which containers and batch systems end a program, counts as Ctrl-C.
+"""
 
 import os
 import signal
@@ -14,10 +17,19 @@ def leave(signum: int, frame: object) -> None:
 
 def command() -> int:
     """Run the command; returns the exit code."""
+    own = os.getpid()
+
+    def terminate(signum: int, frame: object) -> None:
+        """Handle SIGTERM as Ctrl-C; a forked process ends at once."""
+        if os.getpid() != own:
+            os._exit(143)
+        signal.raise_signal(signal.SIGINT)
+
     os.environ["OPENBLAS_NUM_THREADS"] = "1"  # sums, and so results, do not depend on the number of cores
     heeded = signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
     if heeded:
         signal.signal(signal.SIGINT, leave)  # no work can be lost yet
+        signal.signal(signal.SIGTERM, terminate)
     from energy_opt.cli.faults import interrupt
     from energy_opt.cli.main import main
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib
 import json
 import signal
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -103,3 +105,23 @@ def test_files_change_place_undisturbed(tmp_path: Path, monkeypatch: pytest.Monk
         for name in ("first", "last"):
             (aside / name).write_text("new")
     assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {"first": "new", "last": "new"}
+
+
+def test_sigterm_counts_as_ctrl_c(tmp_path: Path) -> None:
+    code = (
+        "import os, signal, sys\n"
+        "from energy_opt import __main__\n"
+        "from energy_opt.motion import Planner\n"
+        "solve = Planner.solve\n"
+        "def ended(*words, **more):\n"
+        "    os.kill(os.getpid(), signal.SIGTERM)\n"
+        "    return solve(*words, **more)\n"
+        "Planner.solve = ended\n"
+        "sys.exit(__main__.command())\n"
+    )
+    words = "optimize --robot panda --start 0,-0.8,0,-2.4,0,1.6,0.8 --goal 0.3,-0.6,0,-2.2,0,1.8,0.8 --mode retime"
+    out = tmp_path / "out"
+    run = [sys.executable, "-c", code, *words.split(), "--model", "source-method-2", "--json", "--out", str(out)]
+    done = subprocess.run(run, capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == 130, done.stderr
+    assert json.loads(done.stdout)["status"] in ("solved", "not_converged") and (out / "trajectory.csv").is_file()

@@ -39,6 +39,7 @@ from energy_opt.effects.registry import (
     loaded_sources,
     of_form,
     register,
+    registered,
     unregister,
     words_of,
 )
@@ -64,5 +65,5 @@ __all__ = [
     "StandbyDrift", "StoreEffect", "StribeckFriction", "SupplyEffect", "SupplyEfficiency", "TemperatureFriction",
     "ThermalViscous", "TorqueEffect", "ViscousFriction", "WindingEffect", "WindingSelfHeating",
     "WindingTemperature", "effect_class", "known_effects", "load_file", "load_source", "loaded_sources", "of_form",
-    "register", "unregister", "words_of",
+    "register", "registered", "unregister", "words_of",
 ]  # fmt: skip

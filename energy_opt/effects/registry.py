@@ -120,6 +120,14 @@ def register(kind: Kind) -> Kind:
     return kind
 
 
+def registered(*effects: Effect) -> None:
+    """Register the classes of effects that are not known; errors as in `register`."""
+    known = known_effects()
+    for effect in effects:
+        if known.get(effect.name) is not type(effect):
+            register(type(effect))
+
+
 def unregister(name: str) -> None:
     """Unregister a user's effect; the package's own effects stay."""
     _added.pop(name, None)

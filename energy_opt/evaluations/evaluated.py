@@ -85,7 +85,7 @@ def evaluate(
     judge = CycleJudging.of(
         (end - start, first(i), cell) for i, start, end in zip(intervals, ends, ends[1:], strict=False)
     )
-    certificate = judge(motion.trajectory)
+    certificate = judge.of_motions(motion.trajectory)
     # the motion's samples keep the position limits; the spline through them may exceed a limit that they only touch
     kept = (certificate.max_violation["position"] or 0.0) <= ALLOWED
     timed = tuple(limit for limit in limits if not (kept and limit.name == "position"))

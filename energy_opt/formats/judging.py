@@ -107,6 +107,18 @@ class CycleJudging(Judging):
         """The worst of the certificates of all stretches."""
         return self._over(trajectory, lambda judge, part: judge(part))
 
+    def of_motions(self, trajectory: Trajectory) -> Certificate:
+        """The same, where a jump of the acceleration between two motions, see `joined`, breaks no jerk limit."""
+        looks = []
+        for motion in apart(trajectory):
+            at, end = (float(motion.time[k] - trajectory.time[0]) for k in (0, -1))
+            windows = [
+                replace(w, start=w.start - at, end=w.end - at, stops=tuple(s - at for s in w.stops if at < s < end))
+                for w in self.windows if w.end > at and w.start < end
+            ]  # fmt: skip
+            looks.append((replace(self, windows=tuple(windows))(motion), at))
+        return _worst(looks)
+
     def at_steps(self, trajectory: Trajectory, rate: float | None) -> Certificate:
         """The worst of all stretches; differences from step to step are compared over the whole cycle."""
         found = self._over(trajectory, lambda judge, part: judge.at_steps(part, None))
@@ -134,7 +146,7 @@ class CycleJudging(Judging):
             part, judge = _part(trajectory, window), window.judge
             if window.stops:
                 judge = replace(judge, stops=trajectory.sample(trajectory.time[0] + np.array(window.stops))[0])
-            looks += [(look(judge, each), float(each.time[0] - trajectory.time[0])) for each in apart(part)]
+            looks.append((look(judge, part), float(part.time[0] - trajectory.time[0])))
         return _worst(looks)
 
 

@@ -51,7 +51,7 @@ def run(request: BenchRequest, desk: Desk) -> Batch | Listing:
     )  # fmt: skip
     pairs = {(task.model, task.robot.name): task for task in suite.tasks}.values()
     foreign = [of_another_arm(name, model, task.robot) for task in pairs for name, model in task.powers()]
-    for warning in (*suite.notes, *filter(None, foreign)):
+    for warning in (*suite.notes, *(f"warning: {said}" for said in foreign if said)):
         desk.say(warning)
     out = Path(request.out or f"bench_{suite.name}")
     asked = replace(request, suite=str(Path(request.suite).resolve()))

@@ -91,7 +91,16 @@ def model_from(given: AnyModel | None, robot: Robot) -> PowerModel:
 
 def of_another_arm(name: str, model: PowerModel, robot: Robot | RobotSource) -> str:
     """A warning, one line, if a model was written for another robot; else empty."""
-    return "" if model.is_of(robot.name) else f"warning: {name}: a model of {model.robot}, used for {robot.name}"
+    return "" if model.is_of(robot.name) else f"{name}: a model of {model.robot}, used for {robot.name}"
+
+
+def of_another_load(name: str, model: PowerModel, used: PowerModel) -> str:
+    """A warning, one line, if a model's payload is replaced by another one; else empty."""
+    own, other = model.get(Payload.name), used.get(Payload.name)
+    if own is None or own == other:
+        return ""
+    masses = [0.0 if e is None else float(e.values["mass"][0]) for e in (own, other)]
+    return f"{name}: its payload ({masses[0]:g} kg) is not used; --payload gives {masses[1]:g} kg"
 
 
 def several(given: AnyModel | Sequence[AnyModel] | None) -> list[AnyModel]:

@@ -11,7 +11,7 @@ import numpy as np
 from energy_opt.arguments import expect
 from energy_opt.errors import BadInput
 from energy_opt.front.desk import Desk
-from energy_opt.front.given import DEFAULT, model_from, of_another_arm, on_arm, several
+from energy_opt.front.given import DEFAULT, model_from, of_another_arm, of_another_load, on_arm, several
 from energy_opt.motion import Result, Trajectory
 from energy_opt.motion.judge.energy import COARSER, Scorer
 from energy_opt.motion.plan.robust import Kind
@@ -134,7 +134,10 @@ def rivals_from(
     names: list[Any] = list(models) or [DEFAULT, CAREFUL]
     rivals = []
     for number, given in enumerate(names, start=1):
-        rivals.append(Rival(_name(given, number), on_arm(model_from(given, robot), request, robot)))
+        model, name = model_from(given, robot), _name(given, number)
+        used = on_arm(model, request, robot)
+        said = (of_another_arm(name, model, robot), of_another_load(name, model, used))
+        rivals.append(Rival(name, used, tuple(filter(None, said))))
     if len(rivals) == 1 and robust is None:
         return rivals, None
     if len(rivals) == 1:  # a plan that holds under the uncertainty of the model's own data
@@ -142,19 +145,19 @@ def rivals_from(
     return rivals, cast(Kind, robust or "mean")
 
 
-def rivals_of(request: Any, robot: Robot, desk: Desk) -> tuple[list[Rival], Kind | None]:
+def rivals_of(request: Any, robot: Robot, desk: Desk | None = None) -> tuple[list[Rival], Kind | None]:
     """The models that a request plans under, with its payload, and with gravity along -z of the scene.
 
     Args:
-        request: model, robust, payload and base. robot: the arm. desk: takes a warning if a model is of another robot.
+        request: model, robust, payload and base. robot: the arm. desk: takes the models' remarks.
 
     Raises:
         BadInput: as `rivals_from`; or the base is tilted, and a model states another tilt.
     """
     rivals, kind = rivals_from(several(request.model), getattr(request, "robust", None), robot, request=request)
-    for rival in rivals:
-        if said := of_another_arm(rival.name, rival.model, robot):
-            desk.say(said)
+    for said in (remark for rival in rivals for remark in rival.remarks):
+        if desk is not None:
+            desk.say(f"warning: {said}")
     return rivals, kind
 
 

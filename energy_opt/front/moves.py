@@ -157,6 +157,13 @@ def settings_of(request: Any) -> Settings:
     return Settings(**{name: value for name, value in given.items() if value is not None})
 
 
+def unused(request: Any) -> list[str]:
+    """Warnings on options of the search that a retimed move does not use."""
+    given = [flag for flag in ("starts", "controls", "initial_paths") if getattr(request, flag) is not None]
+    flags = ", ".join(f"--{flag.replace('_', '-')}" for flag in given)
+    return [f"{flags}: not used with --mode retime, which keeps the path"] if given and request.mode == "retime" else []
+
+
 def resolved(
     request: Asked, robot: Robot, rivals: list[Rival], kind: Kind | None, move: Move, ends: Ends | None = None
 ) -> Asked:

@@ -21,7 +21,7 @@ from energy_opt.front.controllers import Controllers, check_written, kept_words
 from energy_opt.front.desk import Answered, Desk, verb
 from energy_opt.front.given import cell_of, robot_of
 from energy_opt.front.models import compared, members, rivals_of
-from energy_opt.front.moves import ends_of, move_of, resolved, settings_of
+from energy_opt.front.moves import ends_of, move_of, resolved, settings_of, unused
 from energy_opt.motion import Move, Planner, Result, Settings
 from energy_opt.motion.judge.energy import Scorer, loss_by_joint
 from energy_opt.motion.move import LONGEST, SHORTEST
@@ -260,7 +260,7 @@ def run(request: OptimizeRequest, desk: Desk) -> Answer:
     check_written(request, robot)
     if request.vias is not None and request.standard is None:
         raise BadInput("--vias belongs to --as moves; give --as moves, too")
-    rivals, kind = rivals_of(request, robot, desk)
+    rivals, kind = rivals_of(request, robot)
     settings, around = settings_of(request), cell_of(request)
     ends = ends_of(request, robot, around, desk.say)
     given = move_of(request, robot, ends, desk.say, duration=request.duration, max_duration=request.max_duration)
@@ -285,8 +285,10 @@ def run(request: OptimizeRequest, desk: Desk) -> Answer:
                 found, move = chosen.result, chosen.move
             found, moves = controllers.with_room(move, *controllers.moves(move, found))
             found = compared(found, rivals, robot)
+            said = [*(remark for rival in rivals for remark in rival.remarks), *unused(request)]
             if request.self_collision is False:
-                found = replace(found, warnings=(*found.warnings, UNCHECKED))
+                said.append(UNCHECKED)
+            found = replace(found, warnings=(*found.warnings, *said))
             answer = Answer(
                 **{f.name: getattr(found, f.name) for f in fields(Result)},
                 arm=robot, move=move, request=asked, stamp=desk.stamp, cell=cell,

@@ -32,7 +32,7 @@ def run(request: PassportRequest, desk: Desk) -> Passport:
     result = desk.keep(replace(found, request=document))
     for arm in found.arms:
         if said := of_another_arm(arm.label, arm.model, arm.robot):
-            desk.say(said)
+            desk.say(f"warning: {said}")
     desk.say(str(result) + ("" if desk.out is None else f"\nwritten: {desk.out}"))
     return result
 

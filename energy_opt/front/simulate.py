@@ -81,7 +81,7 @@ def run(request: SimulateRequest, desk: Desk) -> Simulation:
     named = None if request.robot is not None else robot_named(plant.model.robot, file.parent, request.allow_outside)
     robot = robot_of(request, named)
     if said := of_another_arm(str(request.plant), plant.model, robot):
-        desk.say(said)
+        desk.say(f"warning: {said}")
     plant = replace(plant, model=on_arm(of_joints(plant.model, robot), request, robot))
     declared = None if request.model is None else model_from(request.model, robot)
     same = {name: getattr(request, name) for name in ("rate", "meter_rate", "noise", "jitter", "rest")}

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import ConfigDict, StrictStr
 
 from energy_opt.arguments import expect
-from energy_opt.effects import EXACT, BaseTilt, Effect, PowerEffect, SupplyEffect, effect_class, known_effects, register
+from energy_opt.effects import EXACT, BaseTilt, Effect, PowerEffect, SupplyEffect, effect_class, registered
 from energy_opt.errors import BadInput, suggest
 from energy_opt.files import path_of, read_toml, write_toml
 from energy_opt.schema import Number, Table, parse
@@ -128,21 +128,15 @@ class PowerModel:
         return replace(self.replaced(effect), uncertainty=uncertainty)
 
     def __add__(self, other: Effect | PowerModel) -> PowerModel:
-        """The model with one more effect, or with those of another model.
-
-        An effect of your own is registered, see `effects.register`.
+        """The model with one more effect, or with those of another model. An effect of your own is registered.
 
         Raises:
-            BadInput: it has an effect of that name already (`replaced` puts another in its place), or an effect of your
-                own has a fault.
+            BadInput: it has an effect of that name already (see `replaced`), or an effect of your own has a fault.
         """
         if not isinstance(other, (Effect, PowerModel)):
             return NotImplemented
         more = (other,) if isinstance(other, Effect) else other.effects
-        known = known_effects()
-        for effect in more:
-            if known.get(effect.name) is not type(effect):
-                register(type(effect))
+        registered(*more)
         return PowerModel(self.robot, (*self.effects, *more))
 
     def __sub__(self, other: str | Effect | type[Effect]) -> PowerModel:

@@ -233,7 +233,11 @@ class SolvingGroup(Request):
         aliases=("--ways",),
     )  # fmt: skip
     controls: int | None = option(None, "control points per joint with --mode reshape (48)", "N")
-    end_acceleration: str = option("zero", "acceleration at both ends: zero, or free with reshape (zero)", "KIND")
+    end_acceleration: str = option(
+        "zero",
+        "acceleration at both ends of a reshaped move: zero or free (zero); a retimed path has free ends",
+        "KIND",
+    )
     compile: str = option("auto", "compile the model's functions to machine code: auto, always or never (auto)", "WHEN")
     objective: str = option("energy", "minimise energy, torque, power_squared, path_length or time (energy)", "NAME")
     verify_samples: int | None = option(

@@ -64,11 +64,12 @@ def candidates(now: Fit) -> Iterator[Candidate]:
         elif issubclass(kind, MeterEffect | StoreEffect):
             yield from _by_difference(kind, now)
         elif all(model.get(name) is not None for name in kind.needs):
-            absent += [(kind, term) for term in _variants(kind, now.world.samples)]
+            terms = _variants(kind, now.world.samples)
             held = [e for name in kind.contains if (e := declared.get(name)) is not None]
-            if kind.contains and len(held) == len(kind.contains):
+            if terms and kind.contains and len(held) == len(kind.contains):
                 starts = (tuple(e.full(now.world.samples.n).tolist()) for e in kind.containing(*held))
-                absent += [(kind, Term(kind.name, (), start, instead=kind.contains)) for start in starts]
+                terms += [Term(kind.name, (), start, instead=kind.contains) for start in starts]
+            absent += [(kind, term) for term in terms]
     yield from _absent(absent, now)
 
 

@@ -18,10 +18,11 @@ SAME = 1e-9  # relative: energies that differ by less are equal
 
 @dataclass(frozen=True)
 class Rival:
-    """A model with its name."""
+    """A model with its name; `remarks` on its use are warnings of the answer."""
 
     name: str
     model: PowerModel
+    remarks: tuple[str, ...] = ()
 
 
 def judges_of(rivals: Sequence[Rival], robot: Robot) -> list[tuple[int, Rival]]:

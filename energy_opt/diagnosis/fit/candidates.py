@@ -190,7 +190,7 @@ def _metered(kind: type[Effect], now: Fit, value: float) -> np.ndarray:
     return s.shown(changed)
 
 
-HATS, FEW_HATS = 32, 12  # knots of a free function of position or speed; of another signal
+HATS, FEW_HATS, REST_HATS = 32, 12, 4  # knots of a free function of position or speed; of other signals; at rest
 FASTEST_CHANGE = 1.0  # [s] shortest distance of the knots of a free function of time
 MOST_KNOTS = 160
 PRESLIDING = 0.1  # [`Samples.unit`] travel within which friction builds up after a reversal, as in gears
@@ -201,10 +201,11 @@ def functions(now: Fit) -> Iterator[Free]:
     """Free functions of one signal.
 
     Torque of position, of speed, or of travel since the last reversal (Dahl's presliding). Power of time, of time since
-    the motion ended, of joint torque (also in proportion to it), of the whole power, or of joint temperature.
+    the motion ended, of joint torque (also in proportion to it, and at rest, where friction may bear a part of it), of
+    the whole power, or of joint temperature.
     """
     w, s = now.world, now.world.samples
-    by_tau = now.prediction.by_tau
+    by_tau, load = now.prediction.by_tau, np.abs(now.prediction.tau)
     usual = USUAL * w.scale.effort
 
     def torques(signal: str, hats: list[np.ndarray]) -> Iterator[Free]:
@@ -224,6 +225,7 @@ def functions(now: Fit) -> Iterator[Free]:
         ("time", _in_time(s.t, s.slices)),
         ("time since motion ended", _hats(s.idle, s.idle >= 0, FEW_HATS)),
         ("torque", np.column_stack([_hats(x, always, FEW_HATS) for x in now.prediction.tau.T])),
+        ("torque at rest", np.column_stack([_hats(*x, REST_HATS) for x in zip(load.T, ~moving.T, strict=True)])),
         ("power", _hats(now.prediction.power, always, FEW_HATS)),
         ("signed torque", now.prediction.tau / np.maximum(np.abs(now.prediction.tau).max(axis=0), 1e-9)),
         *([("temperature", np.column_stack([_hats(x, always, 6) for x in s.temperature.T]))]

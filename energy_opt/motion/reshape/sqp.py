@@ -111,7 +111,8 @@ def descend(
                 found = minimise(hessian, gradient, bounds, held, PRICE, model.mass, damping, barrier, trying=other)
                 least = tolerance * max(abs(point.cost), 0.02)
                 if other and (found.broken > UNMET or found.saved < least):
-                    found = minimise(hessian, gradient, bounds, allowed, PRICE, model.mass, damping, barrier)
+                    # it needs about the damping of the first one
+                    found = minimise(hessian, gradient, bounds, allowed, PRICE, model.mass, found.damping, barrier)
             except np.linalg.LinAlgError:  # no damping makes the program convex, because numbers overflowed
                 return now
             now.steps += found.steps

@@ -31,6 +31,7 @@ from energy_opt.jobs.legs import Leg, legs_of, slope_of_slowing
 from energy_opt.jobs.reshare import BEFORE, reshared
 from energy_opt.jobs.work import Answers, Cells, Worker
 from energy_opt.motion import Planner, Settings
+from energy_opt.motion.move import turns_between
 from energy_opt.motion.timing.spline_timing import Timing
 from energy_opt.power import PowerModel
 from energy_opt.power.assumptions import Assumption
@@ -188,10 +189,15 @@ def run_job(
         bound = shares.bound + sum(standing_power(work.scorers, step, step.brakes) * (step.wait or 0) for step in waits)
         bound = min(bound, energy(best))  # joints that friction holds while they turn round may save a little more
     pairs = list(zip(asked, given, legs, strict=True))
+    turning = [
+        f"{leg.name}: {said}" for leg in asked if len(leg.points) == 2 and leg.initial_path is None
+        for said in turns_between(job.robot, *leg.points)
+    ]  # fmt: skip
     changed = [leg.name for before, _, leg in pairs if before.mode != leg.mode]
     faster = [leg.name for _, before, leg in pairs if before is not leg]
     warnings = (
         *job.remarks,
+        *turning,
         *(f"{name}: its path is not free of contact, so the step is reshaped" for name in changed),
         *(f"{name}: its first path is too slow; that of its fastest reshaped move is used instead" for name in faster),
     )

@@ -214,19 +214,23 @@ class Settings:
 
 
 def long_turns(robot: Robot, move: Move) -> list[str]:
+    """As `turns_between`; a move with a given path or via points has none: there the turn is meant."""
+    return [] if move.path is not None or move.via else turns_between(robot, move.start, move.goal)
+
+
+def turns_between(robot: Robot, start: np.ndarray, goal: np.ndarray) -> list[str]:
     """Warnings for joints without limits that reach the same pose by a shorter turn the other way.
 
-    A move with a given path or via points has none: there the turn is meant.
+    Args:
+        start, goal: (n,) [rad].
     """
-    if move.path is not None or move.via:
-        return []
     out = []
     for k, link in enumerate(robot.body.own_links()):
-        turn = float(move.goal[k] - move.start[k])
+        turn = float(goal[k] - start[k])
         short = float(np.remainder(turn + np.pi, 2 * np.pi) - np.pi)
         if link.continuous and abs(turn) > np.pi + 1e-9:
             out.append(
-                f"{link.name} turns {turn:.4g} rad, but has no position limits: {move.start[k] + short:.6g} rad is the "
+                f"{link.name} turns {turn:.4g} rad, but has no position limits: {start[k] + short:.6g} rad is the "
                 f"same pose {abs(short):.4g} rad away"
             )
     return out

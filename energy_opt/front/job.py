@@ -30,7 +30,7 @@ OF_ONE_ROBOT = ("robot", "payload", "base")  # options of one robot, which are r
 
 
 def run(request: JobRequest, desk: Desk) -> JobAnswer:
-    """A cycle of moves and waits, its time spent where it saves most.
+    """Plan a cycle of moves and waits; its time is shared so that it takes the least energy.
 
     Raises:
         BadInput: a fault of the job; names the step. Infeasible: no motion keeps the limits in the time there is.

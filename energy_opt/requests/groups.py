@@ -333,7 +333,9 @@ class WorthGroup(Request):
     cycles_per_year: float | None = option(None, "cycles in a year: also state the saving in a year", "N")
     price: float | None = option(None, "price of one kWh, in any currency", "PER_KWH")
     co2: float | None = option(None, "carbon dioxide of one kWh [kg]", "KG_PER_KWH")
-    per_year: PerYear | None = option(None, "the last three as one object", internal=True, written=False)
+    per_year: PerYear | None = option(
+        None, "PerYear(cycles_per_year, price, co2) in place of these", internal=True, written=False
+    )
 
     def __post_init__(self) -> None:
         if self.per_year is not None:

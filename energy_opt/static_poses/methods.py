@@ -177,7 +177,7 @@ def identify(robot: str, poses: Sequence[Pose]) -> Identification:
         return Identification(robot, tuple(poses), mean, interval, None, f"Method 2 refused: {why}")
 
     if count < FEWEST:
-        return refused(f"{count} different pose(s); a line with an interval needs {FEWEST} or more")
+        return refused(f"{count} different pose(s); a fit with a confidence interval needs {FEWEST} or more")
     spread = float(np.std(load))
     if spread <= 1e-6 * max(float(load.mean()), 1e-12) or spread < 1e-3:
         return refused("all gravity torques are alike, so r_over_kt2 cannot be separated from overhead")

@@ -53,7 +53,7 @@ def suggest(
     from scipy.stats import t as student
 
     if count < 3:
-        raise BadInput(f"--suggest {count}: a line with an interval needs 3 poses or more")
+        raise BadInput(f"--suggest {count}: a fit with a confidence interval needs 3 poses or more")
     if count > MOST:
         raise BadInput(f"--suggest {count}: expected at most {MOST} poses")
     if seed < 0:

@@ -14,12 +14,13 @@ from energy_opt.diagnosis.data.samples import Samples
 from energy_opt.diagnosis.evidence.odds import noise_of
 from energy_opt.diagnosis.evidence.settling import LASTS, SUPPOSED, Settling, settling_of, with_settling
 from energy_opt.diagnosis.fit.posterior import Fit, World
-from energy_opt.diagnosis.search.effect_sets import Search, moved, without
+from energy_opt.diagnosis.search.effect_sets import Search, moved, root, without
 from energy_opt.diagnosis.search.kinks import elsewhere, settled
 from energy_opt.diagnosis.verdict.claims import CLAIM, alike, alternatives, shaped_otherwise, widened
 
 # most noise estimates, and search rounds before each: few, as effects that imitate a misfit hide it
 TURNS, EARLY = 5, 2
+SEVERAL = 3  # effects from which a search from none, with free functions, is tried, too
 NONE = Settling()
 log = logging.getLogger(__name__)
 
@@ -88,8 +89,11 @@ def likeliest_of(
     best = found.descend(best)
     log.info("structures that no effect has", extra={"share": 0.5})
     found.open()
+    best = found.descend(best)
+    if len(best.charts) - len(found.world.given) >= SEVERAL:  # together they may imitate an unlisted law
+        best = max(best, found.descend(root(found.world, best.nuisance)), key=found.score)
     # the steps of a descent may end beside a set with other laws that is likelier
-    best = max(alternatives(found, found.descend(best), CLAIM), key=found.score)
+    best = max(alternatives(found, best, CLAIM), key=found.score)
     while (k := shaped_otherwise(found, best)) is not None:
         likelier = max(alternatives(found, best, CLAIM), key=found.score)  # linearised evidence is not exact
         best = without(found, best, k) if likelier is best else likelier

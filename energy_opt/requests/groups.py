@@ -233,11 +233,7 @@ class SolvingGroup(Request):
         aliases=("--ways",),
     )  # fmt: skip
     controls: int | None = option(None, "control points per joint with --mode reshape (48)", "N")
-    end_acceleration: str = option(
-        "zero",
-        "acceleration at both ends of a reshaped move: zero or free (zero); a retimed path has free ends",
-        "KIND",
-    )
+    end_acceleration: str = option("zero", "at both ends of a reshaped move: zero or free (zero)", "KIND")
     compile: str = option("auto", "compile the model's functions to machine code: auto, always or never (auto)", "WHEN")
     objective: str = option("energy", "minimise energy, torque, power_squared, path_length or time (energy)", "NAME")
     verify_samples: int | None = option(
@@ -333,9 +329,7 @@ class WorthGroup(Request):
     cycles_per_year: float | None = option(None, "cycles in a year: also state the saving in a year", "N")
     price: float | None = option(None, "price of one kWh, in any currency", "PER_KWH")
     co2: float | None = option(None, "carbon dioxide of one kWh [kg]", "KG_PER_KWH")
-    per_year: PerYear | None = option(
-        None, "PerYear(cycles_per_year, price, co2) in place of these", internal=True, written=False
-    )
+    per_year: PerYear | None = option(None, "these three as a PerYear", internal=True, written=False)
 
     def __post_init__(self) -> None:
         if self.per_year is not None:

@@ -19,7 +19,7 @@ from energy_opt.robot.limits import unit_of
 
 UNKNOWN = 0.4  # posterior over prior standard deviation above which the data hardly determined a number
 WANDERS = 0.3  # share of the noise by which runs' levels must differ to be mentioned
-SLOW = 1.5  # times the noise of single readings from which slow noise is mentioned
+WAVY = 1.5  # times the noise of single readings from which slow noise is mentioned
 SHARE = 0.01  # least explained share that the headline states
 UNRECORDED = "no signal that was recorded"  # the rest depends on it where it depends on none of the log
 PLAIN = {
@@ -149,9 +149,9 @@ def remarks(found: Inference, measured: MeasuredSet, declared: PowerModel) -> li
             "standby drifts. The fit includes this; it is not stated as a cause."
         )
     noise = found.noise
-    if noise.wave > SLOW * noise.white:
+    if noise.wave > WAVY * noise.white:
         out.append(
-            f"Beside the noise of single readings ({noise.white:.2g} W), the power wanders by {noise.wave:.2g} W within "
+            f"Beside the noise of single readings ({noise.white:.2g} W), the power wanders by {noise.wave:.2g} W in "
             f"about {noise.memory:.2g} s. A load that switches, such as a fan, looks like this; it counts as noise."
         )
     for f in found.rivals[1:]:

@@ -526,7 +526,7 @@ int banded_interior(const double *band_, const double *edge_, const double *corn
                     for (I i = 0; i < inner; i++)
                         corner_now[k * count + j] -= edge_now[i * count + k] * through[j * inner + i];
             if (good && factorise_small(corner_now, count)) break;
-            double more = larger(LEAST_DAMPING, 3 * damping); /* four times as much as before */
+            double more = larger(LEAST_DAMPING, damping);
             damping += more;
             if (!(damping < MOST_DAMPING)) {
                 free(work);

@@ -135,7 +135,7 @@ def interior(
                 factor = _Factor(*_add_square(parts, signed, weight))
                 break
             except (LinAlgError, ValueError):
-                more = max(LEAST_DAMPING, 3 * damping)  # four times as much as before
+                more = max(LEAST_DAMPING, damping)
                 damping += more
                 if not damping < MOST_DAMPING:
                     raise LinAlgError("not positive definite") from None

@@ -4,8 +4,7 @@
 
 The declared model is complete: standby, copper loss, dry and viscous friction as the arm has them, but for one change.
 The arm (MuJoCo) has the change of a row of `CHANGES`. The meter has 0.6 W of noise. The laws are the package's own. A
-verdict is right if it is `explained` with exactly the true cause, open if that is among the alternatives, missed if
-nothing is named, and false otherwise. Exit code 1 if more than 5 % of the sets are false.
+verdict is right, open, missed or false as in `few_moves.py`. Exit code 1 if more than 5 % of the sets are false.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common import finish, table
+from few_moves import counted, kind_of
 from virtual_arms import ARMS
 from virtual_sets import base_model, make_set
 
@@ -27,7 +26,6 @@ from energy_opt.effects import AsymmetricFriction, CoulombFriction, Effect, Visc
 from energy_opt.measured import read_set
 from energy_opt.virtual_arm.simulate import Instruments
 
-FALSE = 0.05  # largest share of sets with a false cause
 Draw = Callable[[np.random.Generator, np.ndarray], Effect]
 
 
@@ -66,14 +64,8 @@ def examine(arm: str, change: str, seed: int) -> dict[str, Any]:
         path, calm = Path(folder) / "set", Instruments(noise=0.6, power_resolution=0.05)
         made = make_set(path, arm, [true, usual], seed=seed, instruments=calm, declared=owned)
         said = diagnose(read_set(made.folder), owned).document
-    named = sorted(row["name"] for row in said["effects"])
-    right, known = named == [true.name], [true.name] in [sorted(x) for x in said["alternatives"]]
-    kind = (
-        "right" if right and said["verdict"] == "explained"
-        else "open" if right or known else "missed" if not named else "false"
-    )  # fmt: skip
-    return {"arm": arm, "change": change, "verdict": said["verdict"], "named": named, "kind": kind,
-            "open": said["alternatives"]}  # fmt: skip
+    return {"arm": arm, "change": change, "verdict": said["verdict"], "named": [row["name"] for row in said["effects"]],
+            "open": said["alternatives"], "kind": kind_of(said, [true.name])}  # fmt: skip
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -89,11 +81,7 @@ def main(words: Sequence[str] | None = None) -> int:
             sets.append(examine(arm, change, args.seed))
             row = sets[-1]
             print(row["kind"], arm, f"{change}:", row["verdict"], *row["named"], row["open"], flush=True)
-    kinds = [row["kind"] for row in sets]
-    counts = {kind: kinds.count(kind) for kind in ("right", "open", "missed", "false")}
-    print(table(["sets", *counts], [[len(sets), *counts.values()]]))
-    said = f"a false cause in {counts['false']} of {len(sets)} sets, at most {100 * FALSE:.0f} %"
-    return finish({"sets": sets}, {said: counts["false"] <= FALSE * len(sets)}, args.out)
+    return counted(sets, args.out)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -72,11 +72,27 @@ def examine(arm: str, causes: Sequence[str], seed: int) -> dict[str, Any]:
         simulate(played, Plant(true), body, Path(folder), seed=seed, instruments=NOISE)
         said = diagnose(read_set(Path(folder), body), declared).document
     named, others = sorted(row["name"] for row in said["effects"]), [sorted(x) for x in said["alternatives"]]
-    right = said["verdict"] == "explained" and named == sorted(causes)
-    kind = (
-        "right" if right else "open" if sorted(causes) in others else "missed" if set(named) <= {*causes} else "false"
-    )
+    kind = kind_of(said, causes)
     return {"arm": arm, "causes": [*causes], "verdict": said["verdict"], "named": named, "open": others, "kind": kind}
+
+
+def kind_of(said: Mapping[str, Any], causes: Sequence[str]) -> str:
+    """Kind of a diagnosis (its document) of a set with these causes: right, open, missed or false."""
+    named, true = sorted(row["name"] for row in said["effects"]), sorted(causes)
+    if said["verdict"] == "explained" and named == true:
+        return "right"
+    if true in [sorted(x) for x in said["alternatives"]]:
+        return "open"
+    return "missed" if {*named} <= {*true} else "false"
+
+
+def counted(sets: Sequence[Mapping[str, Any]], out: Path | None) -> int:
+    """Print and write how many sets are of each kind; the exit code."""
+    kinds = [row["kind"] for row in sets]
+    counts = {kind: kinds.count(kind) for kind in ("right", "open", "missed", "false")}
+    print(table(["sets", *counts], [[len(sets), *counts.values()]]))
+    said = f"a false cause in {counts['false']} of {len(sets)} sets, at most {100 * FALSE:.0f} %"
+    return finish({"sets": sets}, {said: counts["false"] <= FALSE * len(sets)}, out)
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -92,11 +108,7 @@ def main(words: Sequence[str] | None = None) -> int:
             sets.append(examine(arm, causes, args.seed))
             row = sets[-1]
             print(row["kind"], arm, "+".join(causes), "->", row["verdict"], *row["named"], row["open"], flush=True)
-    kinds = [row["kind"] for row in sets]
-    counts = {kind: kinds.count(kind) for kind in ("right", "open", "missed", "false")}
-    print(table(["sets", *counts], [[len(sets), *counts.values()]]))
-    said = f"a false cause in {counts['false']} of {len(sets)} sets, at most {100 * FALSE:.0f} %"
-    return finish({"sets": sets}, {said: counts["false"] <= FALSE * len(sets)}, args.out)
+    return counted(sets, args.out)
 
 
 if __name__ == "__main__":

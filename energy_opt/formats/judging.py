@@ -18,6 +18,8 @@ from energy_opt.motion.limits.base import Limit, Violation
 from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.trajectory import Trajectory
 
+AT_REST = 1e-6  # [rad/s, m/s] slower arms are at rest
+
 
 @dataclass(frozen=True)
 class Judging:
@@ -166,8 +168,9 @@ def _worst(looks: Sequence[tuple[Certificate, float]]) -> Certificate:
 
 
 def apart(trajectory: Trajectory) -> list[Trajectory]:
-    """The motions between jumps of the acceleration, where `joined` keeps two samples a nanosecond apart."""
-    jumps = np.flatnonzero(np.diff(trajectory.time) < 1.5 * NANOSECOND)
+    """The motions between jumps of the acceleration at rest, where `joined` keeps two samples a nanosecond apart."""
+    resting = np.abs(trajectory.velocity).max(axis=1) < AT_REST
+    jumps = np.flatnonzero((np.diff(trajectory.time) < 1.5 * NANOSECOND) & resting[:-1] & resting[1:])
     bounds = [0, *(jumps + 1).tolist(), len(trajectory.time)]
     return [trajectory.part(slice(a, b)) for a, b in pairwise(bounds) if b - a > 1] or [trajectory]
 

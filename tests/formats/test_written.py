@@ -19,7 +19,7 @@ from energy_opt.formats.controller_files import wanted
 from energy_opt.formats.controller_program import Part, standing
 from energy_opt.formats.controller_program import joined as joined_parts
 from energy_opt.formats.cycle_file import certificates, without_jumps, write_cycle
-from energy_opt.formats.judging import CycleJudging
+from energy_opt.formats.judging import CycleJudging, apart
 from energy_opt.jobs import job_files
 from energy_opt.jobs.file import load_job
 from energy_opt.jobs.job_files import write_programs
@@ -137,7 +137,10 @@ def test_accelerations_that_jump_between_motions_are_spread_over_milliseconds(pa
     judge = CycleJudging.of([(4.0, Scorer(panda, model), None)])
     wait = standing(panda.joints, GOAL, 0.4)
     for trajectories in ([*moves, wait], moves):
-        assert not judge(joined_parts(trajectories)).valid
+        whole_cycle = joined_parts(trajectories)
+        assert not judge(whole_cycle).valid and judge.of_motions(whole_cycle).valid
+        moving = replace(whole_cycle, velocity=whole_cycle.velocity + 0.1)
+        assert len(apart(whole_cycle)) > 1 and len(apart(moving)) == 1  # the arm must be at rest where it jumps
         parts = [Part(t, waits=t is wait) for t in trajectories]
         # a program of a UR runs each motion by itself; a jump within a nanosecond was a jerk of 1e13 rad/s^3 there
         (alone,) = certificates(parts, judge, wanted(["urscript"]), 500.0)

@@ -243,3 +243,26 @@ def test_a_class_registered_anew_replaces_what_was_built():
         assert first != second and registry.of_form(second[0], 2).power(None, None, SimpleNamespace(power=3), None) == 6
     finally:
         unregister("cell")
+
+
+def test_a_model_registers_the_effects_that_are_added_to_it():
+    """Without `register`, a class that was defined again had the law of the first one in a plan."""
+
+    def extra(factor):
+        def power(cls, x, tau_m, p, k):
+            return factor * p.power
+
+        body = {"name": "extra", "parameters": (Parameter("power", "W", 0, 0, 9),), "power": classmethod(power)}
+        return type("Extra", (PowerEffect,), {**body, "__qualname__": "Extra"})
+
+    robot = load_robot("ur5e")
+    rest = straight(START, START + 1e-3)
+    try:
+        powers = []
+        for factor in (1, 3):
+            model = PowerModel("ur5e", ()) + extra(factor)(power=2.0)
+            motion = fastest(robot, model, rest).slowed(1.0).trajectory(robot.joints)
+            powers.append(Scorer(robot, model).energy(motion).by_effect["extra"])
+        np.testing.assert_allclose(powers, [2.0, 6.0], rtol=1e-9)
+    finally:
+        unregister("extra")

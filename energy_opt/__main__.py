@@ -38,6 +38,7 @@ def command() -> int:
     try:
         return main()
     finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # all files are written
         # Python ends by the signal, not by the exit code, if Ctrl-C went through code that a library ran from text, as
         # some do while they are imported; running text forgets that.

@@ -100,7 +100,7 @@ def of_another_load(name: str, model: PowerModel, used: PowerModel) -> str:
     if own is None or own == other:
         return ""
     masses = [0.0 if e is None else float(e.values["mass"][0]) for e in (own, other)]
-    return f"{name}: its payload ({masses[0]:g} kg) is not used; --payload gives {masses[1]:g} kg"
+    return f"{name}: its payload of {masses[0]:g} kg is replaced by that of --payload, {masses[1]:g} kg"
 
 
 def several(given: AnyModel | Sequence[AnyModel] | None) -> list[AnyModel]:

@@ -234,7 +234,7 @@ def _label(bank: Bank, k: int) -> str:
 
 
 def odds_of(term: Term, variants: int) -> float:
-    """Logarithm of a term's odds before the data; in place of several effects, new values of all but one count, too."""
+    """Logarithm of a term's odds before the data; of the effects that it replaces, all but one count as refitted."""
     if term.declared:
         return REFIT_ODDS
     return ODDS + rarity(term) + REFIT_ODDS * max(len(term.instead) - 1, 0) - float(np.log(max(variants, 1)))

@@ -288,10 +288,32 @@ def test_newton_steps_find_the_least_cost_that_ipopt_finds(name: str, more: tupl
         least = reference.energy - price * reference.timing.duration
         near = 1e-2 if more else 1e-3  # kinks are smoothed, in units of the timing
         for share in (1.0, 2.0):
-            found = work.relax(quickest.slowed(share * quickest.duration), price=price, floor=1e-6)
+            start = quickest.slowed(share * quickest.duration)
+            found = work.relax(start, price=price, longest=1e6, floor=1e-6)
             assert found.solved and found.bound is not None
-            assert least * (1 + 1e-6) > found.bound > least - near * abs(least)
+            assert least + 1e-6 * reference.energy > found.bound > least - near * abs(least)  # as the grid resolves
             assert found.energy - price * found.timing.duration < least + near * abs(least)
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_newton_steps_hold_a_duration_that_ipopt_holds(name: str) -> None:
+    """In at most 1.02 times the shortest duration, which all moves use up; the bound proves it."""
+    robot = load_robot(name)
+    model, limits = named_model("source-method-2", robot), joint_limits(robot.limits)
+    for move in random_moves(robot, 3, 4):
+        quickest = minimum_time(robot, model, straight(np.array(move.start), np.array(move.goal)), limits)
+        longest = 1.02 * quickest.duration
+        start = quickest.slowed(longest)
+        work = Retiming(robot, model, quickest, limits)
+        price = work.convex_price()
+        reference = work.optimise(start, price=price, longest=longest, floor=1e-6, bounded=True)
+        found = work.relax(start, price=price, longest=longest, floor=1e-6)
+        assert reference.solved and found.solved and found.bound is not None
+        assert found.timing.duration <= longest * (1 + 1e-7)
+        least = reference.energy - price * reference.timing.duration
+        value = found.energy - price * found.timing.duration
+        assert abs(value - least) < 1e-5 * reference.energy
+        assert value - 1e-4 * reference.energy < found.bound <= value + 1e-7 * reference.energy
 
 
 def test_narrow_kinks_need_few_iterations() -> None:

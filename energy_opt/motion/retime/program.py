@@ -236,22 +236,23 @@ class Retiming:
             return Solved(self, timing, bound, False, f"limits not held after {ROUNDS} rounds")
         return Solved(self, timing, bound, answer.success, answer.status)
 
-    def relax(self, start: Timing, *, price: float, floor: float) -> Solved:
-        """The least energy - price * duration for any duration, by Newton steps, and its bound; see `optimise`.
+    def relax(self, start: Timing, *, price: float, longest: float, floor: float) -> Solved:
+        """The least energy - price * duration in at most `longest` seconds, by Newton steps; see `optimise`.
 
-        Limits between the grid's points are not checked; the bound remains valid.
+        If the answer takes less, limits between the grid's points are not checked; the bound remains valid.
         """
         scaled = self._scaled(start, price, floor)
-        x, added, constraints = scaled.x, True, self.limits.constraints(scaled.unit)
-        while added:
-            whole = scaled.program(constraints, start.duration)
+        x = scaled.x
+        for _ in range(ROUNDS):
+            whole = scaled.program(self.limits.constraints(scaled.unit), longest)
             found = least_cost(whole, x, scaled.box, scaled.allowed)
             x, control = found.x, scaled.unit * whole.control(found.x)
-            self.limits.add_broken(control)
-            constraints = self.limits.constraints(scaled.unit)
-            added = found.converged and constraints.count > whole.held_constraints.count
+            self.tally.iterations += found.steps
+            broken = self.limits.add_broken(control) or (found.multipliers[0] > 0 and self.limits.refine(control))
+            if not (broken and found.converged):
+                break
         bound = scaled.bound(whole, x, found.multipliers)
-        return Solved(self, Timing(start.path, start.knots, control), bound, found.converged, "")
+        return Solved(self, Timing(start.path, start.knots, control), bound, found.converged and not broken, "")
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,11 @@ is solved by IPOPT from TOPP-RA's timing (`retime.program`). This module decides
     minimise  E(b) - price * T(b)   subject to  T(b) = T
 
 where a second of the duration is credited with a price [W], a constant that does not change the answer; up to a certain
-price the cost stays convex (this always includes standby power). If the multiplier of T is at least zero, the answer is
-that of the convex program with T(b) <= T, hence the global one, and weak duality gives its bound. Otherwise a second
-costs more than that price: a faster motion would cost less, and the arm creeps where holding is cheap. The convex
-program is then solved from there, and R* + price * T, with R* its least cost, bounds how much is missing at most; if
-that is much, its answer is one more start.
+price the cost stays convex (this always includes standby power). The convex program with T(b) <= T is solved first
+(`retime.bound`). With R* its least cost, R* + price * T is a lower bound. If its answer takes all the time, it is the
+global one. Otherwise a second costs more than that price: a faster motion would cost less, and the arm creeps where
+holding is cheap. IPOPT then solves the equality from the answer of the convex program, stretched, and if the bound is
+far away, from the even start as well.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ GLOBAL_GAP = 0.25  # [%] an answer with a bound closer than this is called the g
 USELESS = 1.0  # share of the energy: a bound farther away is not reported
 ROUNDING = 1e-12  # relative: durations that differ by less are equal
 USED_UP = 1e-5  # relative slack of the duration below which it counts as used up
+BESIDE = 0.6  # share of the duration from which the convex program's answer is the first start
 PROVED = 1e-4  # relative: an answer with a bound closer than this needs no better bound
 CORRECTIONS = 4  # most corrections of a duration that the grid does not resolve
 HELD = 3e-7  # share of a bound: allowed excess over the tighter bound in the program
@@ -172,24 +173,21 @@ def _free(work: Retiming, start: Timing, longest: float | None) -> _Plan:
 def _exact(work: Retiming, start: Timing, duration: float) -> _Plan:
     """The answer for exactly `duration` seconds; see the module."""
     price = work.convex_price()
-    best = _equality(work, start, price, duration)
-    if work.convex and best.gap > PROVED:
-        if best.converged:
-            relaxed = work.relax(best.timing, price=price, floor=FLOOR)
-        else:
-            relaxed = work.optimise(start, price=price, longest=duration, floor=FLOOR, bounded=True)
+    best = _Plan(start, np.inf, None, False)
+    starts = [start]
+    if work.convex:
+        relaxed = work.relax(start, price=price, longest=duration, floor=FLOOR)
+        timing = _stretched(work, relaxed.timing, duration)
+        share = relaxed.timing.duration / duration
         if relaxed.bound is not None:
-            below = relaxed.bound + price * duration
-            best = replace(best, bound=below if best.bound is None else max(below, best.bound))
-        other = best
+            best = replace(best, bound=relaxed.bound + price * duration)
+        if relaxed.solved and abs(share - 1) <= USED_UP:
+            best = _lesser(best, _stretched_plan(work, timing, best.bound, relaxed))
         if relaxed.solved:
-            timing = _stretched_at(relaxed.timing, duration)
-            if abs(relaxed.timing.duration / duration - 1) <= USED_UP and not work.limits.refine(timing.control):
-                other = _Plan(timing, relaxed.energy, best.bound, True)
-            elif not best.converged or best.bound is None or best.gap > GLOBAL_GAP / 100:
-                other = _equality(work, timing, price, duration)
-        if other.energy < best.energy:
-            best = replace(other, bound=best.bound)
+            starts = [timing, start] if share > BESIDE else [start, timing]
+    for number, tried in enumerate(starts):
+        if best.gap > (GLOBAL_GAP / 100 if number else PROVED):
+            best = _lesser(best, _equality(work, tried, price, duration))
     reason = "the search ended at a timing of more energy" if best.converged else best.message
     slowed = _feasible_start(work, start, reason, best.bound)
     least = duration / (1 + USED_UP)
@@ -215,9 +213,20 @@ def _equality(work: Retiming, start: Timing, price: float, duration: float) -> _
         nearer *= (1 - 1e-7) * duration / found.timing.duration
         found = work.optimise(found.timing, price=price, longest=nearer, floor=CREEP, exactly=True)
         timing = _stretched(work, found.timing, duration)
+    return _stretched_plan(work, timing, bound, found)
+
+
+def _stretched_plan(work: Retiming, timing: Timing, bound: float | None, found: Solved) -> _Plan:
+    """A solver's answer, stretched; of infinite energy if limits do not hold."""
     inside = work.limits.worst(timing.control).excess <= HELD
     energy = work.energy(timing) if inside else np.inf
     return _Plan(timing, energy, bound, found.solved, f"the solver stopped with {found.status}")
+
+
+def _lesser(one: _Plan, other: _Plan) -> _Plan:
+    """The plan of less energy, with the better bound."""
+    bounds = [plan.bound for plan in (one, other) if plan.bound is not None]
+    return replace(other if other.energy <= one.energy else one, bound=max(bounds, default=None))
 
 
 def _best(

@@ -16,6 +16,7 @@ from math import ceil, floor, inf, log10
 from traceback import extract_tb
 from typing import Any
 
+OTHERWISE = {"as": "standard"}  # options whose argument has another name
 LONGEST = 300  # most characters of a fault's text: libraries list every form of a call
 
 _options: ContextVar[bool] = ContextVar("messages speak of options", default=False)
@@ -35,9 +36,13 @@ def in_words(message: str) -> str:
     """The message with options, or with arguments for a caller from Python; text in `backticks` stays."""
     if _options.get():
         return message
+
+    def argument(found: re.Match[str]) -> str:
+        return OTHERWISE.get(found[1], found[1].replace("-", "_"))
+
     parts = message.split("`")
     for k in range(0, len(parts), 2):
-        parts[k] = re.sub(r"(?<![\w-])--([a-z][a-z-]*)", lambda found: found[1].replace("-", "_"), parts[k])
+        parts[k] = re.sub(r"(?<![\w-])--([a-z][a-z-]*)", argument, parts[k])
     return "`".join(parts)
 
 

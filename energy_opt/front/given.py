@@ -185,7 +185,10 @@ def payload_from(given: Any) -> Payload:
             f"--payload: its centre is {far:g} m from the last joint; expected metres (are these millimetres? "
             f"{far / 1000:g} m then)"
         )
-    return Payload(mass=numbers[0], com=numbers[1:] if numbers.size == 4 else np.zeros(3))
+    try:
+        return Payload(mass=numbers[0], com=numbers[1:] if numbers.size == 4 else np.zeros(3))
+    except BadInput as error:
+        raise BadInput(f"--payload: {str(error).removeprefix('effect payload: ')}") from None
 
 
 def payload_document(given: Any) -> dict[str, Any] | None:

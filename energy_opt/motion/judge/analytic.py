@@ -98,8 +98,9 @@ class TorqueBound:
         """
         near = np.array(RADII)[:, None]
         with np.errstate(all="ignore"):  # overflow gives no bound
-            powers = np.stack([size * h**k for k, size in enumerate(sizes, 1)])
-            turn, v, a = (_shares(least) @ (powers / h**least).max(axis=1) for least in (0, 1, 2))
+            # in memory, pieces come last, so that maxima are fast
+            powers = np.ascontiguousarray([(size * h ** (k - 2)).T for k, size in enumerate(sizes, 1)])
+            turn, v, a = (_shares(least) @ (powers * h[:, 0] ** (2 - least)).max(axis=2) for least in (0, 1, 2))
             # of all pieces together: the worst one decides, and `largest` gets a small array
             most = np.nan_to_num(self.largest(turn, v, a, slide.max(axis=0) + turn), nan=np.inf, posinf=np.inf)
             value = most * ((1 / (degree * near)) ** (degree + 1) * factorial(degree) / 4 + ROUNDING)

@@ -179,23 +179,18 @@ def _pieces(
 
 def certificate_of(dense: Dense, limits: Sequence[Limit], scorer: Scorer) -> Certificate:
     """The certificate of a trajectory that is already on a dense grid, by the scorer's model; without clearance."""
-    found = tuple(_peak(limit, limit.worst(dense), dense, scorer) for limit in limits)
-    found, sure = proven(dense, scorer, limits, found) if dense.factor > 1 else (found, False)
-    return Certificate(len(dense.time), found, _peak_power(dense, scorer), proven=sure)
-
-
-def _peak(limit: Limit, found: Violation, dense: Dense, scorer: Scorer) -> Violation:
-    """`found`, or a worse place between the grid's places, where peaks may be narrower than their spacing."""
-    use = limit.peaked(dense)
-    time = np.zeros(0) if use is None else _times_of_peaks(dense.time, use)
-    return max(found, limit.worst(scorer.between(dense, time)), key=_size) if len(time) else found
-
-
-def _peak_power(dense: Dense, scorer: Scorer) -> float:
-    """The whole arm's peak power [W]."""
-    most = float(dense.power.max())
-    time = _times_of_peaks(dense.time, dense.power[:, None] / most) if most > 0 else np.zeros(0)
-    return max(most, float(scorer.between(dense, time).power.max())) if len(time) else most
+    found, most = [limit.worst(dense) for limit in limits], float(dense.power.max())
+    peaked = [(k, use) for k, limit in enumerate(limits) if (use := limit.peaked(dense)) is not None]
+    times = [_times_of_peaks(dense.time, use) for _, use in peaked]
+    times.append(_times_of_peaks(dense.time, dense.power[:, None] / most) if most > 0 else np.zeros(0))
+    time = np.unique(np.concatenate(times))
+    if len(time):  # peaks may be narrower than the spacing of the grid
+        there = scorer.between(dense, time)
+        most = max(most, float(there.power.max()))
+        for k in (k for (k, _), near in zip(peaked, times, strict=False) if len(near)):
+            found[k] = max(found[k], limits[k].worst(there), key=_size)
+    places, sure = proven(dense, scorer, limits, found) if dense.factor > 1 else (tuple(found), False)
+    return Certificate(len(dense.time), places, most, proven=sure)
 
 
 def _times_of_peaks(time: np.ndarray, use: np.ndarray) -> np.ndarray:

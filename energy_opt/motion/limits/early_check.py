@@ -11,6 +11,7 @@ import numpy as np
 
 from energy_opt.errors import Infeasible
 from energy_opt.motion.limits.base import Limit
+from energy_opt.motion.limits.own import Power
 from energy_opt.motion.move import LONGEST, Move
 from energy_opt.motion.path import straight
 from energy_opt.motion.path_dynamics import PathDynamics
@@ -63,7 +64,10 @@ def check_pose(limits: Sequence[Limit], robot: Robot, model: PowerModel, q: np.n
         if fixed.excess[0, j] > (HELD if fixed.holding else ALLOWED):
             joint, hint = limit.where(robot.joints, j), ""
             if fixed.holding:
+                overhead = model.constant_power(robot.n)
                 hint = "; a lighter payload or another posture would work"
+                if isinstance(limit, Power) and overhead > limit.scale.min():
+                    hint = f"; {overhead:.4g} W of it are drawn whatever the arm does: expected a larger limit"
             raise Infeasible(
                 f"{what}: {joint}: {fixed.text(0, j)}{hint}",
                 joint=joint,

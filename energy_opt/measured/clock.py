@@ -25,13 +25,9 @@ GRID = 0.02  # [s] step of the grid of the motion's features
 MOST = 40_000  # most nodes of that grid
 READINGS = 1500  # readings used at most (about)
 FEWEST = 12  # least independent readings to estimate a clock or a window: two for every feature
-LEAST = 0.25  # [s] a smaller offset is attributed to the meter's own delay, which the fit determines
-SURE = 15.0  # gain of log likelihood from which a moved clock replaces the given one
-GOOD = 0.3  # least share of the readings' variance that the motion must explain
 APART = 0.3  # [s] readings closer together count as one
 SHAPE = 3.0  # difference of log likelihood that decides between means and values at the stamps
 DELAYS = np.round(np.arange(0.0, 0.601, 0.025), 3)  # [s] delays of a meter that are tried; the first is none
-DRIFT = 2e-3  # [s/s] largest drift of a clock
 
 
 @dataclass(frozen=True)
@@ -39,7 +35,7 @@ class Activity:
     """Integrals of a motion's features over an even grid.
 
     Attributes:
-        t: (K,) [s]. integrals: (K, F) from the first time on; each feature has a standard deviation of 1.
+        t: (K,) [s]. integrals: (K, F) from the first time on.
     """
 
     t: np.ndarray
@@ -101,7 +97,6 @@ def activity(robot: Robot, time: np.ndarray, position: np.ndarray) -> Activity:
     values = np.column_stack(
         [drive, np.maximum(drive, 0), np.sum(tau**2, axis=1), np.abs(v).sum(axis=1), np.sum(v**2, axis=1)]
     )
-    values /= np.maximum(values.std(axis=0), 1e-9)
     return Activity(t, cumulative_trapezoid(values, dx=t[1] - t[0], axis=0, initial=0.0))
 
 
@@ -116,10 +111,7 @@ def evidence(motion: Activity, stamps: np.ndarray, window: np.ndarray, power: np
             variance. -inf and 0 if fewer than FEWEST independent readings lie within the motion.
     """
     inside = (stamps >= motion.t[0] - 1e-9) & (stamps <= motion.t[-1] + 1e-9)
-    if inside.sum() < FEWEST:
-        return -np.inf, 0.0
-    covered = float(np.ptp(stamps[inside]))
-    count = min(float(inside.sum()), covered / APART)
+    count = independent(stamps[inside])
     if count < FEWEST:
         return -np.inf, 0.0
     y = power[inside] - power[inside].mean()
@@ -133,43 +125,10 @@ def evidence(motion: Activity, stamps: np.ndarray, window: np.ndarray, power: np
     return -count / 2 * float(np.log(ratio)) - x.shape[1], 1 - ratio
 
 
-def fits_as_well(
-    motion: Activity | None, stamps: np.ndarray, offset: float, window: np.ndarray, power: np.ndarray
-) -> bool:
-    """Whether readings moved by an offset [s] fit the motion (None: there is none) no worse than they do unmoved."""
-    if motion is None:
-        return True
-    moved, given = (evidence(motion, stamps + x, window, power)[0] for x in (offset, 0.0))
-    return bool(moved >= given)
-
-
-def align(
-    motion: Activity, stamps: np.ndarray, windows: Sequence[np.ndarray], power: np.ndarray, given: bool, seek: bool
-) -> tuple[Clock | None, int, np.ndarray]:
-    """The meter's clock, and which of several windows its readings have.
-
-    Args:
-        motion: of the run. stamps, power: (M,) [s], [W] of the readings, perhaps on another clock.
-        windows: one or two (M,) [s]; the readings may be means over them.
-        given: whether the stamps claim to be on the joints' clock; otherwise every offset is equally likely.
-        seek: whether to search for another clock; otherwise only the windows are compared.
-
-    Returns:
-        The clock (None: the given one is as good, or the data do not decide), the index of the window, and log
-            likelihoods (windows, DELAYS) for `shows_means`.
-    """
-    fewer = [_thinned(stamps, window, power) for window in windows]
-    scores = np.array([[evidence(motion, s - d, w, p)[0] for d in DELAYS] for s, w, p in fewer])
-    at = int(shows_means(scores, float(np.median(windows[-1])))[0]) if len(windows) > 1 else 0
-    found = [_search(motion, stamps, window, power, given) for window in windows] if seek else [(None, -np.inf)]
-    best = max(range(len(found)), key=lambda k: found[k][1])
-    clock, score = found[best]
-    if clock is None or clock.explained < GOOD:
-        return None, at, scores
-    largest = abs(clock.offset) + abs(clock.drift) * float(stamps[-1] - stamps[0]) / 2
-    if given and (score - scores[:, 0].max() < SURE or largest < LEAST):
-        return None, at, scores
-    return clock, best, np.tile(np.array([[score] for _, score in found]), (1, len(DELAYS)))
+def delays_of(motion: Activity, stamps: np.ndarray, windows: Sequence[np.ndarray], power: np.ndarray) -> np.ndarray:
+    """Log likelihoods (windows, DELAYS) of readings that average `windows` and come late; see `shows_means`."""
+    fewer = [thinned(stamps, window, power) for window in windows]
+    return np.array([[evidence(motion, s - d, w, p)[0] for d in DELAYS] for s, w, p in fewer])
 
 
 def shows_means(scores: np.ndarray, interval: float) -> tuple[bool, bool]:
@@ -191,51 +150,12 @@ def shows_means(scores: np.ndarray, interval: float) -> tuple[bool, bool]:
     return bool(abs(late - interval / 2) < 0.2 * interval), False
 
 
-def _search(
-    motion: Activity, stamps: np.ndarray, window: np.ndarray, power: np.ndarray, given: bool
-) -> tuple[Clock | None, float]:
-    """The clock with the best fit, and its log likelihood; None and -inf if no offset leaves enough readings within.
-
-    Offsets are first scanned on a grid. Then Nelder-Mead refines offset and drift. The drift is kept if it improves the
-    log likelihood by more than 5 + log(M) / 2 (the Bayesian information criterion with a margin).
-    """
-    from scipy.optimize import minimize
-
-    stamps, window, power = _thinned(stamps, window, power)
-    span, own = float(motion.t[-1] - motion.t[0]), float(stamps[-1] - stamps[0])
-    middle = float(stamps[0] + stamps[-1]) / 2
-    share = 0.5 * min(span, own)
-    first, last = motion.t[0] + share - stamps[-1], motion.t[-1] - share - stamps[0]
-    step = max(0.1, float(np.median(window)) / 8, (last - first) / 6000)
-    offsets = np.arange(first, last + step, step)
-    if given:
-        offsets = np.append(offsets[np.abs(offsets) > step / 2], 0.0)
-    scores = np.array([evidence(motion, stamps + x, window, power)[0] for x in offsets])
-    if not np.isfinite(scores).any():
-        return None, -np.inf
-    best = float(offsets[int(np.argmax(scores))])
-
-    def loss(x: np.ndarray) -> float:
-        """Less the log likelihood of an offset [s], and of the drift over half of the readings [s], if there is one."""
-        offset, drift = (*x, 0.0)[:2]
-        if abs(drift) > DRIFT * own / 2:
-            return 1e9
-        score = evidence(motion, stamps + offset + drift * (stamps - middle) / (own / 2), window, power)[0]
-        return max(-score, -1e9) if np.isfinite(score) else 1e9
-
-    both = np.array([[best, 0.0], [best + step, 0.0], [best, min(0.05, DRIFT * own / 4)]])
-    fine, alone = (
-        minimize(loss, x[0], method="Nelder-Mead", options={"initial_simplex": x, "xatol": 1e-4})
-        for x in (both, both[:2, :1])  # offset and drift, and the offset alone
-    )
-    drifts = alone.fun - fine.fun > 5.0 + 0.5 * np.log(len(power))
-    offset, drift = (float(fine.x[0]), float(fine.x[1]) / (own / 2)) if drifts else (float(alone.x[0]), 0.0)
-    clock = Clock(offset, drift, middle, 0.0)
-    score, explained = evidence(motion, clock.moved(stamps), window, power)
-    return Clock(offset, drift, middle, explained), score
-
-
-def _thinned(*columns: np.ndarray) -> tuple[np.ndarray, ...]:
+def thinned(*columns: np.ndarray) -> tuple[np.ndarray, ...]:
     """Every k-th reading, so that `READINGS` take part."""
     stride = max(1, len(columns[0]) // READINGS)
     return tuple(column[::stride] for column in columns)
+
+
+def independent(stamps: np.ndarray) -> float:
+    """How many of the readings at ascending stamps (M,) [s] count as independent."""
+    return min(float(len(stamps)), float(stamps[-1] - stamps[0]) / APART) if len(stamps) else 0.0

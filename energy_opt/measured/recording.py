@@ -14,10 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.measured.clock import activity, align, fits_as_well
+from energy_opt.measured.clock import activity, delays_of, shows_means
 from energy_opt.measured.columns import AUTO, LOGGED, PRESETS, Rule, plain_rules
 from energy_opt.measured.joints import FEWEST, Joints, quantity, read_joints, runs_backward
 from energy_opt.measured.log import LogFile, RunEntry
+from energy_opt.measured.meter_clocks import Found
+from energy_opt.measured.meter_fits import Meter
 from energy_opt.measured.meter_names import energy_column, power_column
 from energy_opt.measured.names import time_columns
 from energy_opt.measured.plausible import glitches, update_indices
@@ -167,7 +169,7 @@ class Recording:
     """Result of reading a [[run]]: its runs, faults, and remarks on the reading.
 
     `interval`: [s] between readings of a slow meter that may show means; `scores`: log likelihoods of both cases, see
-    `clock.shows_means`. `open`: whether the meter's clock was searched for; `offset`: [s] by which the motion moved it.
+    `clock.shows_means`. `meter`: readings of a meter whose clock may be another one than that of the joints.
     """
 
     runs: list[Run] = field(default_factory=list)
@@ -175,15 +177,14 @@ class Recording:
     remarks: list[str] = field(default_factory=list)
     interval: float = 0.0
     scores: np.ndarray | None = None
-    open: bool = False
-    offset: float | None = None
+    meter: Meter | None = None
 
 
-def read_recording(log: LogFile, entry: RunEntry, robot: Robot, clock: float, offset: float | None = None) -> Recording:
+def read_recording(log: LogFile, entry: RunEntry, robot: Robot, clock: float, found: Found | None = None) -> Recording:
     """Read one [[run]] of a log.
 
     Args:
-        clock: the set time [s] of its time 0 if the log states none. offset: [s] of the meter's clock in other runs.
+        clock: the set time [s] of its time 0 if the log states none. found: what is known of its meter's clock.
     """
     out = Recording()
     table = Table(log.file(entry.file), log.csv)
@@ -200,7 +201,7 @@ def read_recording(log: LogFile, entry: RunEntry, robot: Robot, clock: float, of
     out.remarks += [f"{entry.power_file or entry.file}: {word}" for word in readings.remarks]
     zero = float(joints.time[0]) if joints.dated or abs(joints.time[0]) >= UPTIME else 0.0
     time = joints.time - zero
-    moved, status = _one_clock(log, entry, robot, joints, readings, zero, out, offset)
+    moved, status = _one_clock(log, entry, robot, joints, readings, zero, out, found)
     if moved is None:
         return out
     start = clock if entry.start is None else entry.start
@@ -258,20 +259,20 @@ def rules_of_meter(table: Table) -> dict[str, Rule]:
 
 def _one_clock(
     log: LogFile, entry: RunEntry, robot: Robot, joints: Joints, readings: Readings, zero: float, out: Recording,
-    offset: float | None,
+    found: Found | None,
 ) -> tuple[Readings | None, str]:  # fmt: skip
     """The readings on the run's clock, and the origin of that clock: "shared", "stated" or "estimated".
 
-    `zero` [s]: stamp of the joints' file at the run's time 0; `offset` [s]: of the meter's clock in other runs.
+    `zero` [s]: stamp of the joints' file at the run's time 0; `found`: what is known of the meter's clock.
     """
     time, stamps, status = joints.time - zero, readings.time - zero, "shared"
-    first = 0.0  # stamp of the meter's file that counts as its time 0
+    first, dated = 0.0, False  # stamp of the meter's file that counts as its time 0; both files count from 1970
     if entry.power_file is not None and len(stamps):
-        same = abs(readings.time[0]) > EPOCH and abs(joints.time[0]) > EPOCH
+        dated = abs(readings.time[0]) > EPOCH and abs(joints.time[0]) > EPOCH
         first = float(readings.time[0]) if readings.dated or abs(readings.time[0]) >= UPTIME else 0.0
         if entry.power_start is not None:
             stamps, status = readings.time - first + entry.power_start, "stated"
-        elif not same and _overlap(stamps, time) < 0.5:
+        elif not dated and _overlap(stamps, time) < 0.5:
             stamps = readings.time - first
     seek = entry.power_file is not None and entry.power_start is None and len(stamps) > 1
     interval = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
@@ -279,19 +280,19 @@ def _one_clock(
     infer = slow and readings.kind == "power"
     windows = [readings.window, np.full(len(stamps), interval)] if infer else [readings.window]
     overlap = _overlap(stamps, time) if len(stamps) > 1 else 1.0
-    found, which, scores, motion = None, 0, None, None
+    which, scores = 0, None
     if (seek or infer) and float(np.ptp(joints.signals["position"], axis=0).max()) > MOVES_ENOUGH:
         motion = activity(robot, time, joints.signals["position"])
-        found, which, scores = align(motion, stamps, windows, readings.power, overlap >= 0.5, seek)
-    known = 0.0 if found or not seek else offset or 0.0
-    out.open, out.offset = seek, None if found is None else found.offset
-    overlaps = known != 0 and _overlap(stamps + known, time) > 0
-    if overlaps and fits_as_well(motion, stamps, known, windows[which], readings.power):
-        stamps, status, overlap = stamps + known, "estimated", 1.0
-        out.remarks.append(
-            f"{entry.power_file}: its clock is moved by {known:.3f} s, as in other runs (power_start overrides this)"
-        )
-    if found is None and seek and overlap < 0.5:
+        if seek:
+            out.meter = Meter(motion, stamps, readings.power, tuple(windows), overlap >= 0.5, dated)
+        else:
+            scores = delays_of(motion, stamps, windows, readings.power)
+            which = int(shows_means(scores, interval)[0])
+    if found is not None:
+        which, scores = found.window, found.scores
+    if seek and overlap < 0.5 and (found is None or found.clock is None):
+        if found is None and out.meter is not None:  # a clock may still be found
+            return replace(readings, time=stamps[:0], power=readings.power[:0], window=readings.window[:0]), status
         out.faults.append(
             f"{log.file(entry.power_file or '')}: its clock runs from {stamps[0]:g} to {stamps[-1]:g} s, the "
             f"motion's from {time[0]:g} to {time[-1]:g} s: they hardly overlap; both count from the run's time 0, "
@@ -299,15 +300,14 @@ def _one_clock(
         )
         return None, status
     if found is not None:
-        start = float(found.moved(stamps[:1])[0] - (readings.time[0] - first))
-        stamps, status = found.moved(stamps), "estimated"
-        drift = f", drifting by {1e6 * found.drift:.0f} ppm" if found.drift else ""
-        out.remarks.append(
-            f"{entry.power_file}: the meter's clock was found by correlation with the motion: its first reading is at "
-            f"{stamps[0]:.3f} s of {entry.file}, power_start = {start:.3f}{drift} (the motion explains "
-            f"{100 * found.explained:.0f} % of the readings' variance; power_start in log.toml overrides this)"
-        )
-    window = windows[which]
+        remark = found.remark(entry.file, stamps, readings.time - first)
+        out.remarks += [f"{entry.power_file}: {remark}"] if remark else []
+        if found.lost:
+            readings = replace(readings, time=stamps[:0], power=stamps[:0], window=stamps[:0])
+            return readings, status
+        if found.clock is not None:
+            stamps, status = found.clock.moved(stamps), "estimated"
+    window = windows[min(which, len(windows) - 1)]
     if infer:
         out.interval, out.scores = interval, scores
     slack = 0.1 * window + 1e-9

@@ -10,11 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.measured.clock import LEAST, shows_means
+from energy_opt.measured.clock import shows_means
 from energy_opt.measured.columns import ARM_POWER, LOGGED, PAYLOAD
 from energy_opt.measured.differentiate import choose_smoothing, coarse, kinematics
 from energy_opt.measured.joint_units import contradicting
 from energy_opt.measured.log import LogFile, read_log
+from energy_opt.measured.meter_clocks import Found, clocks_of
 from energy_opt.measured.plausible import saturated
 from energy_opt.measured.recording import Recording, read_recording
 from energy_opt.measured.run import MeasuredSet, Run
@@ -105,32 +106,35 @@ def collect(log: LogFile, robot: Robot) -> tuple[list[Run], bool, list[str], lis
     ]
     found = _recordings(log, robot, faults)
     known, said = [fault for fault in faults if fault.startswith(f"{log.path}: columns.")], []
-    if log.window is None and any(one.interval for one in found):
+    open_ = {k: one.meter for k, one in found.items() if one.meter is not None}
+    clocks = dict(zip(open_, clocks_of(list(open_.values())), strict=True))
+    scores = [one.scores for k, one in found.items() if k not in clocks] + [one.scores for one in clocks.values()]
+    if log.window is None and any(one.interval for one in found.values()):
         # Whether a slow meter shows means is a property of the meter: all runs decide together.
-        interval = float(np.median([one.interval for one in found if one.interval]))
-        scored = [one.scores for one in found if one.scores is not None and np.isfinite(one.scores).all()]
+        interval = float(np.median([one.interval for one in found.values() if one.interval]))
+        scored = [x for x in scores if x is not None and len(x) > 1 and np.isfinite(x).all()]
         mean, sure = shows_means(np.sum(scored, axis=0), interval) if scored else (True, False)
         log = dataclasses.replace(log, window=interval if mean else 0.0)
-        found = _recordings(log, robot, faults := [*known])
         shows = f"means over {interval:.3g} s" if mean else "the power at its stamps"
         said.append(
             f"meter: a reading every {interval:.3g} s, taken for {shows}, "
             + ("which fits the motion better" if sure else "though the motion does not show whether they are means")
             + " ([meter] window overrides this)"
         )
-    if (offset := _common_offset(found)) is not None:
-        found = _recordings(log, robot, faults := [*known], offset)
-    if found:
-        found[0].remarks += said
-    faults += [fault for one in found for fault in one.faults]
-    runs = [run for one in found for run in one.runs]
+    if said or clocks:
+        found = _recordings(log, robot, faults := [*known], clocks)
+    records = list(found.values())
+    if records:
+        records[0].remarks += said
+    faults += [fault for one in records for fault in one.faults]
+    runs = [run for one in records for run in one.runs]
     if ends := _range_end(runs):
         runs = [_below(run, ends) for run in runs]
         remarks = [f"{log.path.name}: the readings of {ends:.4g} W are left out: the meter's range seems to end there"]
     else:
         remarks = []
     clock = len(log.runs) == 1 or all(entry.start is not None for entry in log.runs)
-    remarks += [remark for one in found for remark in one.remarks]
+    remarks += [remark for one in records for remark in one.remarks]
     if overlap := _overlap(log, runs):
         starts = [0.0, *np.cumsum([run.time[-1] for run in runs]).tolist()]  # each where the one before ends
         runs = [dataclasses.replace(run, start=begin) for run, begin in zip(runs, starts, strict=False)]
@@ -191,30 +195,25 @@ def _merged_remarks(remarks: list[str]) -> list[str]:
     return out
 
 
-def _common_offset(found: Sequence[Recording]) -> float | None:
-    """The offset [s] of the meter's clock where runs agree on it and others do not show it; else None."""
-    offsets = [one.offset for one in found if one.offset is not None]
-    agreed = len(offsets) > 1 and np.ptp(offsets) < LEAST
-    return float(np.median(offsets)) if agreed and any(one.open and one.offset is None for one in found) else None
-
-
-def _recordings(log: LogFile, robot: Robot, faults: list[str], offset: float | None = None) -> list[Recording]:
-    """Read every [[run]]; the errors of those that cannot be read go to `faults`.
+def _recordings(
+    log: LogFile, robot: Robot, faults: list[str], clocks: Mapping[int, Found] | None = None
+) -> dict[int, Recording]:
+    """Every [[run]] by its number; the errors of those that cannot be read go to `faults`.
 
     Args:
-        offset: [s] of the meter's clock, for runs that do not show it.
+        clocks: what is known of the meters' clocks, by the run's number.
     """
-    out = []
+    out: dict[int, Recording] = {}
     clock = 0.0
     for k, entry in enumerate(log.runs):
         LOGGER.info("file %d of %d: %s", k + 1, len(log.runs), entry.file, extra={"share": k / len(log.runs)})
         try:
-            out.append(read_recording(log, entry, robot, clock, offset))
+            out[k] = read_recording(log, entry, robot, clock, None if clocks is None else clocks.get(k))
         except BadInput as error:
             faults.append(str(error))
             continue
-        if out[-1].runs:
-            clock = out[-1].runs[-1].start + float(out[-1].runs[-1].time[-1])
+        if out[k].runs:
+            clock = out[k].runs[-1].start + float(out[k].runs[-1].time[-1])
     return out
 
 

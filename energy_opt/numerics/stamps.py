@@ -148,6 +148,9 @@ def _moved_to_gaps(kept: np.ndarray, stamps: np.ndarray, same: np.ndarray) -> tu
     return kept[stay], stamps[stay], int(move.sum())
 
 
+FASTEST = 4e-4  # [s] a unit of which the step would be shorter is not believed
+
+
 def stamp_factor(stamps: np.ndarray, name: str = "time", span: float | None = None) -> float:
     """Seconds per unit of stamps without a named unit: by their size if they count from 1970, else by their step.
 
@@ -155,7 +158,7 @@ def stamp_factor(stamps: np.ndarray, name: str = "time", span: float | None = No
 
     Args:
         stamps: (N,) as written; not finite ones are ignored. name: "power.time" for a meter's.
-        span: [s] the approximate duration, if known: it decides instead of the step.
+        span: [s] the approximate duration, if known: it decides among the units that leave a believable step.
     """
     stamps = stamps[np.isfinite(stamps)]
     if len(stamps) < 2:
@@ -169,7 +172,9 @@ def stamp_factor(stamps: np.ndarray, name: str = "time", span: float | None = No
     if size > EPOCH and float(stamps[-1] - stamps[0]) < 1e6 and usual < 20:
         return 1.0
     if span is not None:
-        return min((1.0, 1e-3, 1e-6, 1e-9), key=lambda f: abs(np.log(f * (stamps[-1] - stamps[0]) / span)))
+        factors = (1.0, 1e-3, 1e-6, 1e-9)  # a meter may run much longer than the motion
+        slow_enough = [f for f in factors if f * usual > FASTEST] or factors
+        return min(slow_enough, key=lambda f: abs(np.log(f * (stamps[-1] - stamps[0]) / span)))
     slow = 20.0 if name == "power.time" else 1.0
     for first, factor in ((3.2e5, 1e-9), (320.0, 1e-6), (0.5, 1e-3)):  # between 5 samples/s in one and 2000 in the next
         if usual >= first * slow:

@@ -152,6 +152,7 @@ class Parameter:
 
 TINY = 1e-12  # keeps the logarithm of 0 finite
 MOVING_SPEED = 1e-3  # [rad/s] a faster joint counts as moving
+RESTING_SPEED = 1e-9  # [rad/s] a joint at rest is no faster than this, as numbers are rounded
 SLIDING_SPEED = 0.01  # [rad/s] smoothing width about standstill: about a hundredth of a cobot's usual joint speed
 LOAD_WIDTH = 0.05  # [N m] smoothing width of the load that friction bears at rest; times `ArmSize.torque`
 # [N m], [W] largest torque and power of a cobot; a UR3's are 54 N m and 450 W, a UR10's 330 N m and 2,400 W
@@ -198,7 +199,7 @@ class Kinks:
     def direction(self, v: ca.SX, load: ca.SX, level: ca.SX) -> ca.SX:
         """Direction of dry friction that holds at rest, (n, 1) from -1 to 1.
 
-            s = v / MOVING_SPEED, clamped to [-1, 1]
+            s = v / RESTING_SPEED, clamped to [-1, 1]
             direction = s + (1 - s^2) (share - s share^2)      with share = bearing(load, level)
 
         It is sign(v) if the joint moves (|s| = 1) and `bearing` if it rests (s = 0). In between it equals s (1 -
@@ -208,7 +209,7 @@ class Kinks:
             v: velocity (n, 1) [rad/s]. load: torque that the joint bears at rest (n, 1) [N m]. level: largest friction
                 (n, 1) [N m].
         """
-        s = ca.fmax(ca.fmin(v / MOVING_SPEED, 1), -1)
+        s = ca.fmax(ca.fmin(v / RESTING_SPEED, 1), -1)
         share = bearing(load, level)
         return s + (1 - s * s) * (share - s * share**2)
 

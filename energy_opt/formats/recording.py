@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from energy_opt.effects.parameter import MOVING_SPEED
+from energy_opt.effects.parameter import RESTING_SPEED
 from energy_opt.formats.close_waypoints import past
 from energy_opt.formats.noise import Noise, cutoffs_of, noise_of, spread
 from energy_opt.formats.readings import as_moved
@@ -129,7 +129,7 @@ def _standing(
         curve = tuple(x[:, j : j + 1] for x in (q, v, a))
         spans = [np.flatnonzero((t.time >= begin) & (t.time <= end)) for begin, end in own]
         still[:, j] = np.isin(np.arange(len(q)), np.concatenate([*spans, []]))
-        spans = [span for span in spans if np.abs(one.velocity[span]).max(initial=0.0) > MOVING_SPEED]
+        spans = [span for span in spans if np.abs(one.velocity[span]).max(initial=0.0) > RESTING_SPEED]
         bounds = [0, *(k for span in spans for k in span[[0, -1]].tolist()), len(t.time) - 1]
         for span, before, after in zip(spans, bounds[:-2:2], bounds[3::2], strict=True):
             place = one.position[span].mean(axis=0)

@@ -329,4 +329,4 @@ def test_a_point_of_a_front_that_exceeds_a_torque_limit_under_another_model_is_s
         return float(np.abs(panda.body.torque(q, v, a) + 3.0 * np.sign(v) * (np.abs(v) > 0.05))[:, 0].max())
 
     assert most(front.points[0]) > 11.1 and most(front.minimum) > 11.1
-    assert max(map(most, (*again.points, again.minimum))) <= 11.0 and most(again.fastest) > 11.1
+    assert max(map(most, (*again.points, again.minimum))) <= 11.0 < most(again.fastest)

@@ -29,18 +29,24 @@ from energy_opt.robot import PointMass, RigidBody
 
 FEWEST_READINGS = 5  # least readings of a standstill, or as many as take `LONG` if the meter is slow
 FEWEST = 3  # least poses for an interval by Method 2
+# poses farther from the line than NOISY times the meter's noise have another reason, worth a word below this R^2
+NOISY, CLEAR = 5.0, 0.99
 SAME_POSE = 0.02  # [rad] poses that differ by less in every joint are one pose
 
 
 @dataclass(frozen=True)
 class Pose:
-    """A pose held still: where, its mean power [W], its |gravity torque|^2 [(N m)^2], and how long [s]."""
+    """A pose held still: where, its mean power [W], its |gravity torque|^2 [(N m)^2], and how long [s].
+
+    `noise`: standard error of the mean power by the spread of the readings, W.
+    """
 
     file: str
     position: np.ndarray
     power: float
     load: float
     duration: float
+    noise: float = 0.0
 
 
 @dataclass(frozen=True, repr=False)
@@ -150,7 +156,8 @@ def _pose(
     q = position.mean(axis=0)
     rest = np.zeros((1, body.n))
     torque = body.torque(q[None], rest, rest, payload, gravity)[0]
-    return Pose(file, q, float(power.mean()), float(torque @ torque), held)
+    noise = float(power.std() / np.sqrt(len(power)))
+    return Pose(file, q, float(power.mean()), float(torque @ torque), held, noise)
 
 
 def identify(robot: str, poses: Sequence[Pose]) -> Identification:
@@ -197,8 +204,18 @@ def identify(robot: str, poses: Sequence[Pose]) -> Identification:
     ci95 = {"standby": [float(standby - half[0]), float(standby + half[0])], "r_over_kt2": [low, high]}
     line = {"standby": standby, "r_over_kt2": r, "ci95": ci95, "r_squared": float(fit.rvalue**2)}
     words = [f"{count} different poses; repeats of a pose count as one"] if count < len(poses) else []
+    off = float(np.sqrt(np.mean((power - standby - r * load) ** 2)))
+    noise = float(np.sqrt(np.mean([p.noise**2 for p in poses])))
+    unexplained = off > NOISY * noise > 0 and fit.rvalue**2 < CLEAR
     if half[1] >= 0.5 * r:
-        words.append(f"r_over_kt2 is known to {100 * half[1] / r:.0f} % only: the poses vary little")
+        why = "" if unexplained else ": the poses vary little"
+        words.append(f"r_over_kt2 is known to {100 * half[1] / r:.0f} % only{why}")
+    if unexplained:
+        words.append(
+            f"the poses are {off:.2g} W from the line, {off / noise:.0f} times the meter's noise: is a payload "
+            "(--payload) or a tilt of the base (--base) missing? Friction at rest, and joints whose r_over_kt2 differ, "
+            "do this too"
+        )
     if standby < 0:
         words.append(f"Method 2's overhead is below zero ({standby:.3g} ± {half[0]:.2g} W): its model file has 0 W")
     word = "; ".join(words)

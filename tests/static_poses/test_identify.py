@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -62,6 +63,15 @@ def test_repeats_of_a_pose_are_no_further_evidence():
         overhead.append(least <= 88.04 <= most)
         assert "6 different poses" in found.word
     assert len(inside) > 100 and np.mean(inside) >= 0.9 and np.mean(overhead) >= 0.9
+
+
+def test_poses_far_from_the_line_name_what_may_be_missing():
+    """A tilted base without --base said that the poses vary little."""
+    load, rng = np.linspace(100, 2000, 8), np.random.default_rng(0)
+    for off, said in ((2.0, True), (0.04, False)):
+        power = 88.04 + 0.0036 * load + off * rng.choice([-1, 1], 8)
+        found = identify("panda", [replace(pose, noise=0.04) for pose in poses(load, power)])
+        assert ("--payload" in found.word and "--base" in found.word) is said
 
 
 def test_a_pose_counts_once_however_often_it_was_held():

@@ -194,28 +194,28 @@ def identify(robot: str, poses: Sequence[Pose]) -> Identification:
     standby, r = float(fit.intercept), float(fit.slope)
     half = student.ppf(0.975, count - 2) * np.array([fit.intercept_stderr, fit.stderr])
     low, high = float(r - half[1]), float(r + half[1])
+    off = float(np.sqrt(np.mean((power - standby - r * load) ** 2)))
+    noise, missing = float(np.sqrt(np.mean([p.noise**2 for p in poses]))), ""
+    if off > NOISY * noise > 0 and fit.rvalue**2 < CLEAR:
+        missing = (
+            f"the poses are {off:.2g} W from the line, {off / noise:.0f} times the meter's noise: is a payload "
+            "(--payload) or a tilt of the base (--base) missing? Friction at rest, and joints whose r_over_kt2 differ, "
+            "do this too"
+        )
     if high <= 0:
         return refused(f"power falls with gravity torque (r_over_kt2 in [{low:.3g}, {high:.3g}])")
     if low <= 0:
         return refused(
             f"the poses do not vary enough: r_over_kt2 lies in [{low:.3g}, {high:.3g}] W/(N m)^2, "
-            "which holds 0; `energy-opt identify --suggest N` proposes better poses"
+            f"which holds 0; `energy-opt identify --suggest N` proposes better poses{'; ' * bool(missing)}{missing}"
         )
     ci95 = {"standby": [float(standby - half[0]), float(standby + half[0])], "r_over_kt2": [low, high]}
     line = {"standby": standby, "r_over_kt2": r, "ci95": ci95, "r_squared": float(fit.rvalue**2)}
     words = [f"{count} different poses; repeats of a pose count as one"] if count < len(poses) else []
-    off = float(np.sqrt(np.mean((power - standby - r * load) ** 2)))
-    noise = float(np.sqrt(np.mean([p.noise**2 for p in poses])))
-    unexplained = off > NOISY * noise > 0 and fit.rvalue**2 < CLEAR
     if half[1] >= 0.5 * r:
-        why = "" if unexplained else ": the poses vary little"
+        why = "" if missing else ": the poses vary little"
         words.append(f"r_over_kt2 is known to {100 * half[1] / r:.0f} % only{why}")
-    if unexplained:
-        words.append(
-            f"the poses are {off:.2g} W from the line, {off / noise:.0f} times the meter's noise: is a payload "
-            "(--payload) or a tilt of the base (--base) missing? Friction at rest, and joints whose r_over_kt2 differ, "
-            "do this too"
-        )
+    words += [missing] if missing else []
     if standby < 0:
         words.append(f"Method 2's overhead is below zero ({standby:.3g} ± {half[0]:.2g} W): its model file has 0 W")
     word = "; ".join(words)

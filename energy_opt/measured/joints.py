@@ -9,6 +9,7 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.measured.columns import Rule, factor_of
+from energy_opt.measured.names import is_commanded
 from energy_opt.measured.plausible import degrees_fault, held_samples, leaps, spikes, step_fault
 from energy_opt.measured.run import JOINT_SIGNALS
 from energy_opt.measured.table import Table
@@ -108,6 +109,10 @@ def read_joints(table: Table, rules: Mapping[str, Rule], robot: Robot, kind: str
     samples = clean(time[index], np.column_stack([values[index] for values in signals.values()]))
     dropped, index = np.concatenate([spiked, np.delete(index, samples.kept)]), index[samples.kept]
     remarks = [*samples.remarks]
+    headers = {joint: rules[f"{joint}.position"].columns[0] for joint in robot.joints}
+    commanded = next((header for joint, header in headers.items() if is_commanded(header, joint)), None)
+    if commanded is not None:
+        remarks.append(f"positions are commanded ones, not measured, by the header {commanded!r}")
     if held.any():
         remarks.append("positions are held over several rows: taken where they change")
     if spiked.size:

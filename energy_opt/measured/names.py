@@ -55,10 +55,10 @@ def known_unit(kind: str, word: str) -> str | None:
     if word in UNITS[kind]:
         return word
     word = word.lower()
-    angle = re.fullmatch(r"(\D+?)\s*(/|_per_|\.)\s*s(?:ec)?(?:\^?(-?2)|²)?\s*", word)
+    angle = re.fullmatch(r"(\D+?)\s*(/|_per_|\.)\s*s(?:ec)?(\^?-?2|²)?\s*", word)
     if angle and kind in BY_SIGNAL:
-        stem = OTHER.get(angle.group(1), angle.group(1))
-        return lower.get(f"{stem}{BY_SIGNAL[kind]}".lower())
+        unit = OTHER.get(angle.group(1), angle.group(1)) + ("/s^2" if angle.group(3) else "/s")
+        return lower.get(unit.lower())
     return lower.get(OTHER.get(word, word).lower())
 
 
@@ -74,28 +74,35 @@ SIGNALS: dict[str, frozenset[str]] = {
     "effort": words_in("tau effort efforts torque torques moment moments drehmoment"),
     "current": words_in("current currents cur strom ampere i"),
     "temperature": words_in("temp temps temperature temperatures temperatur"),
-    "position": words_in(
-        "q pos position positions angle angles theta encoder joint joints j axis axes a achse winkel jpos"
-    ),
+    "position": words_in("q pos position positions angle angles theta encoder winkel jpos"),
 }
+JOINT = words_in("joint joints j axis axes a achse achs gelenk")  # alone, they mean the joint's position
+# Beside a word of JOINT, these say that the column is no position; unknown words make it the last choice.
+QUANTITIES = words_in(
+    "pwm duty load last auslastung utilization power energy leistung watt watts jerk ruck friction stiffness damping "
+    "gain kp ki kd frequency pressure vibration noise brake bremse enable enabled status flag fault alarm warning id"
+)
 # Words for commanded or computed values: measured ones are wanted.
 COMMANDED = words_in(
     "computed calculated calc model modelled modeled simulated sim estimate estimated est theoretical feedforward "
-    "predicted target desired des command commanded cmd ref reference setpoint goal d soll error err planned nominal"
+    "predicted target targets desired des command commanded cmd ref reference setpoint setpoints sp goal d planned "
+    "nominal demand demanded requested expected soll vorgabe consigne consigna objetivo riferimento referencia"
 )
 STRANGE = words_in(  # a header with one of these words is no joint's signal
     "tcp cartesian tool pose wrench force ext external hat output register registers bit bits mode digital analog "
     "voltage volt voltages limit limits max min seq covariance contact collision name names accelerometer gripper "
-    "finger momentum factor fraction scaling time stamp percent pct counts ticks increments"
+    "finger momentum factor fraction scaling time stamp percent pct counts ticks increments error err deviation fehler"
 )
-MEASURED = words_in("actual measured state states act ist real feedback fb meas joint")
+MEASURED = words_in("actual measured state states act ist real feedback fb meas pv joint")
 NAMED = re.compile(r".*\d[./](?:position|velocity|acceleration|effort|current|temperature)")  # a joint's own name
-PLAIN = frozenset[str]().union(*SIGNALS.values(), MEASURED, words_in("robot arm states data"))  # say no name
+PLAIN = frozenset[str]().union(*SIGNALS.values(), JOINT, MEASURED, words_in("robot arm states data"))  # say no name
+REFUSED = -2.0  # highest rank of commanded values
 TIME = (
     "time", "timestamp", "stamp", "t", "zeit", "datetime", "date", "clock", "elapsed", "secs", "seconds", "zeitstempel",
     "datum", "uhrzeit", "duration",
 )  # fmt: skip
 NOT_TIME = words_in("execution frame nsecs nanosec control run cycle delta")
+PARTS = PLAIN | COMMANDED | STRANGE | words_in("motor wirk schein blind gesamt leistung power wert")  # of joined words
 
 
 @dataclass(frozen=True)
@@ -130,9 +137,19 @@ def cut(text: str) -> Header:
         if word and telling and any(known_unit(kind, word) for kind in UNITS):
             rest, unit = rest[: tail.start()] if tail else rest, word
             parts = re.findall(r"[A-Za-zµμ°À-ÿ]+|\d+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", rest))
-    words = tuple(part.lower() for part in parts if not part.isdigit())
+    words = tuple(word for part in parts if not part.isdigit() for word in _parted(part.lower()))
     numbers = tuple(int(part) for part in parts if part.isdigit() and len(part) < 5)
     return Header(text, words, numbers, unit)
+
+
+def _parted(word: str) -> tuple[str, ...]:
+    """The known words that a word joins: `sollwinkel` is ("soll", "winkel"), `qref` ("q", "ref")."""
+    if word not in PARTS and word not in TIME:
+        for k in range(1, len(word)):
+            first, rest = word[:k], _parted(word[k:])
+            if first in PARTS and (k > 1 or first in "qi") and len(rest[-1]) > 1 and PARTS.issuperset(rest):
+                return first, *rest
+    return (word,)
 
 
 def unit_in(kind: str, header: str) -> str | None:
@@ -140,14 +157,20 @@ def unit_in(kind: str, header: str) -> str | None:
     return known_unit(kind, cut(header).unit)
 
 
-def signal_of(words: Iterable[str]) -> str | None:
-    """The joint signal that words name, or None."""
+def signal_of(words: Iterable[str], unit: str) -> str | None:
+    """The joint signal that words and a unit ("" for none) name, or None.
+
+    Words that only say "joint" mean the signal of the unit, and the position without one.
+    """
     have = set(words)
     if have & STRANGE:
         return None
     if {"q", "dot"} <= have or {"theta", "dot"} <= have:
         return "velocity"
-    return next((signal for signal, known in SIGNALS.items() if have & known), None)
+    named = next((signal for signal, known in SIGNALS.items() if have & known), None)
+    if named is not None or not have & JOINT or have & QUANTITIES:
+        return named
+    return next((signal for signal in SIGNALS if known_unit(signal, unit)), None) if unit else "position"
 
 
 def joint_columns(
@@ -155,18 +178,37 @@ def joint_columns(
 ) -> dict[str, dict[str, str]]:
     """Which header holds which joint's signal: {signal: {joint: header}}, only signals found for every joint.
 
-    Numbers stand for the robot's own order, unless the headers state the names of other joints. If there is a number
-    for each joint that could move, they are those of followers (mimic) and locked joints, too.
+    Commanded or computed values are not taken, except positions if no measured ones are there. Numbers stand for the
+    robot's own order, unless the headers state the names of other joints. If there is a number for each joint that
+    could move, they are those of followers (mimic) and locked joints, too.
 
     Args:
         header: of a file. robot: the arm. given: joint name by number, where the file itself says.
     """
-    found = _by_number(header, robot, given or {}) | _by_name(header, robot)
-    return {signal: found[signal] for signal in SIGNALS if signal in found}
+    by_number, by_name = _by_number(header, robot, given or {}), _by_name(header, robot)
+    found = {}
+    for signal in SIGNALS:
+        ranked = [by[signal] for by in (by_name, by_number) if signal in by]
+        measured = [columns for rank, columns in ranked if rank > REFUSED]
+        if measured or (ranked and signal == "position"):
+            found[signal] = measured[0] if measured else ranked[0][1]
+    return found
 
 
-def _by_name(header: Sequence[str], robot: Robot) -> dict[str, dict[str, str]]:
-    """Columns by the joints' names in their headers: {signal: {joint: header}} of signals that all joints have."""
+def is_commanded(header: str, joint: str) -> bool:
+    """Whether a header says that a joint's values are commanded or computed."""
+    return bool(COMMANDED & set(_words_beside(header, _short_names([joint])[joint])))
+
+
+def _words_beside(header: str, forms: Iterable[str]) -> tuple[str, ...]:
+    """The words of a header without the first of a joint's `forms` that it has."""
+    flat = f" {_flat(header)} "
+    form = next((form for form in forms if form in flat), " ")
+    return cut(flat.replace(form, " ", 1)).words
+
+
+def _by_name(header: Sequence[str], robot: Robot) -> dict[str, tuple[float, dict[str, str]]]:
+    """Columns by joints' names in their headers: {signal: (rank, {joint: header})}, only signals of all joints."""
     names = _short_names(dict.fromkeys([*robot.joints, *robot.movable]))
     found: dict[str, dict[str, tuple[float, str]]] = defaultdict(dict)
     for text in header:
@@ -176,15 +218,20 @@ def _by_name(header: Sequence[str], robot: Robot) -> dict[str, dict[str, str]]:
             _, form, joint = max(fitting)
             if joint not in robot.joints:  # a follower's or a locked joint's: `j2_rod` is no `j2`
                 continue
-            words = cut(flat.replace(form, " ", 1)).words
-            telling = [x for x in words if x not in ("joint", "joints", "j", "a")]
-            signal = signal_of(telling) or ("position" if not telling or set(telling) <= {"states", "state"} else None)
+            rest, unit = flat.replace(form, " ", 1).strip(), cut(text).unit
+            unit = unit if rest.endswith(_flat(unit)) else ""  # of "joint_A", A is the name
+            words = cut(rest.removesuffix(_flat(unit))).words
+            telling = [x for x in words if x not in ("joint", "joints", "j", "a", "state", "states")]
+            signal = signal_of(telling or ["joint"], unit)
             if signal is not None:
-                rank = _rank(words)
+                rank = _rank(words, signal)
                 if rank > found[signal].get(joint, (-9.0, ""))[0]:
                     found[signal][joint] = (rank, text)
-    whole = {signal: {j: text for j, (_, text) in by.items()} for signal, by in found.items()}
-    return {signal: by for signal, by in whole.items() if set(by) == set(robot.joints)}
+    return {
+        signal: (min(rank for rank, _ in by.values()), {joint: text for joint, (_, text) in by.items()})
+        for signal, by in found.items()
+        if set(by) == set(robot.joints)
+    }
 
 
 def names_joint(header: str, joint: str, robot: str) -> bool:
@@ -211,18 +258,19 @@ def _short_names(joints: Iterable[str]) -> dict[str, list[str]]:
     return forms
 
 
-def _by_number(header: Sequence[str], robot: Robot, given: Mapping[int, str]) -> dict[str, dict[str, str]]:
-    """Columns by numbers in their headers: {signal: {joint: header}} of vectors with a number for each joint."""
+def _by_number(
+    header: Sequence[str], robot: Robot, given: Mapping[int, str]
+) -> dict[str, tuple[float, dict[str, str]]]:
+    """Columns by numbers in their headers: {signal: (rank, {joint: header})}, vectors with a number for each joint."""
     joints = robot.joints
-    vectors: dict[tuple[tuple[str, ...], int, tuple[int, ...]], dict[int, str]] = defaultdict(dict)
+    vectors: dict[tuple[str | None, tuple[str, ...], int, tuple[int, ...]], dict[int, str]] = defaultdict(dict)
     for text in header:
         h = cut(text)
         for place, number in enumerate(h.numbers):
             others = h.numbers[:place] + h.numbers[place + 1 :]
-            vectors[h.words, place, others].setdefault(number, text)
+            vectors[signal_of(h.words, h.unit), h.words, place, others].setdefault(number, text)
     best: dict[str, tuple[float, dict[str, str]]] = {}
-    for (stem, _, _), members in vectors.items():
-        signal = signal_of(stem)
+    for (signal, stem, _, _), members in vectors.items():
         if signal is None or len(members) < len(joints) or _of_other_joints(list(members.values()), joints):
             continue
         first = 0 if 0 in members else 1
@@ -233,10 +281,10 @@ def _by_number(header: Sequence[str], robot: Robot, given: Mapping[int, str]) ->
             order = {joint: members[k] for k, joint in enumerate(counted, start=first) if k in members}
         if not set(joints) <= set(order):
             continue
-        rank = _rank(stem) - 0.01 * abs(len(members) - len(joints))
-        if rank > best.get(signal, (-0.5, {}))[0]:
+        rank = _rank(stem, signal) - 0.01 * abs(len(members) - len(joints))
+        if rank > best.get(signal, (-9.0, {}))[0]:
             best[signal] = (rank, {joint: order[joint] for joint in joints})
-    return {signal: order for signal, (_, order) in best.items()}
+    return best
 
 
 def _of_other_joints(headers: Sequence[str], joints: Sequence[str]) -> bool:
@@ -266,10 +314,16 @@ def _flat(text: str) -> str:
     return re.sub(r"[^a-z0-9]+", " ", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", text).lower()).strip()
 
 
-def _rank(words: Sequence[str]) -> float:
-    """Rank of a header as a measured value: below 0 for commanded values, above 0 if it is said to be measured."""
+def _rank(words: Sequence[str], signal: str) -> float:
+    """Rank of a header as a measured value: below REFUSED for commanded values, higher if it is said to be measured.
+
+    A position's is lower if the words only say "joint", and still lower if some are unknown.
+    """
     have = set(words)
-    return len(have & MEASURED) * 0.3 - (2.0 if have & COMMANDED else 0.0) - 0.01 * len(words)
+    rank = len(have & MEASURED) * 0.3 - (4.0 if have & COMMANDED else 0.0) - 0.01 * len(words)
+    if signal == "position" and not have & SIGNALS[signal]:
+        rank -= 0.4 if have <= PLAIN | COMMANDED else 0.8
+    return rank
 
 
 def time_columns(header: Sequence[str]) -> list[str]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import re
+from collections.abc import Container, Iterable, Mapping, Sequence
 
 from energy_opt.measured.names import COMMANDED, UNITS, Header, cut, known_unit, words_in
 
@@ -12,20 +13,23 @@ VOLT = words_in("voltage volt volts u v spannung")
 AMPERE = words_in("current ampere amperes amps amp i a strom")
 # Words for a single motor instead of the robot, unless the header also names the robot.
 SINGLE = words_in(
-    "joint motor axis axes achse actuator drive servo gripper tool finger elbow shoulder wrist antrieb j m link"
+    "joint motor axis axes achse actuator drive servo gripper tool finger elbow shoulder wrist antrieb j m link "
+    "pc camera"
 )
-WHOLE = words_in("robot arm total whole sum main gesamt")
+WHOLE = words_in("robot arm controller total whole sum main gesamt")
 ALTERNATING = words_in("pf cos phi apparent reactive frequency hz va var")
 NOT_POWER = words_in(
-    "apparent reactive factor max min peak limit state mode on off status button percent pct mech mechanical shaft"
+    "apparent reactive va kva var kvar varh kvarh schein blind factor max min peak limit state mode on off status "
+    "button percent pct mech mechanical shaft error err"
 )
-METERED = dict.fromkeys(words_in("meter measured meas actual ist elec electric electrical"), 0.5)
+METERED = dict.fromkeys(words_in("meter measured meas actual ist elec electric electrical ac mains grid netz"), 0.5)
+METERED |= dict.fromkeys(words_in("raw filtered mean average avg mittel rms instantaneous inst"), 0.0)
 
 
 def power_column(header: Sequence[str]) -> str | None:
     """The header of the whole robot's power, None if there is none."""
-    good = {"total": 2.0, "robot": 1.0, "arm": 1.0, "active": 1.0, "whole": 1.0, "sum": 1.0, "main": 0.5, "input": 0.5}
-    good |= METERED
+    good = {"total": 2.0, "gesamt": 2.0, "input": 0.5, "in": 0.5, "import": 0.5, "main": 0.5} | METERED
+    good |= dict.fromkeys(words_in("robot arm controller active wirk whole sum"), 1.0)
     return _best_header(header, POWER, NOT_POWER, good, "power")
 
 
@@ -43,6 +47,9 @@ def _best_header(
 ) -> str | None:
     """The header that fits best, by its words and its unit; None if none fits."""
     best, score = None, 0.0
+    alike = [h.text for h in map(cut, header) if set(h.words) & words or known_unit(kind, h.unit)]
+    alike = [text for text in alike if not set(cut(text).words) & (never | COMMANDED)]
+    whole = {*words, *good, *map(str.lower, UNITS[kind])}
     for text in header:
         h = cut(text)
         unit = known_unit(kind, h.unit)
@@ -50,12 +57,29 @@ def _best_header(
         foreign = h.unit and unit is None and any(known_unit(k, h.unit) for k in UNITS)
         if not (have or unit) or set(h.words) & never or foreign or not _may_be_whole_robot(h, header, good):
             continue
+        if _one_of_several(text, alike, whole):
+            continue
         value = 1 + (1.0 if unit else 0.0) + sum(good.get(word, 0) for word in h.words) - 0.1 * len(h.words)
         value += 0.5 if have - {"p"} else 0.0
         value -= 0.5 * len(h.numbers) + (2.0 if set(h.words) & COMMANDED else 0.0)
         if value > score:
             best, score = text, value
     return best
+
+
+def _one_of_several(text: str, others: Iterable[str], whole: Container[str]) -> bool:
+    """True if a header differs from another in one word only, which is not in `whole` (as of a phase or a motor)."""
+    words = _all_words(text)
+    for other in map(_all_words, others):
+        apart = [word for word, there in zip(words, other, strict=False) if word != there]
+        if len(words) == len(other) and len(apart) == 1 and apart[0] not in whole:
+            return True
+    return False
+
+
+def _all_words(text: str) -> list[str]:
+    """The words, numbers and unit of a header, in lower case."""
+    return re.findall(r"[^\W\d_]+|\d+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", text).lower())
 
 
 def _may_be_whole_robot(h: Header, header: Sequence[str], good: Iterable[str]) -> bool:
@@ -79,11 +103,12 @@ def alternating(header: Iterable[str]) -> bool:
 
 def product_columns(header: Sequence[str]) -> tuple[str, str] | None:
     """Headers of a voltage and a current of the same supply, whose product is the power."""
-    good = {"robot": 2.0, "supply": 1.0, "bus": 1.0, "dc": 1.0, "total": 1.0, "battery": 0.5, "input": 0.5}
+    good = {"robot": 2.0, "supply": 1.0, "bus": 1.0, "dc": 1.0, "total": 1.0, "battery": 0.5, "input": 0.5, "in": 0.5}
     best, score = None, 0.0
     cells = [cut(text) for text in header]
-    for volt in cells:
-        if not (set(volt.words) & VOLT or volt.unit == "V"):
+    volts = [volt for volt in cells if set(volt.words) & VOLT or volt.unit == "V"]
+    for volt in volts:
+        if _one_of_several(volt.text, [other.text for other in volts], {*VOLT, *good, "mv", "kv"}):
             continue
         for ampere in cells:
             named = set(ampere.words) & AMPERE or known_unit("current", ampere.unit)

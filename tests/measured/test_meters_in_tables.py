@@ -36,6 +36,33 @@ def test_meters_are_found(header, power, energy, product):
     assert cut("Leistung [kW]").unit == "kW"
 
 
+@pytest.mark.parametrize(
+    ("header", "power"),
+    [
+        (["Base power (W)", "Shoulder power (W)", "Elbow power (W)"], None),
+        (["Power_A", "Power_B", "Power_C"], None),
+        (["Power_B", "Power_C", "Power_total"], "Power_total"),
+        (["PC power", "Controller power"], "Controller power"),
+        (["BasePower", "ArmPower"], "ArmPower"),
+        (["Lamp power", "Belt power"], None),
+        (["Power_VA", "cos phi"], None),
+        (["Scheinleistung [kVA]", "Blindleistung [kvar]", "Wirkleistung"], "Wirkleistung"),
+        (["Power import (W)", "Power export (W)"], "Power import (W)"),
+        (["power_mean", "power_target"], "power_mean"),
+        (["Leistung (W)", "Power (W)"], "Leistung (W)"),
+    ],
+)
+def test_a_part_of_the_robots_power_is_not_the_whole(header: list[str], power: str | None) -> None:
+    assert power_column(header) == power
+
+
+def test_voltage_and_current_of_a_phase_are_not_the_whole_supply() -> None:
+    assert product_columns(["Voltage_A", "Current_A", "Voltage_B", "Current_B"]) is None
+    robots = ["robot_voltage", "pc_voltage", "pc_current", "robot_current"]
+    assert product_columns(robots) == ("robot_voltage", "robot_current")
+    assert energy_column(["Energy_A", "Energy_B"]) is None
+
+
 def test_libfrankas_log_with_a_meter_of_its_own(tmp_path):
     t, q, v, p = arm(PANDA, step=0.001)
     names = [f"{s}[{k}]" for s in ("state.q", "state.q_d", "state.dq", "state.tau_J") for k in SEVEN]

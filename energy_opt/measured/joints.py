@@ -106,7 +106,8 @@ def read_joints(table: Table, rules: Mapping[str, Rule], robot: Robot, kind: str
         known = f"{len(index)} rows have two different times or one"
         table.fault(f"{known}; expected a time for each row, with enough digits", stamps)
         return None
-    samples = clean(time[index], np.column_stack([values[index] for values in signals.values()]))
+    filled = {name for name, values in signals.items() if np.isfinite(values[index]).all()}
+    samples = clean(time[index], np.column_stack([signals[name][index] for name in signals if name in filled]))
     dropped, index = np.concatenate([spiked, np.delete(index, samples.kept)]), index[samples.kept]
     remarks = [*samples.remarks]
     headers = {joint: rules[f"{joint}.position"].columns[0] for joint in robot.joints}
@@ -118,7 +119,12 @@ def read_joints(table: Table, rules: Mapping[str, Rule], robot: Robot, kind: str
     if spiked.size:
         first = table.row_number(int(spiked[0]))
         remarks.append(f"{len(spiked)} rows dropped: positions jump away and back (first: row {first})")
-    kept = {name: values[index] for name, values in signals.items() if np.isfinite(values[index]).all()}
+    if "temperature" in signals:
+        signals["temperature"] = _completed(time, signals["temperature"])
+    kept = {name: values[index] for name, values in signals.items()}
+    for name in [name for name, values in kept.items() if not np.isfinite(values).all()]:
+        share = 100 * float(np.mean(~np.isfinite(kept.pop(name))))
+        remarks.append(f"logged {name} is left out: {share:.0f} % of its cells are empty")
     jumps = leaps(samples.time, kept["position"], robot)
     if jumps.size and kind == "motion":
         first = table.row_number(int(index[jumps[0] + 1]))
@@ -131,6 +137,17 @@ def read_joints(table: Table, rules: Mapping[str, Rule], robot: Robot, kind: str
         table.fault(fault[2], rules[f"{fault[1]}.position"].columns[0] if fault[1] else stamps, int(index[fault[0]]))
         return None
     return Joints(samples.time, kept, samples, index, dropped, table.is_date(stamps))
+
+
+def _completed(time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values (N, n) at times (N,) with straight lines over empty cells: a temperature changes slowly."""
+    out = values.copy()
+    for k, one in enumerate(values.T):
+        known = np.flatnonzero(np.isfinite(one) & np.isfinite(time))
+        if known.size:
+            known = known[np.argsort(time[known], kind="stable")]
+            out[:, k] = np.interp(time, time[known], one[known])
+    return out
 
 
 def _check_columns_differ(table: Table, rules: Mapping[str, Rule], robot: Robot) -> None:

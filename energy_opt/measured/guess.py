@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import log, prod
 from typing import Any
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.measured.columns import ARM_POWER, ByHand, given_names, named_unit, understood
+from energy_opt.measured.columns import ARM_POWER, ByHand, given_names, kind_of, named_unit, understood
 from energy_opt.measured.joint_units import MOST_AMPERES, TOO_FAST, joint_units, units_in_words, without_foreign
 from energy_opt.measured.meter_names import alternating, energy_column, power_column, product_columns, robots_own
 from energy_opt.measured.names import UNITS, cut, joint_columns, names_joint, time_columns
@@ -19,9 +19,14 @@ from energy_opt.measured.table import Table
 from energy_opt.numerics.stamps import EPOCH, stamp_factor
 from energy_opt.power.known import by_name
 from energy_opt.robot import Robot, known_robots
+from energy_opt.robot.limits import postures
 
 LOOKED_AT = 20_000  # lines used for guesses
 FITS = 0.5  # share of the logged torques' size by which those of the file's robot may differ
+STANDBY = 100.0  # [W] by which an arm with its controller may draw more than its motors give
+SPARE = 2.0  # usual ratio of a motor's largest torque to what holding the arm takes
+STILL = 0.2  # [rad or deg] range of a joint that does not move
+APART = 0.01  # ratio of sizes that is usual between files in different units only
 TIME_UNITS = {1e-3: "ms", 1e-6: "us", 1e-9: "ns"}
 
 
@@ -122,9 +127,9 @@ def guess_joints(table: Table, robot: Robot, hand: ByHand) -> Guess:
             out.columns.clear()
         out.words.append("columns of Universal Robots' RTDE recorder (preset ur_rtde)")
         if not {"actual_robot_voltage", "actual_robot_current"} <= set(header) or hand.power is not None:
-            _guess_meter(table, out, hand)
+            _guess_meter(table, out, hand, robot)
         return out
-    _guess_meter(table, out, hand)
+    _guess_meter(table, out, hand, robot)
     without_foreign(found, table, out.words)
     table.load([*(c for by in found.values() for c in by.values())])
     raw = {s: np.column_stack([table.column(by[j]) for j in robot.joints])[:LOOKED_AT] for s, by in found.items()}
@@ -151,18 +156,19 @@ def guess_joints(table: Table, robot: Robot, hand: ByHand) -> Guess:
     return out
 
 
-def guess_meter(table: Table, span: float | None, hand: ByHand) -> Guess:
+def guess_meter(table: Table, robot: Robot, span: float | None, hand: ByHand) -> Guess:
     """Columns and units of a meter's own file.
 
     Args:
-        table: the file. span: [s] its approximate duration, if known. hand: columns that the user named.
+        table: the file. robot: which the meter measures. span: [s] its approximate duration, if known.
+        hand: columns that the user named.
 
     Raises:
         BadInput: it has neither power nor energy.
     """
     out = Guess()
     _guess_time(table, out, "power.time", hand, span)
-    _guess_meter(table, out, hand)
+    _guess_meter(table, out, hand, robot)
     if not {"power", "energy"} & set(out.columns):
         known = understood(table, out.columns)
         raise BadInput(f"{table.path}: neither joints' positions nor power nor energy of the whole robot; {known}")
@@ -196,7 +202,7 @@ def _guess_time(table: Table, out: Guess, key: str, hand: ByHand, span: float | 
     raise BadInput(f"{table.path}: {what}; {back or understood(table, out.columns)}")
 
 
-def _guess_meter(table: Table, out: Guess, hand: ByHand) -> None:
+def _guess_meter(table: Table, out: Guess, hand: ByHand, robot: Robot) -> None:
     """Find the meter's columns: the robot's voltage and current, else power, else any such pair, else a counter.
 
     Units are guessed by size if none is named. With an alternating supply, voltage times current is not the power
@@ -215,7 +221,7 @@ def _guess_meter(table: Table, out: Guess, hand: ByHand) -> None:
     if power is not None:
         unit = named_unit("power", power, table)
         mean = float(np.nanmean(np.abs(table.column(power)))) if unit is None else 0.0
-        if unit is None and 0 < mean < ARM_POWER[0]:
+        if unit is None and 0 < mean < min(ARM_POWER[0], _largest_power(robot) / UNITS["power"]["kW"]):
             unit = "kW"
         elif unit is None and mean > ARM_POWER[1]:
             unit = "mW"
@@ -233,17 +239,79 @@ def _guess_meter(table: Table, out: Guess, hand: ByHand) -> None:
         out.columns["power"] |= {} if unit == "W" else {"unit": unit}
         out.words.append(f"power: {pair[0]} * {pair[1]} [{unit}]")
     elif energy is not None:
-        unit = named_unit("energy", energy, table) or _counter_unit(table.column(energy), out.last - out.first)
+        unit = named_unit("energy", energy, table) or _counter_unit(table.column(energy), out.last - out.first, robot)
         out.columns["energy"] = {"column": energy, "unit": unit}
         out.words.append(f"energy: {energy} [{unit}], a counter")
 
 
-def _counter_unit(values: np.ndarray, seconds: float) -> str:
+def _largest_power(robot: Robot) -> float:
+    """Power [W] that an arm with its controller does not exceed on average, by its limits, else by its weight."""
+    q = postures(robot.limits)
+    holding = float(np.abs(robot.body.torque(q, np.zeros_like(q), np.zeros_like(q))).max())
+    efforts = np.where(np.isfinite(robot.limits.effort), robot.limits.effort, SPARE * holding)
+    motors = float(efforts @ robot.limits.velocity)
+    return motors + STANDBY if 0 < motors < np.inf else ARM_POWER[1]
+
+
+def _counter_unit(values: np.ndarray, seconds: float, robot: Robot) -> str:
     """Unit in which a counter's mean power is plausible for an arm."""
     values = values[np.isfinite(values)]
     rise = float(values[-1] - values[0]) / max(seconds, 1e-9) if len(values) else 0.0
-    fitting = (u for u in ("J", "Wh", "kWh", "mJ") if ARM_POWER[0] < rise * UNITS["energy"][u] < ARM_POWER[1] / 4)
+    most = min(ARM_POWER[1] / 4, _largest_power(robot))
+    fitting = (u for u in ("J", "Wh", "kWh", "mJ") if ARM_POWER[0] < rise * UNITS["energy"][u] < most)
     return next(fitting, "J")
+
+
+def in_one_unit(guesses: Mapping[Table, Guess], again: Callable[[Table], Guess]) -> dict[Table, Guess]:
+    """The guesses with one unit for each column that no file names a unit for.
+
+    It is the smallest of the units guessed, unless a file's values speak against it: small values, as of an arm near
+    zero or at rest, show no unit.
+
+    Args:
+        guesses: by file. again: guesses once more; units that are named in the table have priority.
+    """
+    anew: set[Table] = set()
+    words = []
+    for kind in ("position", "current", "power"):
+        units = {table: _unnamed_units(kind, table, guess) for table, guess in guesses.items()}
+        smallest: dict[str, Table] = {}
+        for table, by in units.items():
+            for column, unit in by.items():
+                other = smallest.setdefault(column, table)
+                if UNITS[kind][unit] < UNITS[kind][units[other][column]]:
+                    smallest[column] = table
+        differing = [(t, c) for t, by in units.items() for c, unit in by.items() if unit != units[smallest[c]][c]]
+        if differing and not any(_shows_unit(kind, table, smallest[c], c) for table, c in differing):
+            shown = {column: units[table][column] for column, table in smallest.items()}
+            first = differing[0][1]
+            words.append(f"{kind}: {shown[first]} in all files, as {smallest[first].path.name} shows")
+            for table, by in units.items():
+                table.units |= {column: shown[column] for column in by}
+                anew |= {table} if by else set()
+    out = {table: again(table) if table in anew else guess for table, guess in guesses.items()}
+    next(iter(out.values()), Guess()).words.extend(words)
+    return out
+
+
+def _unnamed_units(kind: str, table: Table, guess: Guess) -> dict[str, str]:
+    """The guessed unit of each column of a kind for which the file names none."""
+    out = {}
+    for key, entry in guess.columns.items():
+        rule = {"column": entry} if isinstance(entry, str) else entry
+        if kind_of(key) == kind and "column" in rule and named_unit(kind, rule["column"], table) is None:
+            out[rule["column"]] = rule.get("unit", next(iter(UNITS[kind])))
+    return out
+
+
+def _shows_unit(kind: str, table: Table, other: Table, column: str) -> bool:
+    """Whether a column's values show that its unit is not the smaller one of another file: angles that move, or sizes
+    that differ as those of units do.
+    """
+    values, others = (t.column(column)[:LOOKED_AT] for t in (table, other))
+    if kind == "position":
+        return float(np.nanmax(values) - np.nanmin(values)) > STILL
+    return float(np.nanmean(np.abs(values))) < APART * float(np.nanmean(np.abs(others)))
 
 
 def same_columns(guesses: Mapping[str, Guess]) -> None:

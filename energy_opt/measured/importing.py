@@ -16,7 +16,15 @@ from energy_opt.errors import BadInput
 from energy_opt.files import write_toml
 from energy_opt.folders import no_other_verb, written_whole
 from energy_opt.measured.columns import ByHand, given_names, quoted, understood
-from energy_opt.measured.guess import Guess, guess_joints, guess_meter, guess_robot, is_motion, same_columns
+from energy_opt.measured.guess import (
+    Guess,
+    guess_joints,
+    guess_meter,
+    guess_robot,
+    in_one_unit,
+    is_motion,
+    same_columns,
+)
 from energy_opt.measured.log import FORMAT, NAME, read_log
 from energy_opt.measured.names import joint_columns
 from energy_opt.measured.run import Run, cut_at_standstill, is_at_rest
@@ -124,6 +132,11 @@ def _joints_and_meters(
     """Sort the files into those with the robot's joints and those of meters."""
     joints: dict[Table, Guess] = {}
     meters: dict[Table, Guess] = {}
+
+    def of_meter(table: Table) -> Guess:
+        spans = [guess.last - guess.first for guess in joints.values()]
+        return guess_meter(table, robot, float(np.median(spans)) if spans else None, hand)
+
     has = {
         table: "position" in joint_columns(table.header, robot, given_names(table)) or hand.positions(table, {})
         for table in tables
@@ -134,11 +147,10 @@ def _joints_and_meters(
         if has[table]:
             joints[table] = guess_joints(table, robot, hand)
         else:
-            spans = [guess.last - guess.first for guess in joints.values()]
-            meters[table] = guess_meter(table, float(np.median(spans)) if spans else None, hand)
+            meters[table] = of_meter(table)
         if table.faults:
             raise BadInput(table.faults[0])
-    return joints, meters
+    return in_one_unit(joints, lambda table: guess_joints(table, robot, hand)), in_one_unit(meters, of_meter)
 
 
 def _layout_words(table: Table) -> str:

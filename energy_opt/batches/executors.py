@@ -222,6 +222,8 @@ def cluster(address: str) -> Iterator[Place]:
         from distributed import Client
     except ImportError:
         raise EnergyOptError("--scheduler needs Dask: pip install 'energy-opt[cluster]'") from None
+    if "://" not in address and not address.rpartition(":")[2].isdigit():
+        raise BadInput(f"--scheduler {address}: no Dask scheduler answers there; expected HOST:PORT or tcp://HOST:PORT")
     try:
         client = Client(address, timeout="10s", set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:

@@ -36,8 +36,8 @@ MARGIN = 4.0  # log likelihood by which an offset must be ahead of all others
 SAME = 1.0  # [s] offsets that differ by less are not told apart
 GOOD = 0.3  # least share of the readings' variance that the motion must explain
 FOLLOWS = 0.85  # the same, if the law of other runs must explain it
-NEARBY = 3.0  # [s] offsets of dated clocks that are tried first
-CLEAR = 0.7  # share of the readings' variance from which such an offset is not looked for farther away
+NEARBY = 3.0  # [s] largest offset of dated clocks, unless none explains even the share GOOD
+CLEAR = 0.7  # share of the readings' variance that a law of several runs must explain
 FEWER = 2000  # most offsets that are tried for many runs together
 SHORT, TURNS = 3, 8  # least short runs that show a law together; most turns
 
@@ -120,16 +120,19 @@ def _dated(meters: Sequence[Meter]) -> list[Found]:
         parts = [inside(meter, meter.kinds[min(which, len(meter.kinds) - 1)], offset, 0.0, 2) for meter in meters]
         return fitted([part for part in parts if part is not None])
 
-    best = (-np.inf, 0.0, 0.0, 0)  # log likelihood, share explained, offset, window
     kinds = range(max(len(meter.windows) for meter in meters))
-    for tried in (np.arange(-NEARBY, NEARBY + STEP / 2, STEP), _common_offsets(meters)):
-        best = max(best, *((*score(float(x), w), float(x), w) for w in kinds for x in tried))
-        if best[1] >= CLEAR:
-            break
+
+    def highest(tried: np.ndarray) -> tuple[float, float, float, int]:
+        """Log likelihood, share explained, offset and window of the best of some offsets."""
+        return max((*score(float(x), w), float(x), w) for w in kinds for x in tried)
+
+    best = highest(np.arange(-NEARBY, NEARBY + STEP / 2, STEP))
+    if best[1] < GOOD and (farther := highest(_common_offsets(meters)))[1] >= CLEAR:
+        best = farther
     given = max(score(0.0, w)[0] for w in kinds)
     clock = refined(lambda x, drift: score(x, best[3]) if drift == 0 else (-np.inf, 0.0), best[2], 0.0, 0.0)
-    shown = clock.explained >= GOOD
-    moved = clock if shown and abs(clock.offset) >= LEAST and best[0] - given >= SURE else None
+    moved = clock if abs(clock.offset) >= LEAST and best[0] - given >= SURE else None
+    shown = moved is not None or clock.explained >= GOOD
     return [Found(moved, min(best[3], len(m.windows) - 1), shown, _scores(m, moved)) for m in meters]
 
 

@@ -34,10 +34,10 @@ from energy_opt.cell.request import CellRequest
 from energy_opt.errors import EnergyOptError, Infeasible
 from energy_opt.front.models import rivals_from
 from energy_opt.poses.cheapest_move import nearest_move
+from energy_opt.poses.distance import kept_by
 from energy_opt.poses.given import Ends
 from energy_opt.poses.inverse import ToolKinematics, reach
 from energy_opt.poses.pose import Freedom, Pose
-from energy_opt.poses.sets import free_of
 from energy_opt.robot import load_robot
 
 ARMS = ("panda", "ur5e", "ur10e", "xarm7", "z1", "iiwa")
@@ -162,7 +162,7 @@ def turned(move: dict[str, Any], duration: float, k: int) -> dict[str, Any]:
     begin, at, sketches = time.process_time(), pose.matrix.copy(), []
     at[:3, :3] = at[:3, :3] @ pin.exp3(np.array([0.0, 0.0, k * 2 * np.pi / TURNS]))
     found = reach(ToolKinematics(move["robot"]), Pose(at), near=move["start"]).positions
-    for goal in with_whole_turns(move["robot"], spread(free_of(found, planner.cell))):
+    for goal in with_whole_turns(move["robot"], spread(found[kept_by(found, planner.cell)])):
         asked = eo.Move(move["start"], goal, "reshape", duration)
         try:
             sketches.append([planner.score(planner.sketch(asked)).total, *goal.tolist()])

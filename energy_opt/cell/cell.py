@@ -1,7 +1,8 @@
 """The arm's body and its cell. A `Cell` is built once and then used for many checks of poses and motions.
 
 Poses are checked by measuring distances, motions by a proof for every instant (`proof`). A pair of bodies that is
-nearer at an end of a move than the clearance asked for keeps half of its distance there.
+nearer at an end of a move than the clearance asked for keeps half of its distance there; ends that are chosen keep all
+of it if any can (`poses.distance`).
 """
 
 from __future__ import annotations
@@ -222,9 +223,16 @@ class Cell:
         found = [self._contact(q, p, d) for p, d in self.distances(q, TOUCHING)]
         return max(found, key=lambda contact: contact.depth, default=None)
 
-    def free(self, q: np.ndarray) -> bool:
-        """Whether every pair keeps the required clearance for at q (n,)."""
-        return not self.distances(q, self.asked)
+    def short(self, q: np.ndarray) -> np.ndarray:
+        """By how much each pair is too near at q (n,) for a motion that ends there to keep the whole clearance.
+
+        (P,) [m]; infinite for a pair that touches.
+        """
+        needed = np.minimum(self.asked, self._allowed) + UNCERTAIN
+        out = np.zeros(len(needed))
+        for p, distance in self.distances(q, max(self.asked + UNCERTAIN, TOUCHING)):
+            out[p] = np.inf if distance <= TOUCHING else max(needed[p] - distance, 0.0)
+        return out
 
     def beside(self, time: np.ndarray, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> Cell:
         """The cell for a given motion, by its samples: time (N,) [s], position, velocity and acceleration (N, n).

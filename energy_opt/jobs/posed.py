@@ -26,6 +26,7 @@ from energy_opt.jobs.solve_job import JobResult, RoughCycles, run_job
 from energy_opt.jobs.work import Cells
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.move import Settings
+from energy_opt.poses.distance import nearer_words
 from energy_opt.poses.estimate import curves, holding, quickest
 from energy_opt.poses.freedom import Bent, has_freedom, improved
 from energy_opt.poses.inverse import ToolKinematics, turned_near
@@ -331,18 +332,15 @@ def run_posed(
             errors.append(error)
             continue
         greedy = found.energy if name == "nearest" else greedy
-        if best is None or _rank(found) < _rank(best[1]):
+        if best is None or (not found.solved, found.energy) < (not best[1].solved, best[1].energy):
             best = at, found
     if best is None:
         raise errors[0]
     branches = {k: len(posed.sets[k]) for k in posed.poses}
     chosen = {k: best[0][k] for k in posed.poses}
-    return replace(best[1], choice=Choice(chosen, posed.asked, branches, best[1].energy, greedy, solves, cell.tool))
-
-
-def _rank(result: JobResult) -> tuple[bool, float]:
-    """Solved jobs first, then by energy."""
-    return not result.solved, result.energy
+    near = nearer_words((posed.poses[k].name, q, posed.cells.of(job.steps[k])) for k, q in chosen.items())
+    choice = Choice(chosen, posed.asked, branches, best[1].energy, greedy, solves, cell.tool)
+    return replace(best[1], choice=choice, warnings=(*best[1].warnings, *near))
 
 
 def _part(progress: Callable[[str, float], None], first: float, share: float, text: str, done: float) -> None:

@@ -27,7 +27,7 @@ from energy_opt.motion.plan.first_path import check_free
 from energy_opt.motion.plan.neighbour import Neighbours
 from energy_opt.motion.plan.planner import Planner, Shares
 from energy_opt.motion.timing.spline_timing import Timing
-from energy_opt.poses.freedom import is_free
+from energy_opt.poses.distance import is_free
 from energy_opt.power import PowerModel
 
 LOOKS = 40  # samples of a rough motion that are checked for contact

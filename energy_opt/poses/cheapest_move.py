@@ -22,6 +22,7 @@ from energy_opt.motion.plan.sketch import Settled
 from energy_opt.motion.reshape.open import FIXED, Open
 from energy_opt.poses.choose import Chooser
 from energy_opt.poses.chosen import Chosen
+from energy_opt.poses.distance import nearer_words
 from energy_opt.poses.estimate import holding, quickest
 from energy_opt.poses.given import Ends
 from energy_opt.poses.inverse import ToolKinematics
@@ -117,7 +118,13 @@ def solve_to(
             break
     if not answers:
         raise errors[0]
-    return min(answers, key=lambda answer: answer.result.status != "solved")
+    best = min(answers, key=lambda answer: answer.result.status != "solved")
+    at, goal = best.move, best.candidates[0].pose
+    begun = zip((ends.start, *ends.via), (at.start, *at.via), strict=False)
+    reached = [(pose.name, q, cell) for pose, q in begun if pose is not None]
+    if goal is not None or len(ends.goals) > 1:
+        reached.append(("--goal" if goal is None else goal.name, at.goal, cell))
+    return replace(best, warnings=(*best.warnings, *nearer_words(reached)))
 
 
 def _moves_between_branches(

@@ -1,7 +1,7 @@
 """The cheapest of many goals: all branches are estimated, the most promising are solved, freedom is used.
 
 reach       every joint goal that the poses and goals allow
-estimate    the energy of the straight move to each goal; goals in contact are left out
+estimate    the energy of the straight move to each goal; goals in contact, or too near a body, are left out
 improve     the most promising are moved along their freedom to where the estimate is least
 screen      goals and their turns are ranked by estimates, then by outlines; the best are sketched
 settle      of each sketch, curve and goal are optimized together, within what the pose leaves free
@@ -22,6 +22,7 @@ from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion import Move, Result, Trajectory
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.poses.chosen import Candidate, Chosen, Settle, Settling, Sketched, cost_of
+from energy_opt.poses.distance import kept_by
 from energy_opt.poses.estimate import fastest
 from energy_opt.poses.freedom import has_freedom, improved
 from energy_opt.poses.inverse import ToolKinematics
@@ -107,10 +108,11 @@ class Chooser:
         promising = self._improved(move, open_)
         tried = self._screen(move, promising)
         # within limits, which a sketch need not be: each replaces its sketch
-        tried = [found for item in tried for found in self._settling(move, *item, False) or [item]]
+        settled = [self._settling(move, *item, False) for item in tried]
+        tried = [found for item, near in zip(tried, settled, strict=True) for found in near or [item]]
         answer, solved = self._solved_in_full(move, promising, tried)
-        settled = next((found for found in tried if found[0].goal is answer[0].goal), None)
-        if settled is None or abs(cost_of(settled) - cost_of(answer)) >= self._least_saving(answer):
+        known = next((near[0] for near in settled if near and near[0][0].goal is answer[0].goal), None)
+        if known is None or abs(cost_of(known) - cost_of(answer)) >= self._least_saving(answer):
             answer = self._refined(move, answer, solved)
         nearest = min(open_, key=lambda c: self._distance(move, c.goal))
         near = self._compared(move, nearest, answer, solved)
@@ -128,7 +130,7 @@ class Chooser:
         )  # fmt: skip
 
     def _candidates(self, move: Move, goals: Sequence[Target]) -> list[Candidate]:
-        """All positions that reach the goals, with estimates of their energies; those in contact are marked."""
+        """All positions that reach the goals, with estimates of their energies; those in contact or near are marked."""
         out: list[Candidate] = []
         for goal in goals:
             pose = goal if isinstance(goal, Pose) else None
@@ -140,16 +142,24 @@ class Chooser:
             ]
         if self.cell is None:
             return out
-        free = 0
+        kept, near = 0, list[int]()
         for k in np.argsort([c.estimate for c in out]).tolist():
             if out[k].status != "looked_at":
                 continue
-            if free >= FREE:
+            if kept >= FREE:
                 out[k] = replace(out[k], status="not_looked_at")
-            elif self.cell.touching(out[k].goal) is None:
-                free += 1
+                continue
+            short = self.cell.short(out[k].goal)
+            if not short.any():
+                kept += 1
+            elif np.isfinite(short).all():
+                near.append(k)
+                out[k] = replace(out[k], status="near")
             else:
                 out[k] = replace(out[k], status="colliding")
+        if not kept:
+            for k in np.array(near, dtype=int)[kept_by(np.array([out[k].goal for k in near]), self.cell)].tolist():
+                out[k] = replace(out[k], status="looked_at")
         return out
 
     def _improved(self, move: Move, goals: Sequence[Candidate]) -> list[Candidate]:

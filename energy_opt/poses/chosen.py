@@ -15,7 +15,8 @@ from energy_opt.cell.cell import Cell
 from energy_opt.motion import Move, Result, Trajectory
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.reshape.open import Open
-from energy_opt.poses.freedom import WIDE, Bent, PosedGoal, has_freedom, inside, is_free, used
+from energy_opt.poses.distance import keeps
+from energy_opt.poses.freedom import WIDE, Bent, PosedGoal, has_freedom, inside, used
 from energy_opt.poses.inverse import ToolKinematics
 from energy_opt.poses.pose import Pose
 
@@ -27,7 +28,7 @@ class Candidate:
     Attributes:
         goal: (n,) [rad, m]; estimate: [J] of the straight move; energy: [J] as solved, None if not solved.
         status: as in results, such as "solved"; "screened" with the energy of a sketch, which ignores
-            bodies; "looked_at", "not_looked_at", "colliding", "too_fast" or "infeasible".
+            bodies; "looked_at", "not_looked_at", "colliding", "near", "too_fast" or "infeasible".
         pose: the pose that it reaches; None if it was given by its joints.
         start, via: (n,) start and via points of the move, if these were optimized with the goal.
         detour: [J] assumed cost of going around what its sketch touches; 0 if it touches nothing.
@@ -128,14 +129,14 @@ class Settling:
     def __call__(
         self, move: Move, goal: Candidate, motion: Trajectory, clear: bool
     ) -> list[tuple[Candidate, Trajectory]] | None:
-        """Optima near a motion whose ends touch nothing; None if its poses leave no freedom.
+        """Optima near a motion whose ends keep the clearance; None if its poses leave no freedom.
 
         The goal's tolerance is used up in the direction in which the motion, bent to other ends, costs less.
         """
         pose, at = goal.pose, goal.moved(move)
         if not (self._open(at, pose).any or (pose is not None and max(pose.tolerance) > WIDE)):
             return None
-        wanted = pose
+        wanted, before = pose, (at.start, *at.via, at.goal)
         found: list[tuple[Candidate, Trajectory]] = []
         for shifted in range(2):
             open_ = self._open(at, pose)
@@ -143,7 +144,7 @@ class Settling:
                 motion, via = self.settle(at, motion, open_, clear)
                 at = replace(at, start=motion.position[0], goal=motion.position[-1], via=via)
             reached = wanted is None or inside(self.tool, wanted, at.goal)
-            if reached and all(is_free(self.cell, q) for q in (at.start, *at.via, at.goal)):
+            if reached and all(map(partial(keeps, self.cell), (at.start, *at.via, at.goal), before)):
                 found.append((replace(goal, goal=at.goal, start=at.start, via=at.via), motion))
             bent = partial(Bent(self.scorers, motion, move.duration is not None), None)
             moved = None if shifted or pose is None else used(self.tool, pose, at.goal, bent)

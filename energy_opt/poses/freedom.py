@@ -21,6 +21,7 @@ from energy_opt.cell.cell import Cell
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.reshape.open import bending
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.poses.distance import keeps
 from energy_opt.poses.estimate import energies
 from energy_opt.poses.inverse import SMALL, ToolKinematics, jacobian_of, solve
 from energy_opt.poses.pose import Freedom, Pose
@@ -106,11 +107,11 @@ class PosedGoal:
 
 
 def improved(tool: ToolKinematics, pose: Pose, q: np.ndarray, cost: Cost, cell: Cell | None) -> np.ndarray:
-    """Positions (n,) near q that reach the pose within its tolerance, touch nothing, and cost no more.
+    """Positions (n,) near q that reach the pose within its tolerance, keep the clearance, and cost no more.
 
     Args:
         q: (n,) [rad, m] positions that reach the pose. cost: [J] of positions (M, n), which may be infinite.
-        cell: bodies to keep clear of; None for nothing.
+        cell: bodies to keep clear of, or no nearer than at q; None for nothing.
     """
     best = _descended(tool, pose, q, cost, cell)
     moved = used(tool, pose, best, cost)
@@ -119,7 +120,7 @@ def improved(tool: ToolKinematics, pose: Pose, q: np.ndarray, cost: Cost, cell: 
     shifted, at = moved
     better = _descended(tool, shifted, at, cost, cell, ROUNDS // 3)
     for found in (better, at):
-        if inside(tool, pose, found) and cost(found[None])[0] < cost(best[None])[0] and is_free(cell, found):
+        if inside(tool, pose, found) and cost(found[None])[0] < cost(best[None])[0] and keeps(cell, found, q):
             return found
     return best
 
@@ -145,7 +146,7 @@ def _descended(
             return best
         costs = cost(trials)
         order = [k for k in np.argsort(costs).tolist() if costs[k] < now]
-        found = next((k for k in order if is_free(cell, trials[k])), None)
+        found = next((k for k in order if keeps(cell, trials[k], q)), None)
         if found is None:
             return best
         gain, now, best = now - costs[found], float(costs[found]), trials[found]
@@ -193,11 +194,6 @@ def inside(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> bool:
     """True if positions q (n,) reach a pose within its tolerance, with a small margin."""
     sizes = (float(np.linalg.norm(x)) for x in np.split(tool.pose_error(pose, q[None])[0], 2))
     return all(size <= allowed - MARGIN / 10 for size, allowed in zip(sizes, pose.tolerance, strict=True))
-
-
-def is_free(cell: Cell | None, q: np.ndarray) -> bool:
-    """True if nothing touches at q (n,)."""
-    return cell is None or not cell.checks or cell.touching(q) is None
 
 
 class Bent:

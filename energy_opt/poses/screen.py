@@ -18,8 +18,9 @@ from energy_opt.errors import Infeasible
 from energy_opt.motion import Move, Trajectory
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.poses.chosen import Candidate, Sketched, cost_of
+from energy_opt.poses.distance import is_free
 from energy_opt.poses.estimate import curves
-from energy_opt.poses.freedom import directions, has_freedom, is_free
+from energy_opt.poses.freedom import directions, has_freedom
 from energy_opt.poses.inverse import SAME, TURN, ToolKinematics
 from energy_opt.poses.turns import with_turns
 

@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 from energy_opt.cell.cell import Cell
 from energy_opt.errors import Infeasible
 from energy_opt.motion.judge.energy import Scorer
+from energy_opt.poses.distance import is_free, kept_by
 from energy_opt.poses.estimate import Curves, curves, holding
-from energy_opt.poses.freedom import is_free
 from energy_opt.poses.inverse import SMALL, Reached, ToolKinematics, reach, solve
 from energy_opt.poses.pose import Pose
 from energy_opt.poses.turns import nearest_pairs
@@ -93,7 +93,7 @@ def _above(value: float) -> float:
 def positions_of(
     tool: ToolKinematics, target: Target, cell: Cell | None, *, near: np.ndarray | None = None, seed: int = 0
 ) -> np.ndarray:
-    """All positions (K, n) found that reach a target without contact.
+    """All positions (K, n) found that reach a target and keep the clearance; the least near ones if none does.
 
     Args:
         tool: its kinematics. target: a pose, or positions (n,). cell: bodies to keep clear of; None: none.
@@ -107,7 +107,7 @@ def positions_of(
     found = reach(tool, target, seed=seed, near=near)
     if not len(found.positions):
         raise unreachable_error(target, found)
-    free = free_of(found.positions, cell)
+    free = found.positions[kept_by(found.positions, cell)]
     if not len(free):
         assert cell is not None
         raise touching_error(target.name, found.positions, cell)
@@ -164,11 +164,6 @@ def straight_is_free(cell: Cell | None, start: np.ndarray, goal: np.ndarray) -> 
         cell: None: nothing is checked. start, goal: (n,) [rad, m].
     """
     return all(is_free(cell, start + x * (goal - start)) for x in np.linspace(0, 1, LOOKS + 2)[1:-1])
-
-
-def free_of(q: np.ndarray, cell: Cell | None) -> np.ndarray:
-    """Those of positions q (K, n) at which nothing touches in the cell; all of them without one."""
-    return q[[is_free(cell, row) for row in q]].reshape(-1, q.shape[1])
 
 
 def thinned(q: np.ndarray, cost: np.ndarray, most: int = MOST) -> np.ndarray:

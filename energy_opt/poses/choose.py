@@ -23,7 +23,7 @@ from energy_opt.motion import Move, Result, Trajectory
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.poses.chosen import Candidate, Chosen, Settle, Settling, Sketched, cost_of
 from energy_opt.poses.distance import kept_by
-from energy_opt.poses.estimate import fastest
+from energy_opt.poses.estimate import fastest, fastest_straight
 from energy_opt.poses.freedom import has_freedom, improved
 from energy_opt.poses.inverse import ToolKinematics
 from energy_opt.poses.pose import Pose
@@ -33,6 +33,8 @@ from energy_opt.poses.sets import Target, positions_of, touching_error
 IMPROVED = 5  # goals that the estimate moves along their freedom, each to another place
 TRIED = 7  # most goals that it moves, those that end at the place of another one included
 TURNED = 3  # most turns of goals that are solved if no goal is
+NEAREST = 3  # most of the nearest goals that are solved after these
+ROOM = 1.001  # a retimed goal moves along its freedom to where its path takes this much less than the time there is
 WORTH = 1e-3  # share of the loss that another goal must promise to save, to be solved in full
 # share of the loss by which the errors of sketches differ, nine times in ten; and how many goals whose sketches differ
 # by less are solved in full, as it may be any of them that is the best
@@ -110,7 +112,7 @@ class Chooser:
         # within limits, which a sketch need not be: each replaces its sketch
         settled = [self._settling(move, *item, False) for item in tried]
         tried = [found for item, near in zip(tried, settled, strict=True) for found in near or [item]]
-        answer, solved = self._solved_in_full(move, promising, tried)
+        answer, solved = self._solved_in_full(move, promising, tried, open_)
         known = next((near[0] for near in settled if near and near[0][0].goal is answer[0].goal), None)
         if known is None or abs(cost_of(known) - cost_of(answer)) >= self._least_saving(answer):
             answer = self._refined(move, answer, solved)
@@ -165,8 +167,15 @@ class Chooser:
     def _improved(self, move: Move, goals: Sequence[Candidate]) -> list[Candidate]:
         """The goals in order of their estimates, the first of them moved along their freedom."""
 
+        retime, longest = move.mode == "retime", move.duration or move.max_duration or np.inf
+
+        def seconds(q: np.ndarray) -> np.ndarray:
+            return fastest_straight(self.tool.robot, np.broadcast_to(last_leg(move), q.shape), q)
+
         def cost(q: np.ndarray) -> np.ndarray:
             possible, energy = self._screen.estimates(move, q)
+            if retime:
+                possible = possible & (ROOM * seconds(q) <= longest)
             return np.where(possible, energy, np.inf)
 
         out: list[Candidate] = []
@@ -179,7 +188,10 @@ class Chooser:
                 continue
             if goal.pose is not None and free:
                 tried += 1
-                q = improved(self.tool, goal.pose, goal.goal, cost, self.cell)
+                q = goal.goal
+                if retime and not np.isfinite(cost(q[None])[0]):
+                    q = improved(self.tool, goal.pose, q, seconds, self.cell)
+                q = improved(self.tool, goal.pose, q, cost, self.cell)
                 goal = replace(goal, goal=q, estimate=float(cost(q[None])[0]))
                 same = [k for k, other in enumerate(out) if self._screen.is_equivalent(goal, other)]
                 if same:  # it found the optimum of another one: keep the cheaper
@@ -223,16 +235,19 @@ class Chooser:
         return min(answer, again, key=_rank)
 
     def _solved_in_full(
-        self, move: Move, goals: Sequence[Candidate], tried: Sequence[Sketched]
+        self, move: Move, goals: Sequence[Candidate], tried: Sequence[Sketched], open_: Sequence[Candidate]
     ) -> tuple[Solved, list[Solved]]:
-        """The best of the sketched goals solved in full, and all solved ones; other goals, and last those with joints
-        turned, only if none of these works.
+        """The best of the sketched goals solved in full, and all solved ones.
+
+        Other goals, those with joints turned, and last the nearest of all `open_` ones, only if none of these works.
         """
         sketched = sorted(tried, key=cost_of)
         tied = cost_of(sketched[0]) + NEAR * self._screen.loss(sketched[0][1]) if sketched else -np.inf
         known = {c.goal.tobytes() for c in (*goals, *(c for c, _ in tried))}
         rest = [goal for goal in goals if not any(np.array_equal(goal.goal, c.goal) for c, _ in tried)]
         rest += [goal for goal in self._screen.with_turns(move, goals) if goal.goal.tobytes() not in known][:TURNED]
+        others = (goal for goal in open_ if goal.goal.tobytes() not in known)
+        rest += sorted(others, key=lambda goal: self._distance(move, goal.goal))[:NEAREST]
         failed: list[Candidate] = []
         out: list[Solved] = []
         for goal, warm in [*((c, [motion]) for c, motion in sketched), *((c, []) for c in rest)]:
@@ -246,8 +261,8 @@ class Chooser:
             else:
                 out.append(found)
         if not out:  # solve again for the shortest duration that is tried
-            result = self._solver(failed[0].moved(move), confirm=True)
-            out.append(self._rated(failed[0], result))
+            nearest = min(failed, key=lambda goal: self._distance(move, goal.goal))
+            out.append(self._rated(nearest, self._solver(nearest.moved(move), confirm=True)))
         out.sort(key=_rank)
         return out[0], out
 
@@ -264,8 +279,10 @@ class Chooser:
 
     def _distance(self, move: Move, goal: np.ndarray) -> float:
         """Seconds to a goal; among equally quick goals, one with shorter travel of other joints counts as nearer."""
-        distance = np.abs(goal - last_leg(move))
-        return float(fastest(self.tool.robot, last_leg(move), goal)) + 1e-3 * float(distance.sum())
+        start, robot = last_leg(move), self.tool.robot
+        retime = move.mode == "retime"
+        seconds = fastest_straight(robot, start[None], goal[None])[0] if retime else fastest(robot, start, goal)
+        return float(seconds) + 1e-3 * float(np.abs(goal - start).sum())
 
     def _no_goal_error(self, move: Move, goals: Sequence[Target], found: Sequence[Candidate]) -> Infeasible:
         """The error if no goal remains: all are in contact, or those that are not take too long."""

@@ -86,6 +86,23 @@ def fastest(robot: Robot, start: np.ndarray, goal: np.ndarray) -> np.ndarray:
     return np.asarray(np.nan_to_num(times).max(axis=-1))
 
 
+def fastest_straight(robot: Robot, start: np.ndarray, goal: np.ndarray) -> np.ndarray:
+    """Durations (P,) [s] of the fastest straight moves from rest to rest, by the limits on velocity, acceleration and
+    jerk; all joints share one timing.
+
+    Args:
+        robot: for its limits. start, goal: (P, n) [rad, m].
+    """
+    limits, distance = robot.limits, np.maximum(np.abs(goal - start), 1e-12)
+    v, a, j = (np.min(x / distance, axis=1) for x in (limits.velocity, limits.acceleration, limits.jerk))
+    a = np.minimum(a, 1e12)
+    ramp = a / j  # [s] until the acceleration is reached; 0 without a limit on jerk
+    peak = np.minimum(v, (np.sqrt((a * ramp) ** 2 + 4 * a) - a * ramp) / 2)  # speed, if the acceleration is reached
+    peak = np.where(peak < a * ramp, np.minimum(v, (j / 4) ** (1 / 3)), peak)
+    rising = np.where(peak < a * ramp, 2 * np.sqrt(peak / j), peak / a + ramp)
+    return np.asarray(1 / peak + rising)
+
+
 def quickest(robot: Robot, q: np.ndarray, found: np.ndarray) -> np.ndarray:
     """The positions (n,) that are quickest to reach; among equals those with less travel.
 

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
 
 from energy_opt.folders import written_whole
 from energy_opt.front.desk import Answered, Desk, verb
 from energy_opt.front.given import cell_of
 from energy_opt.front.jobs import prepared
 from energy_opt.front.moves import settings_of
+from energy_opt.jobs.file import Job
 from energy_opt.jobs.models import efforts_held, mean_of, warned
 from energy_opt.jobs.solve_job import JobResult, run_job
 from energy_opt.jobs.work import Worker
@@ -22,10 +26,12 @@ from energy_opt.placement import Placement
 from energy_opt.placement import PlaceRequest as Box
 from energy_opt.placement import place as placed
 from energy_opt.placement.placement import headline, write
-from energy_opt.requests.moves import PlaceRequest
+from energy_opt.poses.pose import TURNS, Freedom
+from energy_opt.requests.moves import JobRequest, PlaceRequest
 from energy_opt.results import exit_of
 
 ANSWER = "place.json"
+ENDS = ("to", "pose", "free", "pose_tolerance")  # keys of a step that say where it ends
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
@@ -34,12 +40,14 @@ class PlaceAnswer(Answered):
 
     Attributes:
         placement: the base pose, and the job solved there.
+        job: the request that gives this job.
         interrupted: stopped early.
         saved: place.json as it was written.
     """
 
     placement: Placement
     request: PlaceRequest
+    job: PlaceRequest | JobRequest
     interrupted: bool = False
     saved: Mapping[str, Any] | None = None
 
@@ -59,7 +67,8 @@ class PlaceAnswer(Answered):
     def kept(self, out: Path) -> PlaceAnswer:
         """Write place.json, map.png, report.html and the job solved at the answer into the folder `out`."""
         with written_whole(out, ANSWER) as aside:
-            saved = write(self.placement, self.asked, aside)
+            job = {**self.job.document(), **self.stamp, "command": None}
+            saved = write(self.placement, self.asked, self.asked if self.job is self.request else job, aside)
         return replace(self, saved=saved)
 
     def __repr__(self) -> str:
@@ -86,12 +95,48 @@ def run(request: PlaceRequest, desk: Desk) -> PlaceAnswer:
             )
         if kind is not None:
             found = _held(found, rivals, settings_of(request), stopped)
-        answer = desk.keep(PlaceAnswer(placement=found, request=asked, stamp=desk.stamp, interrupted=stopped()))
+        answer = desk.keep(
+            PlaceAnswer(
+                placement=found, request=asked, job=_job_at(found, job, asked), stamp=desk.stamp, interrupted=stopped()
+            )
+        )
     desk.report(warnings=() if answer.saved is None else answer.saved["warnings"])
     return answer
 
 
 place = verb(PlaceRequest, run)
+
+
+def _job_at(found: Placement, job: Job, asked: PlaceRequest) -> PlaceRequest | JobRequest:
+    """The request of the job at a placement: poses in the frame of the base stay where they are in the scene.
+
+    Args:
+        found: the placement. job: as asked for. asked: the request with the job file's content.
+
+    Returns:
+        The request itself where an object of the scene was placed: a job has no option for this.
+    """
+    if found.fixture is not None or not isinstance(asked.job, Mapping):
+        return asked
+    steps, choice = [dict(step) for step in asked.job["step"]], found.result.choice
+    for k, pose in ({} if choice is None else choice.poses).items():
+        given = job.steps[k].pose
+        if given is not None and not given.frame:
+            place = [*pose.matrix[:3, 3].tolist(), *Rotation.from_matrix(pose.matrix[:3, :3]).as_quat().tolist()]
+            distance, angle = pose.tolerance
+            ends = {"pose": place, "free": list(map(_words, pose.free)), "pose_tolerance": f"{distance}m,{angle}rad"}
+            steps[k] = {"name": job.steps[k].name} | {key: x for key, x in steps[k].items() if key not in ENDS} | ends
+    common = {f.name for f in fields(JobRequest)} & {f.name for f in fields(asked)} - {"job", "base"}
+    shared = {name: getattr(asked, name) for name in common}
+    return JobRequest({**asked.job, "step": steps}, base=found.place, **shared)
+
+
+def _words(free: Freedom) -> str:
+    """A free direction as `Freedom.of` reads it."""
+    if not np.isfinite([free.low, free.high]).any():
+        return free.axis
+    low, high = (np.degrees(end) if free.axis in TURNS else 1e3 * end for end in (free.low, free.high))
+    return f"{free.axis}:{float(low)!r}:{float(high)!r}"
 
 
 def _held(found: Placement, rivals: Sequence[Rival], settings: Settings, stopped: Callable[[], bool]) -> Placement:

@@ -200,11 +200,11 @@ class Placement:
         }
 
 
-def write(placement: Placement, request: Mapping[str, Any], out: Path) -> dict[str, Any]:
+def write(placement: Placement, request: Mapping[str, Any], job: Mapping[str, Any], out: Path) -> dict[str, Any]:
     """Write place.json, map.png, report.html and the job's folder.
 
     Args:
-        placement: the answer. request: its document. out: the folder.
+        placement: the answer. request: its document. job: that of the job at the answer. out: the folder.
 
     Returns:
         The content of place.json.
@@ -213,7 +213,7 @@ def write(placement: Placement, request: Mapping[str, Any], out: Path) -> dict[s
 
     found = {**placement.document(), "request": plain(request)}
     with written_whole(Path(out) / "job", "job.json") as aside:
-        write_job(placement.result, request, aside)
+        write_job(placement.result, job, aside)
     looked = placement.looked_at
     places = np.array([at.place[:2] for at in looked]).reshape(-1, 2)
     solved = [at for at in placement.path if np.isfinite(at.energy) and at.kind in ("seed", "step")]

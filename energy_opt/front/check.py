@@ -15,7 +15,7 @@ from energy_opt.cell.load import inspected, load_cell
 from energy_opt.cell.scene_files import check_scene, is_scene, read_scene
 from energy_opt.errors import BadInput, EnergyOptError
 from energy_opt.files import KINDS, read_json, read_toml, read_yaml_documents
-from energy_opt.folders import faults_of_results
+from energy_opt.folders import ANSWERS, faults_of_results, listed_files
 from energy_opt.formats import read
 from energy_opt.formats.messages import trajectories
 from energy_opt.formats.recording import motion_of
@@ -111,8 +111,12 @@ def _faults(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
     """Faults of a file or folder; further remarks go to `notes`."""
     if file.is_dir() and (file / "metadata.yaml").is_file():
         return _trajectory(file, request, notes)
-    held = faults_of_results(file) if file.is_dir() else None
-    if held is not None and not (file / "log.toml").is_file():
+    answer = file.is_file() and file.name in ANSWERS and (file.suffix != ".json" or listed_files(file) is not None)
+    if answer:
+        notes.append(f"{file}: its folder is checked")
+    folder = file.parent if answer else file
+    held = faults_of_results(folder) if folder.is_dir() else None
+    if held is not None and (answer or not (file / "log.toml").is_file()):
         return held
     if file.is_dir() or file.name == "log.toml":
         return _set(file, request, notes)

@@ -61,6 +61,18 @@ def test_a_result_lists_its_files(written: Path, tmp_path: Path, capsys: pytest.
     assert "trajectory.yaml: is not the file" in said and "plot.png: is missing" in said and ".script: not of" in said
 
 
+def test_the_json_of_a_result_stands_for_its_folder(
+    written: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It was refused as no planned trajectory."""
+    out = copied(written, tmp_path / "other")
+    assert main(["check", str(out / "result.json")]) == 0
+    assert "result.json: its folder is checked" in capsys.readouterr().err
+    (out / "trajectory.csv").write_text("another motion")
+    assert main(["check", str(out / "result.json")]) == 2
+    assert "trajectory.csv: is not the file" in capsys.readouterr().err
+
+
 def test_files_in_a_folder_of_a_result_are_its_own(tmp_path: Path) -> None:
     """The job in the folder of `place` was listed, and then taken for files of another result."""
     with written_whole(tmp_path, "place.json") as aside:

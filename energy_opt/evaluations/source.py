@@ -12,7 +12,7 @@ import numpy as np
 
 from energy_opt import formats
 from energy_opt.errors import BadInput
-from energy_opt.files import read_json
+from energy_opt.files import found_beside, read_json
 from energy_opt.folders import wrote
 from energy_opt.formats.controller_program import Load
 from energy_opt.formats.recording import motion_of
@@ -49,6 +49,7 @@ class Recorded:
         waits: (W, 2) s, where the arm is at rest for a while.
         notes: remarks for the reader, a line each.
         timed: the unit of its times is sure.
+        warnings: that it is not the motion which its result describes.
         base: pose of the robot's base that the motion was planned for, as `--base` takes it; None if none is stated.
     """
 
@@ -59,13 +60,40 @@ class Recorded:
     notes: tuple[str, ...] = ()
     base: tuple[float, ...] | None = None
     timed: bool = True
+    warnings: tuple[str, ...] = ()
 
 
 def robot_named(path: Path) -> str | None:
-    """The robot's name in a result's request, where the file is one, or lies beside it."""
+    """The robot in a result's request, where the file is one, or lies beside it: its name, or its file if found."""
     answer = _result_json(path)
     name = None if answer is None else _request(read_json(answer)).get("robot")
-    return name if isinstance(name, str) else None
+    return (found_beside(name, answer) or name) if answer is not None and isinstance(name, str) else None
+
+
+def stated(path: Path) -> tuple[dict[str, Any], list[str]]:
+    """What the request of the result that a file belongs to states of the cell, and what of it cannot be taken.
+
+    Returns:
+        Values of `base`, `tool`, `floor` and `scene`, without those that it leaves at their defaults; and notes.
+    """
+    answer = _result_json(path)
+    request = {} if answer is None else _request(read_json(answer))
+    found = {name: request[name] for name in ("base", "tool", "floor") if request.get(name) is not None}
+    job = request.get("job")
+    job = job if isinstance(job, Mapping) else {}
+    scene = request.get("scene") or job.get("scene")
+    of_steps = any(isinstance(step, Mapping) and step.get("scene") for step in job.get("step") or ())
+    if answer is None or not (scene or of_steps):
+        return found, []
+    if of_steps:
+        return found, [f"{answer}: the scenes of its steps are not taken"]
+    if "fixture" in request:
+        return found, [f"{answer}: its scene is not taken, because {request['fixture']} was moved in it"]
+    folder = str(request.get("folder") or ".")
+    file = found_beside(str(scene), Path(folder) / "job.toml") or found_beside(str(scene), answer)
+    if file is None:
+        return found, [f"{answer}: its scene {scene} was not found and is not taken"]
+    return found | {"scene": file}, []
 
 
 def _request(document: Any) -> Mapping[str, Any]:
@@ -140,7 +168,9 @@ def load(path: Path, joints: Sequence[str], prefix: str = "", following: Iterabl
     stretches = _stretches(document, motion.trajectory, int(step[1]) if step else None) or motion.stretches
     base = _request(document).get("base")
     on = tuple(base) if isinstance(base, list) else None
-    return replace(motion, stretches=stretches, notes=(*motion.notes, *notes), base=on)
+    changed = f"{table}: not the file that was written with {answer.name} (by its SHA-256), which states its payloads"
+    warnings = () if wrote(answer, table) else (changed,)
+    return replace(motion, stretches=stretches, notes=(*motion.notes, *notes), base=on, warnings=warnings)
 
 
 def _table(path: Path) -> Path:

@@ -14,7 +14,7 @@ from energy_opt.cell.load import load_cell
 from energy_opt.errors import BadInput
 from energy_opt.evaluations.evaluated import Evaluation
 from energy_opt.evaluations.evaluated import evaluate as evaluated
-from energy_opt.evaluations.source import Recorded, Stretch, is_set, joints_in, load, load_set, robot_named
+from energy_opt.evaluations.source import Recorded, Stretch, is_set, joints_in, load, load_set, robot_named, stated
 from energy_opt.files import plain, write_json
 from energy_opt.folders import written_whole
 from energy_opt.formats.controller_files import Written
@@ -119,6 +119,7 @@ def run(request: EvaluateRequest, desk: Desk) -> Answers:
     files = [each if isinstance(each, Trajectory) else Path(str(each)) for each in given]
     if not files:
         raise BadInput("no FILE; give a trajectory, a cycle or a recording")
+    request = _as_stated(request, files, desk)
     robot = robot_of(request, None if request.robot is not None else robot_of_files(files, request.joint_prefix))
     check_written(request, robot)
     rivals, _ = rivals_of(request, robot, desk)
@@ -137,11 +138,31 @@ def run(request: EvaluateRequest, desk: Desk) -> Answers:
     for evaluation in answers.found:
         for note in evaluation.motion.notes:
             desk.say(f"note: {note}")
-    desk.report(answers.files)
+    desk.report(answers.files, warnings=[said for each in answers.found for said in each.motion.warnings])
     return answers
 
 
 evaluate = verb(EvaluateRequest, run)
+
+
+def _as_stated(request: EvaluateRequest, files: Sequence[AnyMotion], desk: Desk) -> EvaluateRequest:
+    """The request with the cell that the results state, where it does not state another one.
+
+    A value is taken only if all files belong to results that state the same one: all motions are in one cell.
+    """
+    found = [({}, []) if isinstance(each, Trajectory) else stated(Path(each)) for each in files]
+    taken: dict[str, Any] = {}
+    for name in ("base", "tool", "floor", "scene"):
+        values = [values.get(name) for values, _ in found]
+        if getattr(request, name) is None and values[0] is not None and all(x == values[0] for x in values):
+            taken[name] = values[0]
+    if request.scene is None:
+        for note in (note for _, notes in found for note in notes):
+            desk.say(f"note: {note}")
+    for name, value in taken.items():
+        words = ",".join(f"{x:g}" for x in value) if isinstance(value, list) else value
+        desk.say(f"note: --{name} {words}, as the result states")
+    return replace(request, **taken)
 
 
 def robot_of_files(files: Sequence[AnyMotion], prefix: str = "") -> str:
@@ -157,8 +178,9 @@ def robot_of_files(files: Sequence[AnyMotion], prefix: str = "") -> str:
     for path in paths:
         if is_set(path):
             return named_robot(robot_of_log(read_log(path)), None)
-        if (named := robot_named(path)) in known_robots():
-            return str(named)
+        named = robot_named(path)
+        if named is not None and (named in known_robots() or Path(named).is_file()):
+            return named
     names = joints_in(paths[0]) if paths else files[0].joints if isinstance(files[0], Trajectory) else ()
     joints = {name.removeprefix(prefix) for name in names}
     matching = [name for name in known_robots() if set(load_robot(name).joints) <= joints]
@@ -212,7 +234,7 @@ def _row(evaluation: Evaluation) -> dict[str, Any]:
             for b in evaluation.baselines
         ],
         "remark": evaluation.remark or None,
-        "notes": list(motion.notes),
+        "notes": [*motion.warnings, *motion.notes],
     }
 
 

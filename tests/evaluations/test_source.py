@@ -242,15 +242,17 @@ def test_joints_that_move_outside_of_the_arm_are_remarked(tmp_path: Path, capsys
 
 
 def test_a_result_of_another_base_is_remarked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """It was evaluated upright, at other energies than it states, without a word."""
+    """It was evaluated upright, at other energies than it states; now its base is taken unless another one is given."""
     file = tmp_path / "out" / "trajectory.csv"
     file.parent.mkdir()
     formats.write(motion(Z1), file)
     files = [{"name": file.name, "sha256": hashlib.sha256(file.read_bytes()).hexdigest()}]
     write_json(file.parent / "result.json", {"request": {"robot": "z1", "base": [0, 0, 1, 0, 1.5, 0]}, "files": files})
-    for base, remarks in (([], 1), (["--base", "0,0,1,0,1.5,0"], 0), (["--base", "0,0,1,0,0,0"], 1)):
+    for base, remarks in (([], 0), (["--base", "0,0,1,0,1.5,0"], 0), (["--base", "0,0,1,0,0,0"], 1)):
         assert main(["evaluate", str(file), "--out", str(tmp_path / f"seen {len(base)}"), "--force", *base]) == 0
-        assert capsys.readouterr().err.count("planned with --base 0,0,1,0,1.5,0, which is not given") == remarks
+        said = capsys.readouterr().err
+        assert said.count("planned with --base 0,0,1,0,1.5,0, which is not given") == remarks
+        assert ("--base 0,0,1,0,1.5,0, as the result states" in said) == (not base)
 
 
 def test_the_fastest_timing_of_a_curve_is_a_valid_baseline() -> None:

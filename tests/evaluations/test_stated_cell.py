@@ -1,0 +1,77 @@
+"""A result is evaluated in the cell that its request states, with its robot; a changed motion is remarked."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from plane_arm import arm
+
+from energy_opt.cli.main import main
+
+SCENE = "objects:\n  - {name: shelf, type: box, size: [0.1, 0.1, 0.1], position: [0.6, 0, 2.2]}\n"
+
+
+@pytest.fixture
+def result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of a move that was planned in the folder above it."""
+    monkeypatch.chdir(tmp_path)
+    arm(tmp_path, 2)
+    (tmp_path / "scene.yaml").write_text(SCENE)
+    words = ["optimize", "--robot", "arm.urdf", "--start=0.3,-0.6", "--goal=-0.7,0.5", "--duration", "2"]
+    cell = ["--base", "0,0,1,0,0,0", "--floor", "0.5", "--scene", "scene.yaml", "--tool", "tip"]
+    more = ["--self-collision", "off", "--mode", "retime", "--model", "source-method-2", "--quiet", "--out", "out"]
+    assert main([*words, *cell, *more]) == 0
+    return tmp_path / "out"
+
+
+def evaluated(
+    result: Path, capsys: pytest.CaptureFixture[str], *words: str, more: tuple[str, ...] = ()
+) -> tuple[Any, str]:
+    """The content of evaluate.json, and what is said."""
+    out = result.parent / "seen"
+    asked = [*map(str, (result, *more)), "--self-collision", "off", "--model", "source-method-2", "--force", *words]
+    assert main(["evaluate", *asked, "--out", str(out)]) == 0
+    return json.loads((out / "evaluate.json").read_text()), capsys.readouterr().err
+
+
+def test_the_cell_and_the_robot_are_those_of_the_result(
+    result: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its URDF was not found, and it was judged without the scene, the floor, the base and the tool."""
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    monkeypatch.chdir(elsewhere)
+    own = json.loads((result / "result.json").read_text())["certificate"]["clearance"]
+    for path in (result, result / "result.json", result / "trajectory.csv"):
+        document, said = evaluated(path, capsys)
+        found = document["motions"][0]["certificate"]["clearance"]
+        assert found["pairs"] == own["pairs"] and found["min_distance"] == pytest.approx(own["min_distance"])
+        for words in ("--base 0,0,1,0,0,0", "--floor 0.5", f"--scene {tmp_path / 'scene.yaml'}", "--tool tip"):
+            assert f"note: {words}, as the result states" in said
+    document, said = evaluated(result, capsys, "--base", "0,0,1.1,0,0,0")
+    assert document["request"]["base"][2] == 1.1 and "--base 0,0,1,0,0,0, as" not in said
+
+
+def test_what_cannot_be_taken_is_said(result: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (result.parent / "scene.yaml").unlink()
+    document, said = evaluated(result, capsys)
+    assert "its scene scene.yaml was not found" in said and "scene" not in document["request"]
+    other = result.parent / "mine.csv"
+    other.write_bytes((result / "trajectory.csv").read_bytes())
+    document, said = evaluated(result, capsys, "--robot", str(result.parent / "arm.urdf"), more=(str(other),))
+    assert "as the result states" not in said and "planned with --base 0,0,1,0,0,0" in said
+
+
+def test_a_changed_motion_of_a_result_is_remarked(result: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It was evaluated as that of the result, without a word."""
+    _, said = evaluated(result, capsys)
+    assert "SHA-256" not in said
+    table = result / "trajectory.csv"
+    table.write_text(table.read_text() + "\n")
+    for path in (result, result / "result.json"):
+        document, said = evaluated(path, capsys)
+        assert f"warning: {table}: not the file that was written with result.json" in said
+        assert "SHA-256" in document["motions"][0]["notes"][0]

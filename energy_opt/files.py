@@ -82,10 +82,10 @@ def write_toml(path: Path, value: Mapping[str, Any]) -> None:
     write_text(path, tomli_w.dumps(plain(value)))
 
 
-def found_beside(name: str, file: Path) -> str | None:
-    """A file that `file` names: itself, or beside `file` or in a folder above it; None if there is none."""
+def found_beside(name: str, file: Path, found: Callable[[str], bool] = os.path.isfile) -> str | None:
+    """What `file` names: the name itself, or beside `file` or in a folder above it; None if none is `found`."""
     at = (name, *(str(folder / name) for folder in file.resolve().parents))
-    return next((path for path in at if os.path.isfile(path)), None)
+    return next(filter(found, at), None)
 
 
 def inside(folder: Path, name: str, allow_outside: bool = False) -> Path:

@@ -12,7 +12,7 @@ from typing import Any
 
 from energy_opt import __version__
 from energy_opt.errors import BadInput, suggest
-from energy_opt.files import read_json
+from energy_opt.files import found_beside, read_json
 from energy_opt.folders import ANSWERS
 from energy_opt.front.desk import Desk, verb
 from energy_opt.requests import moves, verbs
@@ -90,8 +90,7 @@ def _found(
             return value
         if not named and not Path(value).suffix:  # a model or a pose by its name
             return value
-        found = os.path.exists if named else os.path.isfile
-        path = next((path for path in (str(folder / value) for folder in folders) if found(path)), value)
+        path = found_beside(value, file, os.path.exists if named else os.path.isfile) or value
         if path != value:
             say(f"{value} is not in the current folder; {path} is read")
         return path

@@ -23,6 +23,7 @@ from energy_opt.motion.limits.joint import Effort
 from energy_opt.motion.move import Settings
 from energy_opt.motion.plan.first_path import check_free
 from energy_opt.motion.trajectory import Trajectory, whole
+from energy_opt.poses.distance import nearer_words
 from energy_opt.poses.given import poses_of_request
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
@@ -82,9 +83,12 @@ class Arm:
             self.table = self.table.model_copy(update={"step": steps})
             self.job = self._read(self.table, lambda _: self.job.robot)
         if self.job.open:
-            chosen = Posed(self.job, model, settings, self.request).estimated()[0]
+            posed = Posed(self.job, model, settings, self.request)
+            chosen = posed.estimated()[0]
+            cells = {k: posed.cells.of(self.job.steps[k]) for k in posed.poses}
+            near = nearer_words((pose.name, chosen[k], cells[k]) for k, pose in posed.poses.items())
             self.table = at_positions(self.table, {k: chosen[k] for k in self.job.open})
-            self.job = self.job.at(chosen)
+            self.job = replace(self.job.at(chosen), remarks=(*self.job.remarks, *near))
         if cell.supply is not None:  # braking energy is lost in a resistor, unless another arm uses it
             model = using_again(model, 0.0)
         room = {**USED, Effort.name: USED[Effort.name] * share}

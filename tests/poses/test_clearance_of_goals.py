@@ -99,3 +99,11 @@ def test_a_job_keeps_the_clearance_at_its_poses(tmp_path: Path) -> None:
         (end,) = found["poses"]
         assert found["status"] == "solved" and (words or end["goal"][0] < 0)  # the elbow is up
         assert len([said for said in found["warnings"] if "of which half is kept" in said]) == words
+
+
+def test_an_arm_of_a_cell_says_which_chosen_positions_are_near(tmp_path: Path) -> None:
+    text = f'format = "energy-opt/job/2"\ncycle_time = 8.0\n[[robot]]\nname = "a"\nrobot = "{arm(tmp_path, 2).name}"\n'
+    text += '[[robot.step]]\npose = [0.6, 0, 0.2, 0, 0, 0]\nfree = ["ry"]\n[[robot.step]]\nto = [0.3, -0.6]\n'
+    (tmp_path / "cell.toml").write_text(text)
+    found = eo.job(tmp_path / "cell.toml", model="source-method-2", tool="tip", clearance=0.3, starts=1, **FLAT)
+    assert [said for said in found.document()["warnings"] if "robot a: step 1" in said and "of which half" in said]

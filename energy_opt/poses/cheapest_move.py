@@ -120,8 +120,8 @@ def solve_to(
         raise errors[0]
     best = min(answers, key=lambda answer: answer.result.status != "solved")
     at, goal = best.move, best.candidates[0].pose
-    begun = zip((ends.start, *ends.via), (at.start, *at.via), strict=False)
-    reached = [(pose.name, q, cell) for pose, q in begun if pose is not None]
+    earlier = zip((ends.start, *ends.via), (at.start, *at.via), strict=False)
+    reached = [(pose.name, q, cell) for pose, q in earlier if pose is not None]
     if goal is not None or len(ends.goals) > 1:
         reached.append(("--goal" if goal is None else goal.name, at.goal, cell))
     return replace(best, warnings=(*best.warnings, *nearer_words(reached)))

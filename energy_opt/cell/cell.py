@@ -223,6 +223,10 @@ class Cell:
         found = [self._contact(q, p, d) for p, d in self.distances(q, TOUCHING)]
         return max(found, key=lambda contact: contact.depth, default=None)
 
+    def free(self, q: np.ndarray) -> bool:
+        """Whether every pair keeps the required clearance at q (n,)."""
+        return not self.short(q).any()
+
     def short(self, q: np.ndarray) -> np.ndarray:
         """By how much each pair is too near at q (n,) for a motion that ends there to keep the whole clearance.
 

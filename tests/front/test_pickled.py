@@ -68,6 +68,6 @@ def test_a_planner_is_pickled(answer: Any) -> None:
 
 def test_the_bodies_of_a_pickled_cell_are_built_from_its_files(answer: Any) -> None:
     cell = pickle.loads(pickle.dumps(answer.cell))
-    assert "bodies" not in vars(cell) and cell.checks and not cell.short(np.array(START)).any()
+    assert "bodies" not in vars(cell) and cell.checks and cell.free(np.array(START))
     with pytest.raises(AttributeError, match="'Cell' object has no attribute 'body'"):
         _ = cell.body

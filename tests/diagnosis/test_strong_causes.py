@@ -5,43 +5,63 @@ from __future__ import annotations
 import numpy as np
 import pinocchio
 import pytest
-from logs import UR, lines, log, put
+from logs import lines, log, put
 
 from energy_opt.diagnosis import diagnose
+from energy_opt.diagnosis.data.noise import Noise
+from energy_opt.diagnosis.data.recordings import take_samples
+from energy_opt.diagnosis.fit.posterior import Nuisance, World
+from energy_opt.diagnosis.hypothesis.links import links_of
+from energy_opt.diagnosis.hypothesis.terms import Scale, Term, chart
+from energy_opt.diagnosis.search.effect_sets import Search
+from energy_opt.diagnosis.search.kinks import elsewhere, usual_laws
 from energy_opt.effects import CopperLoss, Standby
 from energy_opt.measured import read_set
 from energy_opt.power import PowerModel
+from energy_opt.robot import load_robot
 
 COPPER, STANDBY, NOISE = 0.01, 60.0, 0.6  # [W / (N m)^2], [W], [W]
+MIDDLES = {
+    "ur5e": np.array([0, -1.57, 1.57, -1.57, -1.57, 0]), "panda": np.array([0.0, -0.6, 0.0, -2.0, 0.0, 1.9, 0.6]),
+}  # fmt: skip
 
 
-def diagnosed(folder, friction, seed, count=8, settles=0.0, copper=COPPER):
-    """Document of a set of `count` motions of a UR5e with quintic timing.
+def recorded(folder, friction, seed, count=8, settles=0.0, copper=COPPER, arm="ur5e", returns=True):
+    """A set of `count` motions of an arm with quintic timing, and the declared model.
 
     Args:
         friction: (N, n) N m from v and the rigid torque. settles: [N m] standard deviation of the motors' torque that
             friction bears after a stop; it decays over 0.3 s. copper: (N,) W / (N m)^2, of which COPPER is declared.
+        returns: True if negative power of all joints together is used again.
     """
-    body, rng = pinocchio.buildModelFromUrdf(str(UR.urdf)), np.random.default_rng(seed)
-    middle = np.array([0, -1.57, 1.57, -1.57, -1.57, 0])
+    robot, middle = load_robot(arm), MIDDLES[arm]
+    whole, rng = pinocchio.buildModelFromUrdf(str(robot.urdf)), np.random.default_rng(seed)
+    fixed = [k for k, name in enumerate(whole.names) if k and name not in robot.joints]
+    body = pinocchio.buildReducedModel(whole, fixed, pinocchio.neutral(whole))
     runs, data, start = "", body.createData(), 0.0
     for k in range(count):
         lasts = rng.uniform(0.8, 1.3)
         t = np.arange(0, lasts + 0.6, 0.008)
         x = np.clip((t - 0.3) / lasts, 0, 1)[:, None]
         s, s1, s2 = 10 * x**3 - 15 * x**4 + 6 * x**5, 30 * x**2 * (1 - x) ** 2, 60 * x * (1 - x) * (1 - 2 * x)
-        begin, way = middle + rng.uniform(-0.5, 0.5, UR.n), rng.uniform(-1.2, 1.2, UR.n)
+        begin, way = middle + rng.uniform(-0.5, 0.5, robot.n), rng.uniform(-1.2, 1.2, robot.n)
         q, v, a = begin + way * s, way * s1 / lasts, way * s2 / lasts**2
         rigid = np.array([pinocchio.rnea(body, data, *row) for row in zip(q, v, a, strict=True)])
         since = np.where(t > 0.3 + lasts, t - 0.3 - lasts, np.inf)[:, None]
-        tau = rigid + friction(v, rigid) + settles * rng.normal(size=UR.n) * np.exp(-since / 0.3)
-        power = STANDBY + (tau * v + copper * tau**2).sum(1) + NOISE * rng.normal(size=len(t))
-        header = ",".join(["time", *(f"{joint}.position" for joint in UR.joints), "power"])
+        tau = rigid + friction(v, rigid) + settles * rng.normal(size=robot.n) * np.exp(-since / 0.3)
+        drive = (tau * v + copper * tau**2).sum(1)
+        power = STANDBY + (drive if returns else np.maximum(drive, 0)) + NOISE * rng.normal(size=len(t))
+        header = ",".join(["time", *(f"{joint}.position" for joint in robot.joints), "power"])
         put(folder / f"{k}.csv", lines(header, [t, *q.T, power]))
         runs += f'[[run]]\nfile = "{k}.csv"\nkind = "motion"\nstart = {start}\n'
         start += lasts + 2
-    declared = PowerModel("ur5e", (Standby(power=STANDBY), CopperLoss(r_over_kt2=COPPER)))
-    return diagnose(read_set(log(folder, "ur5e", runs)), declared).document
+    declared = PowerModel(arm, (Standby(power=STANDBY), CopperLoss(r_over_kt2=COPPER)))
+    return read_set(log(folder, arm, runs)), declared
+
+
+def diagnosed(*arguments, **options):
+    """Document of a set that is `recorded` with these arguments."""
+    return diagnose(*recorded(*arguments, **options)).document
 
 
 def sets_of(document):
@@ -74,6 +94,27 @@ def test_dry_and_viscous_friction_are_among_the_answers_where_one_law_imitates_b
     """The search ended at power-law friction, from which no exchange of one effect reaches the two."""
     found = diagnosed(tmp_path, lambda v, tau: DRY * np.sign(v) + VISCOUS * v, 2, count=7)
     assert {"coulomb_friction", "viscous_friction"} in sets_of(found)
+
+
+PANDA_DRY = np.array([0.7, 1.0, 0.7, 1.1, 0.6, 0.4, 0.4])  # N m
+PANDA_VISCOUS = np.array([1.1, 1.2, 0.9, 1.0, 0.5, 0.4, 0.3])  # N m s/rad
+
+
+def test_friction_without_use_of_negative_power_is_found_where_other_effects_imitate_them_together(tmp_path):
+    """The search ended at other effects: the three laws were never fitted as the only ones."""
+    measured, declared = recorded(
+        tmp_path, lambda v, tau: PANDA_DRY * np.sign(v) + PANDA_VISCOUS * v, 1, arm="panda", returns=False
+    )
+    samples = take_samples(measured)
+    scale, links = Scale.of(measured.robot.limits, samples.power), links_of(samples, declared)
+    found = Search(World.of(samples, declared, scale, links, Noise(samples.noise)))
+    charts = [chart(Term(name), declared, scale, samples.n) for name in ("gravity_spring", "power_law_friction")]
+    start, no_links = [c.origin for c in charts], np.zeros(links.basis.shape[1])
+    other = found.fitted(charts, start, [], Nuisance(0.025, 0.01), no_links)
+    true = {"coulomb_friction", "viscous_friction", "regeneration"}
+    tried = [other, *elsewhere(found, other)]
+    assert true not in [{*f.names} for f in tried]
+    assert {*max([*tried, *usual_laws(found, other)], key=found.score).names} == true
 
 
 def gears(v, tau):

@@ -13,7 +13,7 @@ import numpy as np
 from energy_opt.diagnosis.evidence.odds import Subset
 from energy_opt.diagnosis.fit.candidates import Candidate, candidates, sized_store
 from energy_opt.diagnosis.fit.posterior import Fit, columns_of, fit, linearised
-from energy_opt.diagnosis.hypothesis.terms import Chart, entries
+from energy_opt.diagnosis.hypothesis.terms import Chart, Term, entries
 from energy_opt.diagnosis.search.effect_sets import Search, root, without
 from energy_opt.effects import Effect, MeterEffect, StoreEffect
 
@@ -113,6 +113,27 @@ def usual_friction(found: Search, f: Fit) -> list[Fit]:
     first = {b.name: k for k, b in reversed(list(enumerate(bank.blocks)))}
     both = {first[name] for name in USUAL if name in first}
     return [found.refit(bank, found.whole(bank) | both)] if len(both) == len(USUAL) else []
+
+
+def usual_laws(found: Search, f: Fit) -> list[Fit]:
+    """Fits of dry and viscous friction and of each law of negative power as the only effects, if a fit has several.
+
+    Most arms have these laws together. Where the power is often negative, none of them alone explains much. So a search
+    begins with other effects, which imitate them together, and no exchange of two effects reaches them.
+    """
+    world = found.world
+    laws = {*USUAL, *BY_SPEED}
+    if len(f.charts) < len(world.given) + SEVERAL or any(
+        e.stage == "drive" or e.name in laws for e in world.declared.effects
+    ):
+        return []
+    bank = found.bank(root(world, f.nuisance))
+    friction = found.whole(bank) | {k for k, b in enumerate(bank.blocks) if b.name in USUAL}
+    drives: dict[Term, list[Subset]] = {}
+    for k, b in enumerate(bank.blocks):
+        if isinstance(b.source, Candidate) and b.source.chart.term.kind.stage == "drive":
+            drives.setdefault(b.source.chart.term, []).append(friction | {k})
+    return [found.refit(bank, max(tried, key=bank.glance)) for tried in drives.values()]
 
 
 def other_options(found: Search, f: Fit) -> list[Fit]:

@@ -15,7 +15,7 @@ from energy_opt.diagnosis.evidence.odds import noise_of
 from energy_opt.diagnosis.evidence.settling import LASTS, SUPPOSED, Settling, settling_of, with_settling
 from energy_opt.diagnosis.fit.posterior import Fit, World
 from energy_opt.diagnosis.search.effect_sets import Search, moved, root, without
-from energy_opt.diagnosis.search.kinks import elsewhere, settled
+from energy_opt.diagnosis.search.kinks import elsewhere, settled, usual_laws
 from energy_opt.diagnosis.verdict.claims import CLAIM, alike, alternatives, shaped_otherwise, widened
 
 # most noise estimates, and search rounds before each: few, as effects that imitate a misfit hide it
@@ -71,7 +71,8 @@ def likeliest_of(
         log.info("effects, round %d of at most %d", turn + 1, TURNS, extra={"share": 0.05 + 0.06 * turn})
         tried[:] = [found]
         best = found.descend(best, EARLY)
-        best = settled(found, max([best, _redeclared(best), *elsewhere(found, best)], key=found.score))
+        others = [_redeclared(best), *elsewhere(found, best), *usual_laws(found, best)]
+        best = settled(found, max([best, *others], key=found.score))
         new, _ = settling_of(best.residual, found.world.whiten.noise.white, plain)
         if known is not None and new.is_alike(known):
             raise _NothingNew

@@ -28,7 +28,7 @@ from energy_opt.measured.meter_fits import (
     inside,
     law_through,
     refined,
-)  # fmt: skip
+)
 
 LEAST = 0.25  # [s] a smaller offset is attributed to the meter's own delay, which the fit determines
 SURE = 15.0  # gain of log likelihood from which a moved clock replaces the given one

@@ -5,8 +5,9 @@ together.
 
     dated    meters and joints with dates have two clocks in the whole set: one offset is fitted to all of these runs
     alone    another meter's offset is that with the best fit to its own run, if no other one fits about as well
-    by law   where that is open, power follows the motion by the law of the runs whose clocks are known
-    common   where that is open, too, the meter has the offset of the other runs if these agree on one
+    common   where that is open, the meter has the offset of the other runs if these agree on one and it fits
+    by law   where that is open, too, power follows the motion by the law of the runs whose clocks are known, or by one
+             that short runs show together
 """
 
 from __future__ import annotations

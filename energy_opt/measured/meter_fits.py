@@ -20,9 +20,8 @@ LAW_FEWEST = 4  # least independent readings to which a law is compared
 DRIFT = 2e-3  # [s/s] largest drift of a clock
 STEP, OFFSETS = 0.1, 6000  # [s] least step between offsets that are tried, and their largest number
 
-Score = Callable[
-    [float, float], tuple[float, float]
-]  # from an offset [s] and a drift to log likelihood, share explained
+# from an offset [s] and a drift [s/s] to the log likelihood and the share of the readings' variance explained
+Score = Callable[[float, float], tuple[float, float]]
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,7 @@ SHRINK, GROW = (
 CLOSE = 1e-4  # relative distance of cost and bound at which the steps end
 SETTLED = 1e-7  # share of the cost: the steps end where the next one is expected to save less
 ON_TIME = 1e-8  # relative: an excess of the duration that counts as none
+FIRST = 0.05  # change of the price, for a cost of order one, where it is not known how T depends on it
 PRICES = 4  # most prices of T tried in a step
 TOLERANCE = 1e-9  # barrier parameter at which a quadratic program ends, for a cost of order one
 EXCESS_PRICE = 1e3  # cost of exceeding a limit by itself, for a cost of order one: far above the limits' multipliers
@@ -129,20 +130,7 @@ def least_cost(
         )  # fmt: skip
         reach = np.maximum(box[0] - x, SHRINK * x), np.minimum(box[1] - x, GROW * x)
         hessian = Banded(band, none, np.zeros((0, 0)))
-
-        def step(
-            price: float,
-            here: Values = here,
-            hessian: Banded = hessian,
-            reach: tuple[np.ndarray, np.ndarray] = reach,
-            linear: Constraints = linear,
-        ) -> _Step:
-            """The step at a price of T / T_ref."""
-            gradient = here.slope + price * here.time_slope
-            found = minimise(hessian, gradient, reach, linear, EXCESS_PRICE, metric, tolerance=TOLERANCE)
-            late = here.time - 1 + float(here.time_slope @ found.d)
-            return _Step(price, late, found.d, found.multipliers, found.saved)
-
+        step = _Linearised(here, hessian, reach, linear, metric).step
         try:
             taken, slope = _in_time(step, float(multipliers[0]), slope)
         except np.linalg.LinAlgError:  # no damping makes the program convex, because numbers overflowed
@@ -151,6 +139,28 @@ def least_cost(
         if abs(taken.saved) < SETTLED * abs(here.cost) and (taken.price == 0 or abs(here.time - 1) < ON_TIME):
             return Minimum(x, multipliers, True, steps + 1)
     return Minimum(x, multipliers, False, STEPS)
+
+
+@dataclass(frozen=True)
+class _Linearised:
+    """The quadratic program of a Newton step; see `quadratic.minimise`.
+
+    `here`: of the program, where it is linearised.
+    """
+
+    here: Values
+    hessian: Banded
+    reach: tuple[np.ndarray, np.ndarray]
+    constraints: Constraints
+    metric: Banded
+
+    def step(self, price: float) -> _Step:
+        """The step at a price of T / T_ref."""
+        here, limits = self.here, self.constraints
+        gradient = here.slope + price * here.time_slope
+        found = minimise(self.hessian, gradient, self.reach, limits, EXCESS_PRICE, self.metric, tolerance=TOLERANCE)
+        late = here.time - 1 + float(here.time_slope @ found.d)
+        return _Step(price, late, found.d, found.multipliers, found.saved)
 
 
 @dataclass(frozen=True)
@@ -190,9 +200,8 @@ def _in_time(step: Callable[[float], _Step], price: float, slope: float) -> tupl
     for _ in range(PRICES):
         if abs(last.late) < ON_TIME or (last.price == 0 and last.late <= 0):
             break
-        guess = (
-            last.price - last.late / slope if slope < 0 else last.price + np.copysign(max(last.price, 0.05), last.late)
-        )
+        far = np.copysign(max(last.price, FIRST), last.late)
+        guess = last.price + (-last.late / slope if slope < 0 else far)
         tried = step(max(float(guess), 0.0))
         if tried.price != last.price:
             slope = min((tried.late - last.late) / (tried.price - last.price), 0.0)

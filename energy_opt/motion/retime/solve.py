@@ -39,7 +39,9 @@ GLOBAL_GAP = 0.25  # [%] an answer with a bound closer than this is called the g
 USELESS = 1.0  # share of the energy: a bound farther away is not reported
 ROUNDING = 1e-12  # relative: durations that differ by less are equal
 USED_UP = 1e-5  # relative slack of the duration below which it counts as used up
-BESIDE = 0.6  # share of the duration from which the convex program's answer is the first start
+# share of the duration from which the convex program's answer is the first start: below, the even start led to up to
+# 0.3 % less energy in 500 retimings of four arms
+BESIDE = 0.6
 PROVED = 1e-4  # relative: an answer with a bound closer than this needs no better bound
 CORRECTIONS = 4  # most corrections of a duration that the grid does not resolve
 HELD = 3e-7  # share of a bound: allowed excess over the tighter bound in the program

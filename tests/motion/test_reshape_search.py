@@ -71,9 +71,7 @@ def test_searches_under_dry_friction_find_what_wide_kinks_lead_to():
 
 
 def test_friction_of_a_slow_move_is_not_rounded_away():
-    """A move in 60 times its shortest duration: kinks rounded as for a fast one led to 97 J, of a loss that counted
-    joints slower than 1 mrad/s as resting.
-    """
+    """A move in 60 times its shortest duration: kinks rounded as for a fast one lead to 98 J."""
     start, goal = [-2.801, -0.005, 0.383, -3.554, -2.655, 3.229], [-3.239, -2.791, 1.69, 0.919, -0.988, 0.086]
     result = optimize("ur5e", "careful", start=start, goal=goal, duration=97.0, starts=2, self_collision=False)
     assert result.status == "solved" and result.energy.loss < 87

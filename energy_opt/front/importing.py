@@ -22,9 +22,9 @@ from energy_opt.formats.bags import Bag, is_bag, opened
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import robot_of
 from energy_opt.measured.columns import ByHand
+from energy_opt.measured.header import UNITS, cut, unit_in
 from energy_opt.measured.importing import Imported, import_files
 from energy_opt.measured.meter_names import AMPERE, POWER, SINGLE, VOLT, power_column, product_columns
-from energy_opt.measured.names import UNITS, cut, unit_in
 from energy_opt.requests.verbs import ImportRequest
 from energy_opt.results import FoundSet
 from energy_opt.tables import write_table

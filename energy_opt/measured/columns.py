@@ -12,8 +12,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from energy_opt.errors import BadInput, suggest
+from energy_opt.measured.header import UNITS, known_unit, unit_in
 from energy_opt.measured.meter_names import power_column
-from energy_opt.measured.names import UNITS, joint_columns, known_unit, unit_in
+from energy_opt.measured.names import joint_columns
 from energy_opt.measured.run import JOINT_SIGNALS
 from energy_opt.measured.table import Table
 from energy_opt.robot import Robot

@@ -11,9 +11,10 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.measured.columns import ARM_POWER, ByHand, given_names, kind_of, named_unit, understood
+from energy_opt.measured.header import UNITS, cut
 from energy_opt.measured.joint_units import MOST_AMPERES, TOO_FAST, joint_units, units_in_words, without_foreign
 from energy_opt.measured.meter_names import alternating, energy_column, power_column, product_columns, robots_own
-from energy_opt.measured.names import UNITS, cut, joint_columns, names_joint, time_columns
+from energy_opt.measured.names import joint_columns, names_joint, time_columns
 from energy_opt.measured.plausible import are_degrees
 from energy_opt.measured.table import Table
 from energy_opt.numerics.stamps import EPOCH, stamp_factor

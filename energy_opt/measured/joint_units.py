@@ -12,8 +12,8 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.measured.columns import named_unit
+from energy_opt.measured.header import BY_SIGNAL, UNITS, cut, known_unit
 from energy_opt.measured.joints import FEWEST
-from energy_opt.measured.names import BY_SIGNAL, UNITS, cut, known_unit
 from energy_opt.measured.plausible import are_degrees, degrees_fault, leaps, spikes
 from energy_opt.measured.run import Run
 from energy_opt.measured.table import Table

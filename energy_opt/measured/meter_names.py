@@ -5,21 +5,21 @@ from __future__ import annotations
 import re
 from collections.abc import Container, Iterable, Mapping, Sequence
 
-from energy_opt.measured.names import COMMANDED, UNITS, Header, cut, known_unit, words_in
+from energy_opt.measured.header import COMMANDED, UNITS, Header, cut, known_unit, words_in
 
-POWER = words_in("power watt watts wattage wattmeter powermeter leistung puissance p pwr")
-ENERGY = words_in("energy joule joules wh kwh energie counter arbeit")
-VOLT = words_in("voltage volt volts u v spannung")
-AMPERE = words_in("current ampere amperes amps amp i a strom")
+POWER = words_in("power watt watts wattage wattmeter powermeter leistung puissance potencia potenza p pwr")
+ENERGY = words_in("energy joule joules wh kwh energie energia counter arbeit")
+VOLT = words_in("voltage volt volts u v spannung tension tensione voltaje")
+AMPERE = words_in("current ampere amperes amps amp i a strom courant corriente corrente")
 # Words for a single motor instead of the robot, unless the header also names the robot.
 SINGLE = words_in(
     "joint motor axis axes achse actuator drive servo gripper tool finger elbow shoulder wrist antrieb j m link "
     "pc camera"
 )
-WHOLE = words_in("robot arm controller total whole sum main gesamt")
+WHOLE = words_in("robot arm controller total whole sum main gesamt totale")
 ALTERNATING = words_in("pf cos phi apparent reactive frequency hz va var")
 NOT_POWER = words_in(
-    "apparent reactive va kva var kvar varh kvarh schein blind factor max min peak limit state mode on off status "
+    "apparent apparente aparente reactive reactiva reattiva va kva var kvar varh kvarh schein blind factor max min peak limit state mode on off status "
     "button percent pct mech mechanical shaft error err"
 )
 METERED = dict.fromkeys(words_in("meter measured meas actual ist elec electric electrical ac mains grid netz"), 0.5)
@@ -28,7 +28,7 @@ METERED |= dict.fromkeys(words_in("raw filtered mean average avg mittel rms inst
 
 def power_column(header: Sequence[str]) -> str | None:
     """The header of the whole robot's power, None if there is none."""
-    good = {"total": 2.0, "gesamt": 2.0, "input": 0.5, "in": 0.5, "import": 0.5, "main": 0.5} | METERED
+    good = {"total": 2.0, "totale": 2.0, "gesamt": 2.0, "input": 0.5, "in": 0.5, "import": 0.5, "main": 0.5} | METERED
     good |= dict.fromkeys(words_in("robot arm controller active wirk whole sum"), 1.0)
     return _best_header(header, POWER, NOT_POWER, good, "power")
 

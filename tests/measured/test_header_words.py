@@ -10,8 +10,9 @@ from logs import UR, arm, lines, put
 
 from energy_opt.errors import BadInput
 from energy_opt.measured import inspect_set
+from energy_opt.measured.header import known_unit
 from energy_opt.measured.importing import import_files
-from energy_opt.measured.names import joint_columns, known_unit
+from energy_opt.measured.names import joint_columns
 
 MEASURED = [
     (["Sollwinkel A{k} [°]", "Istwinkel A{k} [°]", "Sollmoment A{k} [Nm]"], {"position": "Istwinkel A{k} [°]"}),
@@ -27,6 +28,13 @@ MEASURED = [
     (["J{k} [A]", "J{k} (deg/s)", "J{k} [deg]", "J{k} [W]"],
      {"current": "J{k} [A]", "velocity": "J{k} (deg/s)", "position": "J{k} [deg]"}),
     (["position_error_{k}"], {}),
+    (["Articulation {k} consigne [°]", "Articulation {k} mesurée [degrés]", "Couple axe {k} [Nm]", "Vitesse axe {k}"],
+     {"position": "Articulation {k} mesurée [degrés]", "effort": "Couple axe {k} [Nm]", "velocity": "Vitesse axe {k}"}),
+    (["Posición eje {k} [grados]", "Velocidad eje {k}", "Aceleración eje {k}", "Corriente eje {k} [A]"],
+     {"position": "Posición eje {k} [grados]", "velocity": "Velocidad eje {k}",
+      "acceleration": "Aceleración eje {k}", "current": "Corriente eje {k} [A]"}),
+    (["Posizione asse {k} (gradi)", "Velocità asse {k}", "Coppia asse {k}"],
+     {"position": "Posizione asse {k} (gradi)", "velocity": "Velocità asse {k}", "effort": "Coppia asse {k}"}),
 ]  # fmt: skip
 
 

@@ -9,9 +9,9 @@ from logs import PANDA, SEVEN, SIX, Z1, arm, lines, log, put
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
 from energy_opt.measured import nodes, operator, read_set
+from energy_opt.measured.header import cut
 from energy_opt.measured.importing import import_files
 from energy_opt.measured.meter_names import energy_column, power_column, product_columns
-from energy_opt.measured.names import cut
 
 
 @pytest.mark.parametrize(
@@ -20,6 +20,9 @@ from energy_opt.measured.names import cut
         (["Time", "Voltage", "Current", "Active Power", "Apparent Power", "Power Factor"], "Active Power", None, None),
         (["t", "P_total_W", "tau_1"], "P_total_W", None, None),
         (["t", "Leistung [kW]"], "Leistung [kW]", None, None),
+        (["Temps", "Puissance apparente [VA]", "Puissance réactive", "Puissance active"], "Puissance active", None, None),
+        (["Tiempo", "Energía (Wh)", "Tensión [V]"], None, "Energía (Wh)", None),
+        (["Ora", "Tensione [V]", "Corrente [A]"], None, None, ("Tensione [V]", "Corrente [A]")),
         (["t", "power_limit_W", "power_estimate_W", "power_meter_W"], "power_meter_W", None, None),
         (["t", "P_mech", "P_elec"], "P_elec", None, None),
         (["t", "power_percent"], None, None, None),

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from energy_opt.measured import read_set
+from energy_opt.measured.header import UNITS, known_unit
 from energy_opt.measured.importing import import_files
-from energy_opt.measured.names import UNITS, known_unit
 from energy_opt.numerics.stamps import stamp_factor
 from energy_opt.robot import load_robot
 

@@ -24,6 +24,7 @@ from energy_opt.motion.trajectory import Trajectory
 from energy_opt.robot import Robot
 
 ANSWERS = {"result.json": "trajectory.csv", "job.json": "cycle.csv"}
+CONDITIONS = ("max_power", "tool_speed", "tool_acceleration", "keep", "tube", "conditions")  # of a result's request
 STEP = re.compile(r"step_(\d+)\.csv")  # a step's own file in the folder of a job
 
 
@@ -71,29 +72,38 @@ def robot_named(path: Path) -> str | None:
 
 
 def stated(path: Path) -> tuple[dict[str, Any], list[str]]:
-    """What the request of the result that a file belongs to states of the cell, and what of it cannot be taken.
+    """What the request of the result that a file belongs to states of robot and cell, and what of it is not taken.
 
     Returns:
-        Values of `base`, `tool`, `floor` and `scene`, without those that it leaves at their defaults; and notes.
+        Values of `limits`, `lock`, `base`, `tool`, `floor` and `scene`, without those that it leaves at their defaults;
+        and notes.
     """
     answer = _result_json(path)
     request = {} if answer is None else _request(read_json(answer))
-    found = {name: request[name] for name in ("base", "tool", "floor") if request.get(name) is not None}
+    found = {name: request[name] for name in ("lock", "base", "tool", "floor") if request.get(name) is not None}
+    notes = []
+    if answer is not None and (limits := request.get("limits")) is not None:
+        file = found_beside(str(limits), answer)
+        found |= {} if file is None else {"limits": file}
+        notes += [f"{answer}: its limits {limits} were not found and are not taken"] if file is None else []
+    if conditions := [name for name in CONDITIONS if request.get(name)]:
+        flags = ", ".join(f"--{name.replace('_', '-')}" for name in conditions)
+        notes.append(f"{answer}: its conditions are not judged: {flags}")
     job = request.get("job")
     job = job if isinstance(job, Mapping) else {}
     scene = request.get("scene") or job.get("scene")
     of_steps = any(isinstance(step, Mapping) and step.get("scene") for step in job.get("step") or ())
     if answer is None or not (scene or of_steps):
-        return found, []
+        return found, notes
     if of_steps:
-        return found, [f"{answer}: the scenes of its steps are not taken"]
+        return found, [*notes, f"{answer}: the scenes of its steps are not taken"]
     if "fixture" in request:
-        return found, [f"{answer}: its scene is not taken, because {request['fixture']} was moved in it"]
+        return found, [*notes, f"{answer}: its scene is not taken, because {request['fixture']} was moved in it"]
     folder = str(request.get("folder") or ".")
     file = found_beside(str(scene), Path(folder) / "job.toml") or found_beside(str(scene), answer)
     if file is None:
-        return found, [f"{answer}: its scene {scene} was not found and is not taken"]
-    return found | {"scene": file}, []
+        return found, [*notes, f"{answer}: its scene {scene} was not found and is not taken"]
+    return found | {"scene": file}, notes
 
 
 def _request(document: Any) -> Mapping[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
@@ -22,7 +22,7 @@ from energy_opt.formats.cycle_file import write_cycle
 from energy_opt.formats.waypoints import Samples
 from energy_opt.front.controllers import check_written
 from energy_opt.front.desk import Answered, Desk, verb
-from energy_opt.front.given import cell_of, named_robot, payload_document, robot_of
+from energy_opt.front.given import as_loaded, cell_of, named_robot, payload_document, robot_of
 from energy_opt.front.models import rivals_of
 from energy_opt.front.moves import documents
 from energy_opt.measured.log import read_log
@@ -36,6 +36,7 @@ from energy_opt.robot.degrees import doubted_units
 
 FORMAT = "energy-opt/evaluation/1"
 ANSWER = "evaluate.json"
+IN_CELL = ("base", "tool", "floor", "scene")
 WIDTH = 14  # [characters] least width of a column
 AnyMotion = Trajectory | str | PathLike[str]
 
@@ -130,8 +131,8 @@ def run(request: EvaluateRequest, desk: Desk) -> Answers:
     found = tuple(evaluated(robot, motion, rivals, cell, request.payload is not None) for motion in motions)
     names = tuple("trajectory" if isinstance(each, Trajectory) else str(each) for each in files)
     asked = replace(
-        request, files=names, robot=named_robot(robot, request.robot or robot), model=documents(rivals),
-        payload=payload_document(request.payload),
+        request, files=names, model=documents(rivals), payload=payload_document(request.payload),
+        **as_loaded(robot, request.robot),
     )  # fmt: skip
     desk.take(ANSWER, asked)
     answers = desk.keep(Answers(robot=robot, request=asked, stamp=desk.stamp, found=found))
@@ -146,21 +147,20 @@ evaluate = verb(EvaluateRequest, run)
 
 
 def _as_stated(request: EvaluateRequest, files: Sequence[AnyMotion], desk: Desk) -> EvaluateRequest:
-    """The request with the cell that the results state, where it does not state another one.
+    """The request with limits, locked joints and cell that the results state, where it does not state other ones.
 
-    A value is taken only if all files belong to results that state the same one: all motions are in one cell.
+    A value is taken only if all files belong to results that state the same one: all motions are in one cell. A `Robot`
+    has its own limits and locked joints.
     """
     found = [({}, []) if isinstance(each, Trajectory) else stated(Path(each)) for each in files]
-    taken: dict[str, Any] = {}
-    for name in ("base", "tool", "floor", "scene"):
-        values = [values.get(name) for values, _ in found]
-        if getattr(request, name) is None and values[0] is not None and all(x == values[0] for x in values):
-            taken[name] = values[0]
-    if request.scene is None:
-        for note in (note for _, notes in found for note in notes):
-            desk.say(f"note: {note}")
+    same = {name: value for name, value in found[0][0].items() if all(values.get(name) == value for values, _ in found)}
+    names = IN_CELL if isinstance(request.robot, Robot) else ("limits", "lock", *IN_CELL)
+    taken = {name: same[name] for name in names if name in same and getattr(request, name) in (None, ())}
+    for note in (note for _, notes in found for note in notes):
+        desk.say(f"note: {note}")
     for name, value in taken.items():
         words = ",".join(f"{x:g}" for x in value) if isinstance(value, list) else value
+        words = ",".join(f"{joint}={x:g}" for joint, x in value.items()) if isinstance(value, Mapping) else words
         desk.say(f"note: --{name} {words}, as the result states")
     return replace(request, **taken)
 
@@ -177,7 +177,7 @@ def robot_of_files(files: Sequence[AnyMotion], prefix: str = "") -> str:
     paths = [Path(given) for given in files if not isinstance(given, Trajectory)]
     for path in paths:
         if is_set(path):
-            return named_robot(robot_of_log(read_log(path)), None)
+            return named_robot(robot_of_log(read_log(path)))
         named = robot_named(path)
         if named is not None and (named in known_robots() or Path(named).is_file()):
             return named

@@ -60,11 +60,16 @@ def robot_of(request: RobotGroup, given: str | None = None) -> Robot:
     return load_robot(named, **known, prefix=getattr(request, "joint_prefix", ""))
 
 
-def named_robot(robot: Robot, given: Any) -> str:
-    """Name to load a robot by: the given word, the name of a given `Robot`, or its URDF."""
-    if isinstance(given, Robot) or given is None:
-        return robot.name if robot.name in known_robots() else str(robot.urdf)
-    return str(given)
+def named_robot(robot: Robot) -> str:
+    """Name to load a robot by: that of a known one, else its URDF."""
+    return robot.name if robot.name in known_robots() else str(robot.urdf)
+
+
+def as_loaded(robot: Robot, given: AnyRobot | None) -> dict[str, Any]:
+    """Fields of a request that load the robot again: its name, and limits and locked joints of a given `Robot`."""
+    if isinstance(given, Robot):
+        return {"robot": named_robot(given), **given.given}
+    return {"robot": named_robot(robot) if given is None else str(given)}
 
 
 def model_from(given: AnyModel | None, robot: Robot) -> PowerModel:
@@ -296,5 +301,6 @@ def request_of_set(request: Asked, robot: Robot, **known: Any) -> Asked:
     """
     if request.seed < 0:
         raise BadInput(f"--seed {request.seed}: expected 0 or more")
-    named = None if request.robot is None else named_robot(robot, request.robot)
-    return replace(request, robot=named, payload=payload_document(request.payload), **known)
+    if request.robot is not None:
+        known |= as_loaded(robot, request.robot)
+    return replace(request, payload=payload_document(request.payload), **known)

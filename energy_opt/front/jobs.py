@@ -14,7 +14,7 @@ from energy_opt.folders import written_whole
 from energy_opt.formats.controller_files import Written
 from energy_opt.formats.controller_program import load_of
 from energy_opt.front.desk import Answered, Desk
-from energy_opt.front.given import cell_of, named_robot, payload_document, robot_of
+from energy_opt.front.given import as_loaded, cell_of, payload_document, robot_of
 from energy_opt.front.models import members, rivals_of
 from energy_opt.front.moves import documents, settings_of
 from energy_opt.jobs import job_files
@@ -84,8 +84,8 @@ def prepared(request: Asked, desk: Desk, **known: Any) -> tuple[Job, list[Rival]
     if not isinstance(request, PlaceRequest):
         known["payload"] = payload_document(request.payload)
     asked = replace(
-        request, job=document, folder=str(path.parent.resolve()), robot=named_robot(job.robot, request.robot),
-        model=documents(rivals), robust=kind, **known,
+        request, job=document, folder=str(path.parent.resolve()), model=documents(rivals), robust=kind,
+        **as_loaded(job.robot, request.robot), **known,
     )  # fmt: skip
     return job, rivals, kind, asked
 

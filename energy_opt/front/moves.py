@@ -18,7 +18,7 @@ from energy_opt.formats import read
 from energy_opt.formats.close_waypoints import past
 from energy_opt.formats.recording import path_of
 from energy_opt.formats.waypoints import Samples
-from energy_opt.front.given import named_robot, payload_document, positions
+from energy_opt.front.given import as_loaded, payload_document, positions
 from energy_opt.motion import Move, Settings, Trajectory
 from energy_opt.motion.path import JointPath, of_trajectory
 from energy_opt.motion.plan.robust import Kind
@@ -175,7 +175,7 @@ def resolved(
     """
     path = request.path
     known: dict[str, Any] = {
-        "robot": named_robot(robot, request.robot),
+        **as_loaded(robot, request.robot),
         "start": None if ends is not None and ends.start is not None else move.start.tolist(),
         "goal": move.goal.tolist(),
         "path": str(path) if isinstance(path, (str, PathLike)) else _path(move.path),

@@ -15,7 +15,7 @@ from energy_opt.folders import no_other_verb, take_folder, written_whole
 from energy_opt.formats import read
 from energy_opt.formats.recording import motion_of
 from energy_opt.front.desk import Desk, verb
-from energy_opt.front.given import cell_of, model_from, named_robot, of_another_arm, on_arm, payload_document, robot_of
+from energy_opt.front.given import as_loaded, cell_of, model_from, of_another_arm, on_arm, payload_document, robot_of
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power.variants import of_joints
 from energy_opt.requests.verbs import SimulateRequest
@@ -89,7 +89,7 @@ def run(request: SimulateRequest, desk: Desk) -> Simulation:
     instruments = Instruments(**same, **resolutions, extra=tuple(request.log))
     references, sources = _references(request, robot, desk)
     asked = replace(
-        request, robot=named_robot(robot, request.robot), payload=payload_document(request.payload),
+        request, **as_loaded(robot, request.robot), payload=payload_document(request.payload),
         model=None if declared is None else declared.to_document(),
     )  # fmt: skip
     truth = {"request": to_json({key: value for key, value in asked.document().items() if key != "out"})}

@@ -19,8 +19,8 @@ SINGLE = words_in(
 WHOLE = words_in("robot arm controller total whole sum main gesamt totale")
 ALTERNATING = words_in("pf cos phi apparent reactive frequency hz va var")
 NOT_POWER = words_in(
-    "apparent apparente aparente reactive reactiva reattiva va kva var kvar varh kvarh schein blind factor max min peak limit state mode on off status "
-    "button percent pct mech mechanical shaft error err"
+    "apparent apparente aparente reactive reactiva reattiva va kva var kvar varh kvarh schein blind factor max min "
+    "peak limit state mode on off status button percent pct mech mechanical shaft error err"
 )
 METERED = dict.fromkeys(words_in("meter measured meas actual ist elec electric electrical ac mains grid netz"), 0.5)
 METERED |= dict.fromkeys(words_in("raw filtered mean average avg mittel rms instantaneous inst"), 0.0)

@@ -210,12 +210,13 @@ class Result:
         if self.bound:
             proof = f"lower bound {self.bound}, gap {known.gap_percent:.2g} %"
         reason = f"; {self.message}" if self.message else ""
+        unchecked = "" if self.certificate.clearance is not None else "; collisions are not checked"
         return "\n".join(
             [
                 f"{self.robot}, {self.mode}, {self.duration:.4g} s: {self.status}{reason}",
                 f"energy {e.total:.5g} J = standby {e.standby:.5g} + stored {e.stored:.5g} + loss {e.loss:.5g}",
                 self.saved,
-                limits_words(self.certificate.document(), lambda *_: "(SI units)"),
+                limits_words(self.certificate.document(), lambda *_: "(SI units)") + unchecked,
                 f"{proof}; {self.solver.iterations} iterations, {self.solver.solve_seconds:.3g} s",
             ]
         )

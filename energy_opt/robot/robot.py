@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -120,6 +121,7 @@ class Robot:
         sources: where each joint's "velocity", "acceleration", "jerk" and "effort" limit comes from: "urdf", "limits"
             (the user's file), "published" or "assumed".
         locked: joints that do not move, with their positions, including followers of such joints.
+        given: the arguments `limits` and `lock` of `load_robot` that it was loaded with.
     """
 
     name: str
@@ -131,6 +133,7 @@ class Robot:
     locked: dict[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     unlocked: tuple[str, ...] = ()
+    given: Mapping[str, Any] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return f"Robot({self.name!r}, {self.n} joints)"
@@ -250,11 +253,11 @@ def load_robot(
         )
     steps, factors, scaled = [merged], UNSCALED, []
     for file, before in ((published, ""), (limits, prefix)):
-        said: list[str] = []
+        warned: list[str] = []
         if file is not None and (file is limits or file.is_file()):
-            merged, factors, said = overlay(merged, [link.name for link in links], file, before, locked)
+            merged, factors, warned = overlay(merged, [link.name for link in links], file, before, locked)
         steps.append(merged)
-        scaled += said
+        scaled += warned
     led = leaders_limits(merged, links)[1]
     reduced = [leaders_limits(step, links)[0] for step in steps]
     known = [_completed(step, reduced[0].effort, body) for step in reduced[1:]]
@@ -265,7 +268,9 @@ def load_robot(
     held = full.scaled(factors, np.isinf(reduced[-1].jerk))
     if entry is None:  # what is known of the arms by name takes these values' place
         doubtful += unused_values(description, body.joints, held)
-    return Robot(name, held, body, description, rated, sources, locked, (*scaled, *led, *warnings, *doubtful), unlocked)
+    given = ({} if limits is None else {"limits": str(limits)}) | ({"lock": dict(lock)} if lock else {})
+    said = (*scaled, *led, *warnings, *doubtful)
+    return Robot(name, held, body, description, rated, sources, locked, said, unlocked, given)
 
 
 def _stated(description: Description, links: Sequence[Link]) -> Limits:

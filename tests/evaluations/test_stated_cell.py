@@ -6,9 +6,11 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from plane_arm import arm
 
+import energy_opt as eo
 from energy_opt.cli.main import main
 
 SCENE = "objects:\n  - {name: shelf, type: box, size: [0.1, 0.1, 0.1], position: [0.6, 0, 2.2]}\n"
@@ -75,3 +77,37 @@ def test_a_changed_motion_of_a_result_is_remarked(result: Path, capsys: pytest.C
         document, said = evaluated(path, capsys)
         assert f"warning: {table}: not the file that was written with result.json" in said
         assert "SHA-256" in document["motions"][0]["notes"][0]
+
+
+LIMITS = "joint_limits:\n  j0: {max_velocity: 0.8, max_acceleration: 2.0}\n"
+
+
+def test_a_robot_loaded_with_limits_and_locked_joints_is_loaded_so_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its request had its name alone: the repeated plan exceeded the limits without a word."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "limits.yaml").write_text(LIMITS)
+    robot = eo.load_robot(arm(tmp_path, 3), limits="limits.yaml", lock={"j2": 0.25})
+    plan = eo.optimize(robot, "source-method-2", start=[0.3, -0.6], goal=[-0.7, 0.5], mode="retime")
+    plan.save("out")
+    again = eo.repeat("out/result.json")
+    assert again.trajectory.joints == robot.joints == ("j0", "j1")
+    assert again.trajectory.duration == pytest.approx(plan.trajectory.duration, rel=1e-6)
+    assert np.abs(again.trajectory.velocity[:, 0]).max() <= 0.8 + 1e-6
+
+
+def test_limits_and_locked_joints_are_those_of_the_result(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It was judged by other limits without a word, and refused where a joint was locked."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "limits.yaml").write_text(LIMITS.replace("2.0", "40.0"))
+    known = {"limits": "limits.yaml", "lock": {"j2": 0.25}, "max_power": 300, "mode": "retime"}
+    eo.optimize(arm(tmp_path, 3), "source-method-2", start=[0.3, -0.6], goal=[-0.7, 0.5], **known).save("out")
+    document, said = evaluated(tmp_path / "out", capsys)
+    assert document["joints"] == ["j0", "j1"] and document["motions"][0]["valid"]
+    for words in ("--limits limits.yaml, as", "--lock j2=0.25, as", "its conditions are not judged: --max-power"):
+        assert words in said
+    (tmp_path / "limits.yaml").unlink()
+    assert "its limits limits.yaml were not found" in evaluated(tmp_path / "out", capsys)[1]

@@ -20,7 +20,7 @@ from energy_opt.measured.meter_names import energy_column, power_column, product
         (["Time", "Voltage", "Current", "Active Power", "Apparent Power", "Power Factor"], "Active Power", None, None),
         (["t", "P_total_W", "tau_1"], "P_total_W", None, None),
         (["t", "Leistung [kW]"], "Leistung [kW]", None, None),
-        (["Temps", "Puissance apparente [VA]", "Puissance réactive", "Puissance active"], "Puissance active", None, None),
+        (["Temps", "Puissance apparente [VA]", "Puissance active"], "Puissance active", None, None),
         (["Tiempo", "Energía (Wh)", "Tensión [V]"], None, "Energía (Wh)", None),
         (["Ora", "Tensione [V]", "Corrente [A]"], None, None, ("Tensione [V]", "Corrente [A]")),
         (["t", "power_limit_W", "power_estimate_W", "power_meter_W"], "power_meter_W", None, None),

@@ -61,8 +61,7 @@ class Planner:
 
     Args:
         robot, model, settings: BadInput is raised where they do not fit each other; no settings are the defaults.
-        cell: the arm's body and the bodies around it, to be kept clear of (`load_cell`); without one, no collision is
-            checked, not even of the arm with itself.
+        cell: the arm's body and bodies around it, to keep clear of (`load_cell`); without one no collision is checked.
         stopped: called between solves; True ends the work with the best result so far.
     """
 

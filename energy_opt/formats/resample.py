@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from energy_opt.errors import BadInput
+from energy_opt.formats.waypoints import Samples
 from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.limits.base import Violation
 from energy_opt.motion.trajectory import Trajectory, whole
@@ -128,10 +129,20 @@ def broken(certificate: Certificate, rate: float) -> str:
 def lowest(trajectory: Trajectory, judge: Judge, above: float = 0.0) -> float | None:
     """The lowest of the usual rates [Hz] at which the samples stay within all limits; None if none of them does.
 
+    At that rate, the samples also show the motion: velocities and accelerations fit together, as readers check.
+
     Args:
         trajectory: to be sampled. judge: of the samples. above: [Hz] rates up to this one are left out.
     """
-    return next((rate for rate in RATES if rate > above and judge(resampled(trajectory, rate)).valid), None)
+
+    def is_good(t: Trajectory) -> bool:
+        try:
+            Samples("", t.joints, t.position, t.time, t.velocity, t.acceleration).trajectory()
+        except BadInput:
+            return False
+        return judge(t).valid
+
+    return next((rate for rate in RATES if rate > above and is_good(resampled(trajectory, rate))), None)
 
 
 REST = 3  # steps of rest before and after the motion in the differences

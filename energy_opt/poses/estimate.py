@@ -154,5 +154,4 @@ def energies(scorers: Sequence[Scorer], q: np.ndarray, v: np.ndarray, a: np.ndar
 
 def holding(scorers: Sequence[Scorer], q: np.ndarray) -> np.ndarray:
     """Power (K,) [W] of standing still at positions q (K, n), the mean over the models."""
-    still, time = np.zeros_like(q), np.zeros(len(q))
-    return np.asarray(np.mean([scorer.drive(q, still, still, time)[1] for scorer in scorers], axis=0))
+    return np.asarray(np.mean([scorer.holding(q) for scorer in scorers], axis=0))

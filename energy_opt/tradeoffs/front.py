@@ -17,6 +17,7 @@ from energy_opt.errors import Infeasible, at_least
 from energy_opt.motion import Move, Planner
 from energy_opt.motion.judge.energy import Energy
 from energy_opt.motion.plan.neighbour import Neighbours, Optimum
+from energy_opt.motion.plan.resting import with_rest
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.tradeoffs.fixed_cycle import Cycle, Waiting
 
@@ -165,6 +166,7 @@ class _Tracer:
         self.expected = len(grid) + 2 + (SEARCH if self.cycle else 0)
         front.points = [Point(float(d), "not_converged", reason="not computed") for d in grid]
         self._sweep()
+        self._rest()
         as_fast = [point for point in front.points if _equal(point.duration, shortest)]
         front.fastest = min((front.fastest, *as_fast), key=lambda point: point.total)
         self._keep_minimum()
@@ -280,6 +282,22 @@ class _Tracer:
                 self.front.points[k] = new
         kept = self.front.points[k]
         return kept if kept.optimum is not None else neighbour
+
+    def _rest(self) -> None:
+        """Where a faster point and rest at one end take less energy than a point, they replace it."""
+        planner, best = self.planner, Point(0.0, "")
+        power = planner.scorer.holding(np.stack([self.free.start, self.free.goal]))
+        held, after = float(power.min()), bool(power[1] <= power[0])
+        for k, point in enumerate(self.front.points):
+            gain = point.total - held * point.duration - (best.total - held * best.duration)
+            if best.optimum is None or gain < 0:
+                best = point if point.status == "solved" else best
+            elif gain > LOWER * point.total:
+                motion = with_rest(best.optimum.trajectory, point.duration, after)
+                if motion is not None and planner.certify(motion, self.free).valid:
+                    optimum = Optimum(motion, planner.score(motion), True)
+                    resting = replace(point, status="solved", optimum=optimum, reason="")
+                    self.front.points[k] = min(point, resting, key=lambda p: p.total)
 
     def _keep_minimum(self) -> None:
         """If a point of the grid is below the free optimum, solve again with free duration from there."""

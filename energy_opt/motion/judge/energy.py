@@ -143,6 +143,10 @@ class Scorer:
         rigid = rigid_torque(self.model, self.robot.body, q, v, a)
         return self._law(q, v, a, rigid, t, *self._past(q, v, a, rigid, t)[:2])[:3]
 
+    def holding(self, q: np.ndarray) -> np.ndarray:
+        """Power (K,) [W] of standing still at positions q (K, n)."""
+        return self.drive(q, np.zeros_like(q), np.zeros_like(q), np.zeros(len(q)))[1]
+
     def _past(
         self, q: np.ndarray, v: np.ndarray, a: np.ndarray, rigid: np.ndarray, t: np.ndarray, before: Past = NONE
     ) -> tuple[np.ndarray, np.ndarray, float]:

@@ -76,8 +76,7 @@ class Planner:
     ) -> None:
         self.robot, self.settings = robot, settings or Settings()
         self._shares: Shares = {}
-        # first paths with the cell and the move they belong to
-        self._starts: list[tuple[Cell | None, Move, Start]] = []
+        self._starts: list[tuple[Cell | None, Move, Start]] = []  # first paths, with their cell and move
         # their fastest timings, with the model, the shares of limits and the settings that they hold for
         self._timings: list[tuple[Move, PowerModel, Shares, Settings, Timing]] = []
         self._workshop, self.stopped = Workshop(), stopped
@@ -233,7 +232,8 @@ class Planner:
         single = self.single(move)
         single.refuse_below_bound(move)
         try:
-            result = single.at(move.duration, move.max_duration, warm, progress).result
+            found = single.at(move.duration, move.max_duration, warm, progress).result
+            result = single.rested(move, found, progress)
         except Infeasible as error:
             raise (self._confirmed(error, move, progress) if confirm else error) from None
         return replace(result, warnings=(*result.warnings, *self._cell_warnings, *long_turns(self.robot, move)))

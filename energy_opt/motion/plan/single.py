@@ -26,6 +26,7 @@ from energy_opt.motion.plan.choice import Work, baselines_of, choose, is_at_rest
 from energy_opt.motion.plan.clear import kept_clear, nearly_clear
 from energy_opt.motion.plan.context import Context, Judge, path_of
 from energy_opt.motion.plan.refusals import below_bound
+from energy_opt.motion.plan.resting import rested
 from energy_opt.motion.plan.unsearched import below_resolution, without_search
 from energy_opt.motion.reshape.curve import Outcome
 from energy_opt.motion.reshape.search import Kept
@@ -258,6 +259,12 @@ class Single:
         first = None if self.timing is None else self.timing.trajectory(self.context.robot.joints)
         works = first is not None and self.context.judge(first).certificate.valid
         raise below_bound(move, limit, where, least, first.duration if first is not None and works else None)
+
+    def rested(self, move: Move, result: Result, progress: Progress) -> Result:
+        """The result of a move, or a faster move with rest that takes less energy in the same duration."""
+        return rested(
+            self.context, move, self.timing, result, lambda faster: self.at(faster, None, (), progress).result
+        )
 
     @one_thread
     def at(

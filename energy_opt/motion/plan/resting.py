@@ -1,0 +1,79 @@
+"""Rest beside a faster move: an arm at rest may take less power than one that moves slowly, mostly by dry friction.
+
+At rest, dry friction bears a part of the load; while a joint creeps, the motor bears the load and the friction. A curve
+of few parameters has no rest. So a slow move is also tried faster, with the arm at rest before or after it:
+
+    min over T' <= T, and over both ends, of E(T') + P (T - T'), with P [W] the power of holding that end
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from energy_opt.motion.move import Move
+from energy_opt.motion.plan.choice import with_trajectory
+from energy_opt.motion.plan.context import Context
+from energy_opt.motion.result import Result
+from energy_opt.motion.retime.fastest import FLOOR
+from energy_opt.motion.retime.program import Retiming
+from energy_opt.motion.timing.spline_timing import Timing
+from energy_opt.motion.trajectory import Trajectory, row_step
+
+AT_REST = 1e-6  # [rad/s^2, m/s^2] a motion that ends with more is not at rest there
+SLOW = 2.0  # times the least time of the first path: faster moves are not tried with rest
+USED = 0.9  # share of the duration: the rest beside a longer move gains little
+
+
+def with_rest(motion: Trajectory, duration: float, after: bool) -> Trajectory | None:
+    """The motion, with rest after or before it that fills `duration` [s]; None if it is not at rest there."""
+    end, wait = -1 if after else 0, duration - motion.duration
+    if max(np.abs(motion.velocity[end]).max(), np.abs(motion.acceleration[end]).max()) > AT_REST or wait <= 0:
+        return None
+    count = int(np.ceil(wait / row_step(duration)))
+    rest, time = np.linspace(0, wait, count + 1), motion.time - motion.time[0]
+    still = np.zeros((count + 1, len(motion.joints)))
+    parts = [(time[:-1], slice(-1)), (rest + motion.duration, None)], [(rest, None), (time[1:] + wait, slice(1, None))]
+    times, states = [], []
+    for at, samples in parts[not after]:
+        times.append(at)
+        held = (still + motion.position[end], still, still)
+        moving = (motion.position, motion.velocity, motion.acceleration)
+        states.append(held if samples is None else tuple(x[samples] for x in moving))
+    whole = np.concatenate(times)
+    whole[-1] = duration
+    return Trajectory(motion.joints, whole, *(np.concatenate(x) for x in zip(*states, strict=True))).on_nanoseconds()
+
+
+def rested(
+    context: Context, move: Move, timing: Timing | None, result: Result, solve: Callable[[float], Result]
+) -> Result:
+    """The result of a reshaped move, or a faster move with rest if this takes less energy in the same duration.
+
+    The best duration of the faster move is that of the first path, by a credit of P for each second.
+
+    Args:
+        timing: the fastest timing of the first path. solve: solves the move in a duration [s].
+    """
+    duration = move.duration
+    if duration is None or timing is None or not timing.path.moves or duration < SLOW * timing.duration:
+        return result
+    if context.settings.objective != "energy" or move.mode == "retime" or any(np.any(v) for v in move.end_velocities):
+        return result
+    power = context.scorer.holding(np.stack([move.start, move.goal]))
+    work = Retiming(context.robot, context.model, timing, context.limits)
+    found = work.optimise(timing, price=float(power.min()), longest=duration, floor=FLOOR)
+    if not found.solved or found.timing.duration > USED * duration or context.stopped():
+        return result
+    faster = solve(found.timing.duration)
+    whole = with_rest(faster.trajectory, duration, after=bool(power[1] <= power[0]))
+    other = None if whole is None else with_trajectory(context, move, timing, faster, whole)
+    if other is None or not other.certificate.valid or other.energy.total >= result.energy.total:
+        return result
+    where = "at the goal" if power[1] <= power[0] else "at the start"
+    message = (
+        f"the arm moves for {faster.duration:.4g} s and rests for the other {duration - faster.duration:.4g} s {where}"
+    )
+    return replace(other, message=message, progress=result.progress)

@@ -27,7 +27,9 @@ def effects(_: str) -> str:
                 bounds = f"{p['lower']:g} … {p['upper']:g}"
                 out.append(f"| `{p['name']}` | {p['words']} | {p['neutral']:g} | {bounds} |")
         out += [f"| `{key}` | {' or '.join(words)} | {words[0]} | |" for key, words in row["options"].items()]
-        out += ["", f"In Python: `eo.{row['class']}({', '.join(p['name'] + '=…' for p in row['parameters'])})`", ""]
+        given = [f"{p['name']}=…" for p in row["parameters"]]
+        given += [f'{key}="{words[0]}"' for key, words in row["options"].items()]
+        out += ["", f"In Python: `eo.effects.{row['class']}({', '.join(given)})`", ""]
     return "\n".join(out)
 
 

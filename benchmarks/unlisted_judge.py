@@ -216,7 +216,7 @@ def _of_words(d: dict[str, Any], before: float, after: float) -> list[str]:
         found.append("the headline speaks of held-out runs, and there are none")
     if pair and not np.allclose([float(x) for x in pair.groups()], [before, after], rtol=0.01, atol=0.0501):
         found.append(f"the headline says {pair.group(0)}, error says {before:.3g} and {after:.3g} W")
-    shares = [float(x) for x in re.findall(r"(-?[\d.]+) % of what was above", said)]
+    shares = [float(x) for x in re.findall(r"(-?[\d.]+) % of the residual above", said)]
     found += [f"the headline explains {x:g} %" for x in shares if not 0 <= x <= 100]
     if d["verdict"] == "explained" and "no cause" in said.lower():
         found.append(f"explained, headline: {said}")

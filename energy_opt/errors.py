@@ -118,7 +118,7 @@ class Infeasible(EnergyOptError):
     Attributes:
         joint: the joint whose limit cannot be held, or None where no single joint is to blame.
         limit: the name of a limit ("velocity", "power", ...) or "duration".
-        time: where along the motion that the message speaks of, s; None if it speaks of none.
+        time: time within the motion at which the limit is exceeded, s; None if unknown.
         position: path position in [0, 1]; None where it has no meaning.
         excess: by how much, as a fraction of the bound, or of the duration that was asked for.
         shortest_duration: the shortest duration that would work, s, where one is known.

@@ -67,7 +67,7 @@ class Clearance:
 
     def __str__(self) -> str:
         if self.pair is None or self.min_distance is None:
-            return f"{self.verdict}: {self.pairs} pairs, none of them near"
+            return f"{self.verdict}: no two bodies come near each other (pairs: {self.pairs})"
         a, b = self.pair
         if self.proven:
             return (

@@ -105,7 +105,7 @@ class CopperLoss(HeatEffect):
 
 
 class WindingTemperature(WindingEffect):
-    """Copper loss grows by 1 + rate * (1 - exp(-t / time_constant)), t since the set's first sample."""
+    """Copper loss is multiplied by 1 + rate * (1 - exp(-t / time_constant)), t since the set's first sample."""
 
     name = "winding_temperature"
     parameters = (
@@ -163,10 +163,7 @@ class SupplyEfficiency(SupplyEffect):
 
 
 class PsuLoss(SupplyEffect):
-    """P + affine * |P| + quadratic * P^2 at the meter, P the power behind the supply, standby included.
-
-    Convex in retiming where P is: an increasing convex function of it, as long as P stays above 0.
-    """
+    """P + affine * |P| + quadratic * P^2 at the meter, P the power behind the supply, standby included."""
 
     name = "psu_loss"
     parameters = (Parameter("affine", "1", 0.0, 0.0, 10.0), Parameter("quadratic", "1/W", 0.0, 0.0, 1.0))

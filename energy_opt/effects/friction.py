@@ -184,12 +184,12 @@ FASTEST = 2.5  # [rad/s] last speed of a curve by default
 
 
 class FrictionCurve(TorqueEffect):
-    """f(|v|) * sign(v), f the spline through (speed, torque): monotone between points, so never below the lower one.
+    """f(|v|) * sign(v), f the spline through (speed, torque): monotone between points, so within their torques.
 
     The spline is the piecewise cubic of Fritsch and Butland (SIAM J. Sci. Stat. Comput. 5(2), 1984; "PCHIP"): with h_k
     the steps and s_k the slopes of the chords, its slope at an inner point is 0 where s_{k-1} and s_k differ in sign,
     else their harmonic mean, weighted 2 h_k + h_{k-1} and h_k + 2 h_{k-1}. Torque is never negative, so friction never
-    drives. Beyond the last speed it goes on straight, falling curves level.
+    drives. Beyond the last speed the torque is extrapolated linearly if it rises there, else it is constant.
     """
 
     name = "friction_curve"

@@ -247,7 +247,7 @@ class Smooth(Kinks):
         max(x, 0) = (x + sqrt(x^2 + w^2)) / 2
 
     |x| is at most w below the exact value. max(x, 0) is at most w / 2 above it, at the kink, and exact far from it.
-    Were it lower there, a search would save energy by slow motions. sign(x) differs by less than (w/x)^2 / 2.
+    If it were below the exact value, a search would gain by slow motions. sign(x) differs by less than (w/x)^2 / 2.
 
     Attributes:
         scale: factor on every width. 1: as each law states it; below 1: sharper.

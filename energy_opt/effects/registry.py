@@ -35,7 +35,7 @@ STAGES = {
     "meter": "reading of the meter",
 }
 TRAITS = {
-    "overhead": "counted as standby", "stores": "stores energy", "dissipates": "never gives energy",
+    "overhead": "counted as standby", "stores": "stores energy", "dissipates": "dissipates energy",
     "drifts": "depends on time",
 }  # fmt: skip
 

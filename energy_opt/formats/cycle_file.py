@@ -198,5 +198,5 @@ def _carried(parts: Sequence[Part]) -> str:
         if part.mode:
             modes.append(f"{part.mode} from {at:.6g} to {end:.6g} s")
         at, before = end, mass
-    out = f"; it holds no payloads, set them yourself: {', '.join(loads)}" if loads else ""
-    return out + (f"; it holds no modes: {', '.join(modes)}" if modes else "")
+    out = f"; it cannot hold payloads, set them yourself: {', '.join(loads)}" if loads else ""
+    return out + (f"; it cannot hold modes: {', '.join(modes)}" if modes else "")

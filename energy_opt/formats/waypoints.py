@@ -97,7 +97,7 @@ class Samples:
             other = fitting_prefix(self.joints, joints)
             hint = f"; they fit with --joint-prefix {other!r}" if other else ""
             if other is None and self.time is not None:
-                hint = "; `energy-opt import` makes a measured set of a log with other columns, for `evaluate`"
+                hint = "; is it another robot's (--robot, --lock)? `energy-opt import` converts logs with other columns"
             raise BadInput(f"{self.where}: joint {missing[0]} is missing; the file has {names}{hint}")
         index = [self.joints.index(name) for name in wanted]
         columns = {kind: getattr(self, kind) for kind in KINDS}

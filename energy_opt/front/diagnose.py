@@ -163,7 +163,7 @@ def _next_motion(result: Diagnosis, seed: int, surroundings: CellRequest) -> Tra
     more = "beyond what links, level and their own parameters can explain"
     text = f"Record {NEXT} next: over it the alternatives differ by {motion.difference:.3g} W rms {more}."
     if count is None:
-        text += f" Not even {MOST} recordings are sure to settle which of them holds, as they are too alike."
+        text += f" Even {MOST} recordings may not decide between them, because they are too similar."
         if not result.document["usable"]:
             result.document["next_step"] = ALIKE
     elif count > 1:

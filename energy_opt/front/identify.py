@@ -114,7 +114,7 @@ def _suggest(request: IdentifyRequest, count: int, robot: Robot, mass: PointMass
     desk.keep(answer)
     desk.say(
         f"{path}: {count} poses, |gravity torque|^2 from {found.load.min():.4g} to {found.load.max():.4g} "
-        f"(N m)^2; r_over_kt2 would be known to +-{found.width:.3g} W/(N m)^2 for each watt of scatter"
+        f"(N m)^2; 95 % interval of r_over_kt2: +-{found.width:.3g} W/(N m)^2 per watt of scatter about the line"
     )
     return answer
 

@@ -187,7 +187,7 @@ def table(result: Result, out: Path, robot: Robot, year: str = "") -> str:
     for row in result.travel:
         units = robot.unit("position", str(row["joint"]))
         lines.append(
-            f"{row['joint']} travels {row['path']:.3g} {units}; its goal is {row['straight']:.3g} {units} away"
+            f"{row['joint']} travels {row['path']:.3g} {units}, its goal is only {row['straight']:.3g} {units} away"
         )
     if result.certificate.clearance is not None:
         lines.append(clearance_words(result.certificate.clearance.document()))

@@ -134,9 +134,9 @@ class Settings:
     """Settings for solving.
 
     Attributes:
-        starts: most starting points that a reshaping tries, the straight one included; they are seeded, and fewer
-            are tried if no better answer is to be expected.
-        seed: of the starting points.
+        starts: largest number of starting points of a reshaped move, the straight path included; fewer are tried if
+            no better answer is expected.
+        seed: of the random starting points.
         compile: "auto", "always" or "never" (see `numerics.compile`).
         objective: what is minimised; all but "energy" are common proxies, scored under the full model.
         solver: "ipopt", which continues if the search without bodies has not converged, or "sqp" alone.
@@ -154,10 +154,11 @@ class Settings:
         tube: "0.1rad" or "0.02m": largest distance of any joint, or of the tool, from the nearest point of the given
             path (of the straight line if none is given); None for no bound.
         allow_large: allow more starts, samples and control points than usual.
-        tool: FRAME[,X,Y,Z], the frame of a joint or link and the tool's origin there [m]; None for the last joint's.
+        tool: FRAME[,X,Y,Z[,R,P,Y]], the frame of a joint or link and the tool's pose there [m, rad]; None for the
+            last joint's.
         deadline: seconds after which the search for a motion ends with the best proven answer so far; None for none.
         initial_paths: number of collision-free paths to look for and start from if the straight line touches
-            something, and in addition to a given path; None for one (two if it saves little), and none in addition to a
+            something, and in addition to a given path; None for one, or two if the first saves little, and zero for a
             given path without collision.
         own_limits: user-defined limits (`motion.limits.own.OwnLimit`), in addition to all others.
 

@@ -170,7 +170,7 @@ def break_even(saved: Callable[[PowerModel], float], model: PowerModel, robot: R
 
 
 def until(share: float | None) -> str:
-    """Sentence on the dry friction up to which a plan saves."""
+    """Sentence on the dry friction, beyond that of the model, up to which a plan saves."""
     if share is None:
-        return f"the plan saves at any dry friction up to {100 * MOST_FRICTION:g} % of the effort limits"
-    return f"the plan saves as long as dry friction is below {100 * share:.2g} % of the effort limits"
+        return f"the plan saves at any additional dry friction up to {100 * MOST_FRICTION:g} % of the effort limits"
+    return f"the plan saves as long as additional dry friction is below {100 * share:.2g} % of the effort limits"

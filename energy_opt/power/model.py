@@ -75,7 +75,7 @@ class PowerModel:
     `model.save(path)` writes the model file.
 
     Attributes:
-        robot: the robot's name (a label; joints are the robot's own, in its order).
+        robot: the robot's name, only a label; lists of values are in the order of the joints of the robot in use.
         effects: at most one of each name; BadInput is raised for two, and for one that needs another.
         uncertainty: of the values, if data determined them; it does not change the power.
     """

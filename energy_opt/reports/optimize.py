@@ -210,7 +210,7 @@ def assumed(report: Report, document: Mapping[str, Any]) -> None:
         report.table(["what", "value", "source", "note"], [list(row) for row in grouped(records)])
     share = document.get("break_even_friction")
     if records and share is not None:
-        report.text(f"The plan saves as long as dry friction is below {100 * share:.2g} % of the effort limits.")
+        report.text(f"It saves as long as additional dry friction is below {100 * share:.2g} % of the effort limits.")
     if far := document.get("travel"):
         joints = [f"{row['step']}: {row['joint']}" if "step" in row else row["joint"] for row in far]
         lengths = [[round(row[key], 5) for key in ("path", "straight")] for row in far]  # hundredths of a mrad or mm

@@ -173,5 +173,5 @@ def _levers(found: Mapping[str, Any]) -> list[str]:
             line += f" {kwh:>13.2f} {'-' if money is None else format(money, '.2f'):>10}"
         lines.append(line)
     if any(lever["moves"] == "evenly_slowed" for lever in levers):
-        lines.append("* computed for moves slowed evenly along initial paths, which are not kept apart from other arms")
+        lines.append("* computed for evenly slowed moves along initial paths, which may touch other arms")
     return lines

@@ -148,7 +148,7 @@ class MoveGroup(Request):
         main=True,
     )  # fmt: skip
     goal: Positions | Pose | AnyOf | None = option(
-        None, "joint positions at the end; of several, the cheapest one is taken", "Q", several=True, main=True
+        None, "joint positions at the end (repeatable: the goal of least energy is taken)", "Q", several=True, main=True
     )
     path: AnyPath | None = option(
         None, "waypoints [rad, m] or a trajectory, in place of --start and --goal", "FILE", main=True
@@ -174,7 +174,7 @@ class PoseGroup(Request):
         None, "pose of the tool at the goal, reached by the cheapest joint positions; if it is given several "
         "times, the cheapest one is taken", "POSE", several=True, main=True,
     )  # fmt: skip
-    via_pose: Sequence[AnyPose] = option((), "pose that the tool passes (with reshape; repeatable)", "POSE", many=True)
+    via_pose: Sequence[AnyPose] = option((), "pose to pass (with --mode reshape; repeatable)", "POSE", many=True)
     free: Sequence[str] = option(
         (), "axis x, y, z, rx, ry or rz of the tool's frame that is free at goal and via poses, in a range [mm, deg] "
         "(repeatable)", "AXIS[:FROM:TO]", many=True,
@@ -225,15 +225,15 @@ class SolvingGroup(Request):
     """solving"""
 
     solver: str = option(
-        "ipopt", "sqp: a search by SQP; ipopt: the same, continued by IPOPT if it does not converge (ipopt)", "NAME"
+        "ipopt", "sqp: sequential quadratic programming; ipopt: then also IPOPT if it has not converged (ipopt)", "NAME"
     )
     starts: int | None = option(None, "largest number of starting points with --mode reshape (24)", "N")
     initial_paths: int | None = option(
-        None, "number of collision-free initial paths to look for (1; for a --path that touches nothing: 0)", "N",
+        None, "number of collision-free initial paths to find (1, or 2 if little is saved; 0 for a free --path)", "N",
         aliases=("--ways",),
     )  # fmt: skip
     controls: int | None = option(None, "control points per joint with --mode reshape (48)", "N")
-    end_acceleration: str = option("zero", "at both ends of a reshaped move: zero or free (zero)", "KIND")
+    end_acceleration: str = option("zero", "acceleration at both ends of a reshaped move: zero or free (zero)", "KIND")
     compile: str = option("auto", "compile the model's functions to machine code: auto, always or never (auto)", "WHEN")
     objective: str = option("energy", "minimise energy, torque, power_squared, path_length or time (energy)", "NAME")
     verify_samples: int | None = option(
@@ -275,11 +275,11 @@ class CellGroup(Request):
     base: str | Sequence[float] | None = option(
         None, "pose of the robot's base in the scene's frame [m, rad] (the scene's frame itself)", "X,Y,Z,R,P,Y"
     )
-    floor: float | None = option(
-        None, "height of a floor in the scene's frame [m]; all below it is solid (none)", "Z", main=True
+    floor: float | None = option(None, "height of a floor in the scene's frame [m], solid below (none)", "Z", main=True)
+    clearance: float | None = option(
+        None, "smallest distance from all bodies [m] (0.002; half of an end's if that is less)", "M"
     )
-    clearance: float | None = option(None, "smallest distance from all bodies [m] (0.002)", "M")
-    tool: str | None = option(None, "the tool: a frame, and its origin there [m] (the last joint's)", "FRAME[,X,Y,Z]")
+    tool: str | None = option(None, "a frame, and the tool's pose in it [m, rad] (last joint)", "FRAME[,X,Y,Z[,R,P,Y]]")
     payload_size: str | Sequence[float] | None = option(
         None, "edges of a box around the payload's centre of mass [m] (the payload is a point)", "X,Y,Z"
     )
@@ -319,7 +319,9 @@ class WriteGroup(Request):
         (), "also write the motion as csv, yaml, json, mcap, follow-joint-trajectory, urscript or franka (repeatable)",
         "FORMAT", many=True, main=True,
     )  # fmt: skip
-    rate: float | None = option(None, "samples per second in the files of --write [Hz] (by format)", "HZ")
+    rate: float | None = option(
+        None, "samples per second of --write [Hz] (franka: 1000; urscript: chosen; else the judged samples)", "HZ"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -329,7 +331,7 @@ class WorthGroup(Request):
     cycles_per_year: float | None = option(None, "cycles in a year: also state the saving in a year", "N")
     price: float | None = option(None, "price of one kWh, in any currency", "PER_KWH")
     co2: float | None = option(None, "carbon dioxide of one kWh [kg]", "KG_PER_KWH")
-    per_year: PerYear | None = option(None, "these three as a PerYear", internal=True, written=False)
+    per_year: PerYear | None = option(None, "cycles_per_year, price, co2 as one PerYear", internal=True, written=False)
 
     def __post_init__(self) -> None:
         if self.per_year is not None:

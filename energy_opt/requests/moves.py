@@ -89,7 +89,7 @@ class TradeoffRequest(MoveRequest):
     durations: str | Sequence[float] | np.ndarray | None = option(
         None, "durations of the points [s] (20 points, chosen by the program)", "FIRST:LAST:COUNT", main=True
     )
-    duration: float | None = option(None, "one point, at this duration [s]", "T")
+    duration: float | None = option(None, "only one point, at this duration [s]", "T")
     max_duration: float | None = option(
         None, "longest duration of the front [s] (chosen by the program)", "T", main=True
     )
@@ -125,7 +125,7 @@ class JobRequest(
     starts: int | None = option(None, "largest number of starting points of each move (24)", "N", main=True)
     compile: str = option("auto", "compile the model's functions to machine code: auto, always or never (auto)", "WHEN")
     jitter: float | None = option(
-        None, "time by which each of several robots may be early or late [s] (the job's, or 0.02)", "S", main=True
+        None, "how early or late each of several robots may be [s] (the job file's, or 0.02)", "S", main=True
     )
     resume: bool = option(False, "one robot: continue an earlier run into the same --out", main=True, written=False)
     folder: str | PathLike[str] | None = option(None, "where the files are that the job names", internal=True)
@@ -160,8 +160,8 @@ class PlaceRequest(
         None, "robot instead of the one in the job file: a name or a URDF", "NAME_OR_URDF", main=True
     )
     looked_at: int = option(120, "number of placements to estimate (120)", "N")
-    seeds: int = option(3, "number of the best estimates to solve (3)", "N")
-    steps: int = option(5, "largest number of further rough solves from the best one (5)", "N")
+    seeds: int = option(3, "number of best estimates at which a rough cycle is solved (3)", "N")
+    steps: int = option(5, "largest number of further rough cycles, from the best one (5)", "N")
     starts: int | None = option(None, "largest number of starting points of each move (24)", "N")
     compile: str = option("auto", "compile the model's functions to machine code: auto, always or never (auto)", "WHEN")
     folder: str | PathLike[str] | None = option(None, "where the files are that the job names", internal=True)

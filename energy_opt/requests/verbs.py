@@ -46,7 +46,7 @@ class BenchRequest(
     compile: str = option("auto", "compile the model's functions to machine code: auto, always or never (auto)", "WHEN")
     self_collision: bool | None = option(None, "keep the arm clear of itself (the suite's)", "on|off")
     planner: str | None = option(None, "planner of the initial path: auto, none or ompl (the suite's)", "NAME")
-    overrides: Mapping[str, Any] | None = option(None, "entries in place of every table's own", internal=True)
+    overrides: Mapping[str, Any] | None = option(None, "values for these keys of every table", internal=True)
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class IdentifyRequest(groups.CellGroup, groups.SeedGroup, groups.PayloadGroup, g
     set: str | PathLike[str] | None = option(None, "the measured set: a folder with a log.toml", "DIR", place="?")
     robot: AnyRobot | None = option(None, f"{ROBOT} (the one that log.toml names)", "NAME_OR_URDF", main=True)
     _: KW_ONLY
-    suggest: int | None = option(None, "propose the N static poses that determine the losses best", "N", main=True)
+    suggest: int | None = option(None, "propose N poses (3 or more) that determine the losses best", "N", main=True)
 
 
 @dataclass(frozen=True)

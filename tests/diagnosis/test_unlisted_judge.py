@@ -41,7 +41,7 @@ def written(truth, out, **changes):
     tau = truth.values["tau_c"]
     document = {
         "verdict": "explained",
-        "headline": f"Dry friction explains 99.0 % of what was above the noise; held out {before:.1f} → {after:.1f} W.",
+        "headline": f"Dry friction explains 99.0 % of the residual above noise; held out {before:.1f} → {after:.1f} W.",
         "effects": [
             {
                 "name": "coulomb_friction",
@@ -75,7 +75,7 @@ def test_an_honest_document_passes(truth, tmp_path):
         ({"verdict": "partly"}, "nothing is said of the remainder"),
         ({"verdict": "ambiguous"}, "without alternatives"),
         ({"headline": "Nothing is missing."}, "headline: Nothing is missing"),
-        ({"headline": "It explains -100.0 % of what was above the noise."}, "the headline explains -100 %"),
+        ({"headline": "It explains -100.0 % of the residual above noise."}, "the headline explains -100 %"),
         ({"headline": "It explains all; held out 50.0 → 0.1 W."}, "error says"),
         ({"nuisance": ["coulomb_friction"]}, "a cause and a nuisance"),
         ({"noise_floor": 0.01}, "times the noise floor"),

@@ -50,7 +50,7 @@ def test_a_ur_saves_with_friction_and_says_where_that_ends(frictionless: Answer,
     for answer, other, sign in ((frictionless, 0.9 * share, 1), (frictionless, 1.1 * share, -1), (usual, 0.199, 1)):
         scaled = answer.baseline("scaled").trajectory
         assert sign * (energy_with(answer, scaled, other) - energy_with(answer, answer.trajectory, other)) > 0
-    assert any("has no friction: the plan saves as long as dry" in text for text in frictionless.warnings)
+    assert any("has no friction: the plan saves as long as additional dry" in text for text in frictionless.warnings)
     assert not any("has no friction" in text for text in usual.warnings)
 
 

@@ -58,7 +58,7 @@ def headline(document: dict[str, Any]) -> str:
         said = f"Stopped before a verdict was reached: no cause is claimed; {held}."
         return said + (f" Likeliest so far: {listed(found)}." if found else "")
     one = len(names) == 1 and names != ["link_inertia"]
-    share = f"{'explains' if one else 'explain'} {100 * document['explained_share']:.1f} % of what was above the noise"
+    share = f"{'explains' if one else 'explain'} {100 * document['explained_share']:.1f} % of the residual above noise"
     if document["explained_share"] < SHARE:
         share = f"{'lowers' if one else 'lower'} an error that was near the noise before"
     if names == ["link_inertia"]:

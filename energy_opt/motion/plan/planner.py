@@ -213,14 +213,14 @@ class Planner:
     def solve(
         self, move: Move, warm: Sequence[Trajectory] = (), deadline: float | None = None, confirm: bool = True
     ) -> Result:
-        """The move with the least energy that is found, or by another objective if the settings say so.
+        """Find the move of least energy, or of least `settings.objective`.
 
         Args:
             move: ends (n,) in the robot's order, duration and via points.
             warm: trajectories to start from besides the usual ones; where they have the move's duration and stay within
                 limits, the result is never worse than they are.
             deadline: seconds until the best proven answer so far is given; None for the settings'.
-            confirm: whether a shortest duration that an error names is tried before.
+            confirm: if no motion is found, solve the move at the shortest duration before an error states it.
 
         Raises:
             BadInput: the move does not fit the robot or the settings.
@@ -239,13 +239,13 @@ class Planner:
         return replace(result, warnings=(*result.warnings, *self._cell_warnings, *long_turns(self.robot, move)))
 
     def sketch(self, move: Move, *, rough: bool = False) -> Trajectory:
-        """A quick estimate of the answer, without bodies, limits nearly held; `rough`: coarser, in half the time."""
+        """A quick estimate of the answer: no bodies, limits approximately held; `rough`: coarser, in half the time."""
         if move.mode == "retime" or below_resolution(move):
             return self.solve(move, confirm=False).trajectory
         return sketched(replace(self.context(move), cell=None), move, rough)
 
     def settle(self, move: Move, motion: Trajectory, open_: Open = FIXED, clear: bool = True) -> Settled:
-        """The optimum near `motion`, with the coordinates in `open_`, and its via positions; `clear`: of bodies."""
+        """The optimum near `motion`, with the coordinates `open_` free, and its via positions; `clear`: of bodies."""
         if move.mode == "retime" or self.settings.objective != "energy" or below_resolution(move):
             return motion, move.via
         planner = (self if clear else self.around(None)).as_ending(motion)

@@ -85,7 +85,8 @@ def evaluate(
     judge = CycleJudging.of(
         (end - start, first(i), cell) for i, start, end in zip(intervals, ends, ends[1:], strict=False)
     )
-    certificate = judge.of_motions(motion.trajectory)
+    steps = motion.steps
+    certificate = judge.of_motions(motion.trajectory) if steps is None else judge.at_steps(motion.trajectory, steps)
     # the motion's samples keep the position limits; the spline through them may exceed a limit that they only touch
     kept = (certificate.max_violation["position"] or 0.0) <= ALLOWED
     timed = tuple(limit for limit in limits if not (kept and limit.name == "position"))

@@ -52,6 +52,7 @@ class Recorded:
         timed: the unit of its times is sure.
         warnings: that it is not the motion which its result describes.
         base: pose of the robot's base that the motion was planned for, as `--base` takes it; None if none is stated.
+        steps: [Hz] of a controller that takes the positions one by one; None: it moves on between them.
     """
 
     name: str
@@ -62,6 +63,7 @@ class Recorded:
     base: tuple[float, ...] | None = None
     timed: bool = True
     warnings: tuple[str, ...] = ()
+    steps: float | None = None
 
 
 def robot_named(path: Path) -> str | None:
@@ -146,7 +148,8 @@ def _recorded(name: str, samples: Samples, load: Load | None = None) -> Recorded
     trajectory, notes = motion_of(samples)
     trajectory = replace(trajectory, time=trajectory.time - trajectory.time[0]).on_nanoseconds()
     whole = (Stretch(0.0, trajectory.duration, load),)
-    return Recorded(name, trajectory, whole, standstills(trajectory), (*samples.notes, *notes), timed=samples.timed)
+    said = (*samples.notes, *notes)
+    return Recorded(name, trajectory, whole, standstills(trajectory), said, timed=samples.timed, steps=samples.steps)
 
 
 def load(path: Path, joints: Sequence[str], prefix: str = "", following: Iterable[str] = ()) -> Recorded:

@@ -159,15 +159,16 @@ def read_back(path: Path, form: Format, got: Sampled, judge: Judging, prefix: st
         path: the file. form: its format. got: the samples that were written. judge: of the motion.
         prefix: of the joints' names in the file. trajectory: the motion that the samples are of.
     """
-    again = form.read(path).of(judge.scorer.robot.joints, prefix).trajectory()
-    positions_alone = form.name in STEPS and got.rate == STEPS[form.name]
-    if isinstance(judge, CycleJudging) and form.name == "urscript":
+    samples = form.read(path).of(judge.scorer.robot.joints, prefix)
+    if samples.steps is not None:
+        certificate = judge.at_steps(samples.trajectory(), samples.steps)
+    elif isinstance(judge, CycleJudging) and form.name == "urscript":
         certificate = judge.of_parts(read_program(path))
     else:
-        certificate = judge.at_steps(again, STEPS[form.name]) if positions_alone else judge(again)
-    return Written(
-        path.name, form.name, got.rate, certificate.valid, worst_of(certificate), _text(form, got, judge, trajectory)
-    )
+        certificate = judge(samples.trajectory())
+    how = "quintic between points" if samples.steps is None else "positions from step to step"
+    text = _text(form, got, judge, trajectory, how)
+    return Written(path.name, form.name, got.rate, certificate.valid, worst_of(certificate), text)
 
 
 def warnings_on(files: Sequence[Written], rate: float | None) -> list[str]:
@@ -200,12 +201,9 @@ def worst_of(certificate: Certificate) -> dict[str, object]:
     return certificate.worst
 
 
-def _text(form: Format, got: Sampled, judge: Judging, trajectory: Trajectory) -> str:
-    """One line on a written file: format, rate, slowing, and why."""
-    how = "as judged" if got.rate is None else f"{got.rate:g} Hz"
-    if got.rate is not None:
-        how += ", positions from step to step" if got.rate == STEPS.get(form.name) else ", quintic between points"
-    text = f"{form.text}, {how}"
+def _text(form: Format, got: Sampled, judge: Judging, trajectory: Trajectory, how: str) -> str:
+    """One line on a written file: format, rate and how it is followed, slowing, and why."""
+    text = f"{form.text}, " + ("as judged" if got.rate is None else f"{got.rate:g} Hz, {how}")
     if form.name == "urscript" and urscript.named_otherwise(trajectory.joints):
         text += "; the joints are not named as a UR's: check that this arm is one"
     longer = got.trajectory.duration / trajectory.duration - 1

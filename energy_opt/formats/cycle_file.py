@@ -50,9 +50,12 @@ def write_cycle(
     if form.name == "urscript":
         loads = [part.payload for part in parts if part.payload is not None]
         carries = any(load[0] > 0 for load in loads)
+        sampled = parts if rate is None else _each_at(parts, rate)
+        if len(parts) == 1 and rate == STEPS["urscript"]:  # the program sends its positions one by one
+            sampled = [replace(parts[0], trajectory=on_steps(cycle, rate, robot.limits))]
         followed = [
             replace(part, trajectory=named(part.trajectory), payload=in_tool(robot, part.payload) if carries else None)
-            for part in (parts if rate is None else _each_at(parts, rate))
+            for part in sampled
         ]
         got = Sampled(cycle, rate)
         path = out / file_of(form, None, stem)

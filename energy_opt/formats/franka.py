@@ -42,4 +42,4 @@ def read(path: Path) -> Samples:
     if time is None or len(time) < 2 or np.abs(np.diff(time) * RATE - 1).max() > 1e-6:
         raise BadInput(f"{path}: expected a column time in steps of 1 ms")
     t = of_steps(tuple(table), np.column_stack(list(table.values())), RATE)
-    return Samples(str(path), t.joints, t.position, t.time, t.velocity, t.acceleration)
+    return Samples(str(path), t.joints, t.position, t.time, t.velocity, t.acceleration, planned=True, steps=RATE)

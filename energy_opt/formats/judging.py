@@ -10,7 +10,7 @@ import numpy as np
 
 from energy_opt.cell.cell import Cell
 from energy_opt.formats.controller_program import NANOSECOND, Part
-from energy_opt.formats.resample import KINDS, worst_step
+from energy_opt.formats.resample import KINDS, worst_steps
 from energy_opt.motion.judge.certificate import Certificate, certify
 from energy_opt.motion.judge.clearance import clearance_of
 from energy_opt.motion.judge.energy import Scorer
@@ -52,7 +52,7 @@ class Judging:
         """
         whole = certify(trajectory, self.holder or self.scorer, self.limits, samples_only=True)
         others = tuple(found for found in whole.found if found.limit not in KINDS)
-        steps = () if rate is None else (worst_step(trajectory, rate, self.scorer.robot.limits),)
+        steps = () if rate is None else worst_steps(trajectory, rate, self.scorer.robot.limits)
         return self._clear(replace(whole, found=(*others, *steps)), trajectory)
 
     def joules(self, trajectory: Trajectory) -> float:
@@ -124,7 +124,7 @@ class CycleJudging(Judging):
     def at_steps(self, trajectory: Trajectory, rate: float | None) -> Certificate:
         """The worst of all stretches; differences from step to step are compared over the whole cycle."""
         found = self._over(trajectory, lambda judge, part: judge.at_steps(part, None))
-        steps = () if rate is None else (worst_step(trajectory, rate, self.scorer.robot.limits),)
+        steps = () if rate is None else worst_steps(trajectory, rate, self.scorer.robot.limits)
         return replace(found, found=(*found.found, *steps))  # differences between steps do not depend on the stretches
 
     def of_parts(self, parts: Sequence[Part]) -> Certificate:

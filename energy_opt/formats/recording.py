@@ -33,8 +33,8 @@ LOOKS = 4  # at a recording between two samples
 def motion_of(samples: Samples) -> tuple[Trajectory, tuple[str, ...]]:
     """Samples as a trajectory, and notes. A recording is smoothed where it is noisy, and an arm at rest does not move.
 
-    Samples whose accelerations agree with their positions, those that state no velocity but zero, and plans whose
-    positions are not noisy (as those of few digits are) are taken as they are. Rates that contradict the positions are
+    Samples whose accelerations agree with their positions, those that state no velocity but zero, plans whose positions
+    are not noisy (as those of few digits are), and a controller's steps are taken as they are. Rates that contradict the positions are
     left out.
 
     Raises:
@@ -42,6 +42,8 @@ def motion_of(samples: Samples) -> tuple[Trajectory, tuple[str, ...]]:
     """
     from scipy.interpolate import CubicSpline
 
+    if samples.steps is not None:
+        return samples.trajectory(), ()
     samples, repaired = as_moved(samples)
     read = samples.trajectory()
     grid, even = evenly(read.time, read.position, EVEN)

@@ -178,16 +178,17 @@ def on_steps(trajectory: Trajectory, rate: float, limits: Limits | None = None) 
 def of_steps(joints: tuple[str, ...], q: np.ndarray, rate: float) -> Trajectory:
     """Positions (N, n) at steps of `rate` [Hz] as a trajectory.
 
-    Velocity and acceleration are differences over two steps; the arm rests before and after.
+    Velocity and acceleration are differences over two steps; the arm is at rest up to the first and from the last on.
     """
     padded = np.concatenate([q[:1], q, q[-1:]])
     v = (padded[2:] - padded[:-2]) * rate / 2
+    v[[0, -1]] = 0.0
     a = (padded[2:] - 2 * q + padded[:-2]) * rate**2
     return Trajectory(joints, whole(np.arange(len(q)) / rate), q, v, a)
 
 
-def worst_step(trajectory: Trajectory, rate: float, limits: Limits) -> Violation:
-    """The difference from step to step that uses its limit most.
+def worst_steps(trajectory: Trajectory, rate: float, limits: Limits) -> tuple[Violation, ...]:
+    """The differences from step to step that use the limits of velocity, acceleration and jerk most.
 
     The first, second and third differences of the positions, times rate, rate^2 and rate^3, are velocity, acceleration
     and jerk as a controller computes them. The arm is at rest before and after.
@@ -206,4 +207,4 @@ def worst_step(trajectory: Trajectory, rate: float, limits: Limits) -> Violation
         found.append(
             Violation(kind, float(excess[k, j]), trajectory.joints[j], at, float(values[k, j]), float(bound[j]))
         )
-    return max(found, key=lambda violation: violation.excess or -1.0)
+    return tuple(found)

@@ -219,8 +219,10 @@ def read_program(path: Path) -> list[Part]:
 
 def read(path: Path) -> Samples:
     """All motions and waits of a program as one."""
-    t = joined([part.trajectory for part in read_program(path)])
-    return Samples(str(path), t.joints, t.position, t.time, t.velocity, t.acceleration, planned=True)
+    parts = read_program(path)
+    steps = STREAM_RATE if len(parts) == 1 and streams(parts[0].trajectory) else None
+    t = joined([part.trajectory for part in parts])
+    return Samples(str(path), t.joints, t.position, t.time, t.velocity, t.acceleration, planned=True, steps=steps)
 
 
 def _numbers(words: str) -> list[float]:

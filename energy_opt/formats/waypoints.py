@@ -35,6 +35,7 @@ class Samples:
             in motion at both ends.
         notes: remarks for the reader, a line each.
         timed: the unit of the times is sure; a table's header may not name it.
+        steps: [Hz] of a controller that takes the positions one by one; None: it moves on between them.
     """
 
     where: str
@@ -48,6 +49,7 @@ class Samples:
     planned: bool = False
     notes: tuple[str, ...] = ()
     timed: bool = True
+    steps: float | None = None
 
     def __post_init__(self) -> None:
         for kind in KINDS:

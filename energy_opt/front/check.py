@@ -17,11 +17,12 @@ from energy_opt.errors import BadInput, EnergyOptError
 from energy_opt.files import KINDS, read_json, read_toml, read_yaml_documents
 from energy_opt.folders import ANSWERS, faults_of_results, listed_files
 from energy_opt.formats import read
+from energy_opt.formats.judging import Judging
 from energy_opt.formats.messages import trajectories
 from energy_opt.formats.recording import motion_of
 from energy_opt.formats.waypoints import Samples
 from energy_opt.front.desk import Desk, verb
-from energy_opt.front.given import cell_of, model_from, on_arm, robot_of
+from energy_opt.front.given import cell_of, model_from, on_arm, robot_of, robot_of_files
 from energy_opt.jobs.file import load_job
 from energy_opt.jobs.legs import wrong_frames
 from energy_opt.measured import inspect_set
@@ -204,13 +205,8 @@ def _trajectory(file: Path, request: CheckRequest, notes: list[str]) -> list[str
     """Waypoints and trajectories: readable, and a trajectory within the robot's limits."""
     samples = read(file)
     if request.robot is None:
-        joints = {name.removeprefix(request.joint_prefix) for name in samples.joints}
-        matching = [name for name in known_robots() if set(load_robot(name).joints) <= joints]
-        if not matching:
-            return [f"{file}: joints {', '.join(samples.joints)} are not those of a known robot; give --robot"]
-        robot = robot_of(request, matching[0])
-        others = f"; {', '.join(matching[1:])} have the same joints" if matching[1:] else ""
-        notes.append(f"{file}: read as a file of {robot.name} (--robot names another one{others})")
+        robot = robot_of(request, robot_of_files([file], request.joint_prefix))
+        notes.append(f"{file}: read as a file of {robot.name} (--robot names another one)")
     else:
         robot = robot_of(request)
     samples = samples.of(robot.joints, request.joint_prefix, robot.followers)
@@ -237,6 +233,8 @@ def _trajectory(file: Path, request: CheckRequest, notes: list[str]) -> list[str
 def _found(samples: Samples, motion: Trajectory, scorer: Scorer) -> Sequence[Violation]:
     """Where a motion uses each limit most; rates that its file states are judged as they are stated."""
     limits = joint_limits(scorer.robot.limits)
+    if samples.steps is not None:
+        return Judging(scorer, limits).at_steps(motion, samples.steps).found
     found = {each.limit: each for each in certify(motion, scorer, limits).found}
     if samples.velocity is not None or samples.acceleration is not None:
         stated = certify(samples.trajectory(), scorer, limits, samples_only=True)

@@ -14,7 +14,7 @@ from energy_opt.cell.load import load_cell
 from energy_opt.errors import BadInput
 from energy_opt.evaluations.evaluated import Evaluation
 from energy_opt.evaluations.evaluated import evaluate as evaluated
-from energy_opt.evaluations.source import Recorded, Stretch, is_set, joints_in, load, load_set, robot_named, stated
+from energy_opt.evaluations.source import Recorded, Stretch, is_set, load, load_set, stated
 from energy_opt.files import plain, write_json
 from energy_opt.folders import written_whole
 from energy_opt.formats.controller_files import Written
@@ -22,23 +22,20 @@ from energy_opt.formats.cycle_file import write_cycle
 from energy_opt.formats.waypoints import Samples
 from energy_opt.front.controllers import check_written
 from energy_opt.front.desk import Answered, Desk, verb
-from energy_opt.front.given import as_loaded, cell_of, named_robot, payload_document, robot_of
+from energy_opt.front.given import AnyMotion, as_loaded, cell_of, payload_document, robot_of, robot_of_files
 from energy_opt.front.models import rivals_of
 from energy_opt.front.moves import documents
-from energy_opt.measured.log import read_log
-from energy_opt.measured.sets import robot_of as robot_of_log
 from energy_opt.motion.standstills import standstills
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.requests.verbs import EvaluateRequest
 from energy_opt.results import exit_of
-from energy_opt.robot import Robot, known_robots, load_robot
+from energy_opt.robot import Robot
 from energy_opt.robot.degrees import doubted_units
 
 FORMAT = "energy-opt/evaluation/1"
 ANSWER = "evaluate.json"
 IN_CELL = ("base", "tool", "floor", "scene")
 WIDTH = 14  # [characters] least width of a column
-AnyMotion = Trajectory | str | PathLike[str]
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
@@ -163,30 +160,6 @@ def _as_stated(request: EvaluateRequest, files: Sequence[AnyMotion], desk: Desk)
         words = ",".join(f"{joint}={x:g}" for joint, x in value.items()) if isinstance(value, Mapping) else words
         desk.say(f"note: --{name} {words}, as the result states")
     return replace(request, **taken)
-
-
-def robot_of_files(files: Sequence[AnyMotion], prefix: str = "") -> str:
-    """The robot of some files, by name or URDF: the one that they name, or the known one with the same joints.
-
-    Args:
-        files: motions. prefix: of the joint names in the files.
-
-    Raises:
-        BadInput: neither.
-    """
-    paths = [Path(given) for given in files if not isinstance(given, Trajectory)]
-    for path in paths:
-        if is_set(path):
-            return named_robot(robot_of_log(read_log(path)))
-        named = robot_named(path)
-        if named is not None and (named in known_robots() or Path(named).is_file()):
-            return named
-    names = joints_in(paths[0]) if paths else files[0].joints if isinstance(files[0], Trajectory) else ()
-    joints = {name.removeprefix(prefix) for name in names}
-    matching = [name for name in known_robots() if set(load_robot(name).joints) <= joints]
-    if not matching:
-        raise BadInput(f"joints {', '.join(names)} are not those of a known robot; give --robot")
-    return matching[0]
 
 
 def _motions(given: AnyMotion, robot: Robot, prefix: str) -> list[Recorded]:

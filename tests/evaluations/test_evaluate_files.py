@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from poses import GOAL, START
+from swings import UR_GOAL, UR_START, swing
 
 import energy_opt as eo
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
 from energy_opt.formats import read_trajectory, write
+from energy_opt.front.check import check
 from energy_opt.front.evaluate import table
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.robot import Robot
@@ -31,6 +33,43 @@ def test_evaluate_on_the_command_line(panda: Robot, tmp_path: Path, capsys) -> N
     assert found["robot"] == "panda" and len(found["motions"][0]["models"]) == 2 and found["motions"][0]["valid"]
     assert found["written"][0]["file"] == "trajectory.franka.csv" and found["written"][0]["valid"]
     assert main(["evaluate", str(tmp_path / "b.csv"), "--out", str(tmp_path / "out"), "--quiet"]) == 2
+
+
+def test_several_known_robots_with_the_same_joints_are_not_guessed_among(
+    ur5: Robot, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The first of six was taken: a ur5e's motion had a ur3's energy."""
+    write(swing(ur5.joints, UR_START, UR_GOAL, 2.0), tmp_path / "a.csv")
+    for words in (["evaluate", "--out", str(tmp_path / "out")], ["check"]):
+        assert main([*words, str(tmp_path / "a.csv")]) == 2
+        said = capsys.readouterr().err.splitlines()
+        assert len(said) == 1 and "give --robot; ur3, ur5, ur10, ur3e, ur5e, ur10e have the same joints" in said[0]
+    assert main(["check", str(tmp_path / "a.csv"), "--robot", "ur5"]) == 0
+
+
+def test_positions_for_a_controllers_steps_are_judged_as_such(panda: Robot, ur5: Robot, tmp_path: Path) -> None:
+    """Quintics between them broke limits that the controller's differences keep; a slow start was called a wait."""
+    x = np.linspace(0, 1, 401)[:, None]
+
+    def cubic(robot: Robot, start: np.ndarray, d: np.ndarray, T: float) -> Trajectory:
+        """It begins and ends with an acceleration."""
+        rows = start + d * x**2 * (3 - 2 * x), d * 6 * x * (1 - x) / T, d * 6 * (1 - 2 * x) / T**2
+        return Trajectory(robot.joints, x[:, 0] * T, *rows)
+
+    slow = swing(panda.joints, START, GOAL, 3.0)
+    for motion, robot, form, rate in (
+        (cubic(panda, START, 0.2 * (GOAL - START), 0.5), panda, "franka", 1000),
+        (slow, panda, "franka", 1000),
+        (cubic(ur5, UR_START, UR_GOAL - UR_START, 0.8001), ur5, "urscript", 500),
+    ):
+        eo.evaluate(motion, robot, "source-method-2").save(tmp_path, [form], rate)
+        (row,) = json.loads((tmp_path / "evaluate.json").read_text())["written"]
+        assert row["valid"] and row["rate"] == rate
+        again = eo.evaluate(tmp_path / row["file"], robot, "source-method-2")
+        (found,) = again.document()["motions"]
+        assert found["valid"] and found["waits"] == []
+        assert set(found["certificate"]["max_violation"]) == {"position", "velocity", "acceleration", "jerk", "effort"}
+        assert check(tmp_path / row["file"], robot=robot).usable
 
 
 def test_a_motion_that_comes_to_rest_on_a_position_limit_has_baselines(panda: Robot) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from energy_opt.motion.timing.spline_timing import Timing
 from energy_opt.motion.trajectory import Trajectory, whole
 from energy_opt.robot import Robot
 
-SHORT = 1e-7  # [s] shorter stretches are rounding errors
+SHORT = 1e-7  # [s] shorter stretches are rounding errors, and belong to the next one
 BESIDE = 0.03  # [s] longest time over which a cycle's accelerations are spread: two samples at 100 Hz, and a step
 LOOKS = 121  # instants around the end of a step at which the speed is looked at
 SPREAD = 0.02  # share of the top speed below which the arm stops there, with accelerations spread over milliseconds
@@ -144,11 +145,11 @@ def _intervals(motion: Recorded, payload: bool) -> list[Stretch]:
         speed = np.abs(motion.trajectory(motion.trajectory.time[0] + near, 1)).max(axis=1).min()
         if (before.load, before.brakes) != (after.load, after.brakes) or speed <= SPREAD * top:
             marks.add(after.start)
-    points = sorted(mark for mark in marks if 0 <= mark <= end)
+    points = [0.0]
+    for mark in sorted(mark for mark in marks if mark < end - SHORT):
+        points += [mark] if mark > points[-1] + SHORT else []
     out = []
-    for a, b in zip(points, points[1:], strict=False):
-        if b - a <= SHORT:
-            continue
+    for a, b in pairwise([*points, end]):
         middle = (a + b) / 2
         stretch = next((s for s in motion.stretches if s.start <= middle <= s.end), motion.stretches[-1])
         resting = bool(((motion.waits[:, 0] < middle) & (middle < motion.waits[:, 1])).any())

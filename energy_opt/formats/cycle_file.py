@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -42,30 +42,9 @@ def write_cycle(
         prefix: of the joints' names in the file.
         stem: of the file's name.
     """
-    robot, cycle = judge.scorer.robot, joined([part.trajectory for part in parts])
-
-    def named(trajectory: Trajectory) -> Trajectory:
-        return replace(trajectory, joints=tuple(prefix + joint for joint in trajectory.joints))
-
+    robot = judge.scorer.robot
     if form.name == "urscript":
-        loads = [part.payload for part in parts if part.payload is not None]
-        carries = any(load[0] > 0 for load in loads)
-        sampled = parts if rate is None else _each_at(parts, rate)
-        if len(parts) == 1 and rate == STEPS["urscript"]:  # the program sends its positions one by one
-            sampled = [replace(parts[0], trajectory=on_steps(cycle, rate, robot.limits))]
-        followed = [
-            replace(part, trajectory=named(part.trajectory), payload=in_tool(robot, part.payload) if carries else None)
-            for part in sampled
-        ]
-        got = Sampled(cycle, rate)
-        path = out / file_of(form, None, stem)
-        urscript.write_program(followed, path)
-        row = read_back(path, form, got, judge, prefix, cycle)
-        if row.valid or rate is None:
-            return row
-        why = broken(judge.of_parts(_each_at(parts, rate)), rate)
-        again = write_cycle(parts, judge, form, out, None, prefix, stem)
-        return replace(again, text=f"{again.text}; {why}")
+        return _write_program(parts, judge, form, out / file_of(form, None, stem), rate, prefix)
     carried, rests = _carried(parts), any(part.waits for part in parts)
     ends = [part.trajectory.position[-1] for part in parts]
     parts, width = _spread(parts, robot.limits, None if form.name == "franka" else rate)
@@ -75,9 +54,7 @@ def write_cycle(
     elif rate is None:
         got = Sampled(cycle, None)
     else:
-        certificate = judge(_at(parts, rate))
-        found = rate if certificate.valid else next((r for r in RATES if r > rate and judge(_at(parts, r)).valid), None)
-        why = "" if certificate.valid else broken(certificate, rate)
+        found, why = _holding(rate, lambda r: judge(_at(parts, r)))
         got = Sampled(cycle if found is None else _at(parts, found), found, why)
         if found is not None and len(parts) > 1:
             carried = "; each motion is sampled from its own start, a wait by three points" + carried
@@ -88,9 +65,48 @@ def write_cycle(
     missed = missed_words(got.trajectory, ends)
     carried = f"; {missed}{carried}" if missed else carried
     path = out / file_of(form, got.rate, stem)
-    form.write(named(got.trajectory), path)
+    form.write(_named(got.trajectory, prefix), path)
     row = read_back(path, form, got, judge, prefix, cycle)
     return replace(row, text=row.text + carried)
+
+
+def _write_program(
+    parts: Sequence[Part], judge: CycleJudging, form: Format, path: Path, rate: float | None, prefix: str
+) -> Written:
+    """Write a program with all payloads; a single motion at the controller's own rate as positions, one by one."""
+    robot, cycle = judge.scorer.robot, joined([part.trajectory for part in parts])
+    pace = STEPS["urscript"]
+
+    def at(r: float) -> list[Part]:
+        if len(parts) > 1 or r != pace:
+            return _each_at(parts, r)
+        return [replace(parts[0], trajectory=on_steps(cycle, r, robot.limits))]
+
+    def judged(r: float) -> Certificate:
+        return judge.of_parts(at(r)) if len(parts) > 1 or r != pace else judge.at_steps(at(r)[0].trajectory, r)
+
+    found, why = (None, "") if rate is None else _holding(rate, judged)
+    sampled = parts if found is None else at(found)
+    loads = [part.payload for part in parts if part.payload is not None]
+    carries = any(load[0] > 0 for load in loads)
+    followed = [
+        replace(p, trajectory=_named(p.trajectory, prefix), payload=in_tool(robot, p.payload) if carries else None)
+        for p in sampled
+    ]
+    urscript.write_program(followed, path)
+    return read_back(path, form, Sampled(joined([p.trajectory for p in sampled]), found, why), judge, prefix, cycle)
+
+
+def _holding(rate: float, judged: Callable[[float], Certificate]) -> tuple[float | None, str]:
+    """The rate [Hz], or the lowest usual one above it, at which samples keep all limits; and why it is not the rate."""
+    certificate = judged(rate)
+    if certificate.valid:
+        return rate, ""
+    return next((r for r in RATES if r > rate and judged(r).valid), None), broken(certificate, rate)
+
+
+def _named(trajectory: Trajectory, prefix: str) -> Trajectory:
+    return replace(trajectory, joints=tuple(prefix + joint for joint in trajectory.joints))
 
 
 def missed_words(cycle: Trajectory, poses: Sequence[np.ndarray]) -> str:

@@ -34,8 +34,8 @@ def motion_of(samples: Samples) -> tuple[Trajectory, tuple[str, ...]]:
     """Samples as a trajectory, and notes. A recording is smoothed where it is noisy, and an arm at rest does not move.
 
     Samples whose accelerations agree with their positions, those that state no velocity but zero, plans whose positions
-    are not noisy (as those of few digits are), and a controller's steps are taken as they are. Rates that contradict the positions are
-    left out.
+    are not noisy (as those of few digits are), and a controller's steps are taken as they are. Rates that contradict
+    the positions are left out.
 
     Raises:
         BadInput: there are no times, or fewer than two samples.

@@ -17,7 +17,7 @@ from energy_opt.evaluations.evaluated import evaluate as evaluated
 from energy_opt.evaluations.source import Recorded, Stretch, is_set, load, load_set, stated
 from energy_opt.files import plain, write_json
 from energy_opt.folders import written_whole
-from energy_opt.formats.controller_files import Written
+from energy_opt.formats.controller_files import Written, warnings_on
 from energy_opt.formats.cycle_file import write_cycle
 from energy_opt.formats.waypoints import Samples
 from energy_opt.front.controllers import check_written
@@ -65,6 +65,7 @@ class Answers(Answered):
             "joints": list(self.robot.joints),
             "motions": [_row(evaluation) for evaluation in self.found],
             "written": [row.document() for row in self.files],
+            "warnings": warnings_on(self.files, self.request.rate),
             "request": plain(self.asked),
         }
 

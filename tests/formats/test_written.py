@@ -237,7 +237,15 @@ def test_evaluate_gives_a_jobs_energy_and_writes_it_with_its_waits(
 ) -> None:
     """Payloads and brakes come from job.json; baselines keep the waits."""
     job_files.write(cycle, {"robot": "ur5"}, tmp_path / "job")
-    eo.evaluate(tmp_path / "job", None, model).save(tmp_path / "out", ["urscript", "yaml"])
+    seen = eo.evaluate(tmp_path / "job", None, model)
+    seen.save(tmp_path / "slow", ["urscript", "yaml"], 25)
+    slow = json.loads((tmp_path / "slow" / "evaluate.json").read_text())
+    other = [row["file"] for row in slow["written"] if row["rate"] != 25]
+    assert [line.partition(": ")[0] for line in slow["warnings"]] == other  # and why: the file alone had not said it
+    assert all("at 25 Hz the " in line for line in slow["warnings"])
+    rates = {row["format"]: row["rate"] for row in slow["written"]}
+    assert all((rate is None) == (cycle.job.steps[4].mode == "retime") for rate in rates.values())
+    seen.save(tmp_path / "out", ["urscript", "yaml"])
     found = json.loads((tmp_path / "out" / "evaluate.json").read_text())
     (motion,) = found["motions"]
     energy = motion["models"][0]["energy"]
@@ -251,4 +259,5 @@ def test_evaluate_gives_a_jobs_energy_and_writes_it_with_its_waits(
     arm = Controller(np.array([0.0, -1.5, 1.2, -1.0, 0.3, 0.0]))
     arm.run((tmp_path / "out" / "trajectory.script").read_text())
     assert arm.time == pytest.approx(5.0, abs=1e-3) and len(arm.payloads) == 2
-    assert read_trajectory(tmp_path / "out" / "trajectory.yaml", ur5.joints).duration == pytest.approx(5.0, abs=1e-8)
+    for file in ("out/trajectory.yaml", "out/trajectory.script", "slow/trajectory.script"):
+        assert read_trajectory(tmp_path / file, ur5.joints).duration == 5.0

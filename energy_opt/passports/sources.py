@@ -19,7 +19,7 @@ from energy_opt.effects.parameter import Parameter
 from energy_opt.errors import BadInput, suggest
 from energy_opt.files import read_toml
 from energy_opt.power import PowerModel, drive_function, load_model
-from energy_opt.power.known import careful, electrical, is_named, named_model, published_file
+from energy_opt.power.known import Known, careful, electrical, is_named, named_model, published_file
 from energy_opt.power.known import friction as friction_of
 from energy_opt.power.variants import draws_of
 from energy_opt.robot import Robot, known_robots, load_robot
@@ -149,13 +149,22 @@ class Arm:
             return "unknown"
         if self.measured(effect):
             return "measured"
-        given = next(
-            (k for k in (*electrical(self.robot), *friction_of(self.robot)) if k.effect == self.model.get(effect)), None
-        )
-        stated = bool(self.file) and effect not in self.sources  # by a file that names no source for it
-        if given is not None and not (stated and given.source == "published"):
+        given = self._known(effect)
+        if given is not None:
             return given.source
         return "published" if effect in self.sources else "declared"
+
+    def source(self, effect: str) -> str:
+        """Where the values of an effect come from, in words; "" if that is not known."""
+        given = None if self.measured(effect) else self._known(effect)
+        return self.sources.get(effect, "" if given is None else given.note)
+
+    def _known(self, effect: str) -> Known | None:
+        """The published or assumed values of an effect, if the model has these."""
+        held = (*electrical(self.robot), *friction_of(self.robot))
+        given = next((known for known in held if known.effect == self.model.get(effect)), None)
+        stated = bool(self.file) and effect not in self.sources  # by a file that names no source for it
+        return None if given is not None and stated and given.source == "published" else given
 
     def number(self, effect: str, parameter: str, index: int = 0) -> Number:
         """One value of the model with its interval and source; without a value if the model lacks the effect.
@@ -179,7 +188,7 @@ class Arm:
         status = self.status(effect)
         if status == "measured" and low_high is None:
             status = "declared"
-        return Number(float(values[index]), self.unit(p, index), low_high, status, self.sources.get(effect, ""))
+        return Number(float(values[index]), self.unit(p, index), low_high, status, self.source(effect))
 
     def unit(self, p: Parameter, index: int) -> str:
         """Unit of a parameter's value; that of a joint which slides has N and m."""
@@ -193,7 +202,7 @@ class Arm:
             return Number(None, unit)
         order: tuple[Status, ...] = ("assumed", "declared", "published", "measured")
         status = min((self.status(name) for name in self.friction_effects), key=order.index)
-        source = "; ".join(dict.fromkeys(self.sources[n] for n in self.friction_effects if n in self.sources))
+        source = "; ".join(filter(None, dict.fromkeys(map(self.source, self.friction_effects))))
         spread = self.friction_draws[:, joint, k]
         interval = None
         if len(spread) and np.ptp(spread) > 0:

@@ -40,7 +40,7 @@ from energy_opt.power.variants import of_some_joints
 from energy_opt.robot import Robot, load_robot
 
 FILES = Path(__file__).parent / "published"
-# arms with drives of one design: friction is scaled by the effort limit
+# arms with drives of one design: friction is assumed to be that of one of them, scaled by the effort limit
 SERIES = {"ur3e": "ur5e", "ur10e": "ur5e", "ur16e": "ur5e"}
 COPPER, STANDBY = 0.1, 3.0
 DRY, VISCOUS = 0.04, 0.08  # usual friction, as shares of the effort limit
@@ -106,7 +106,7 @@ def friction(robot: Robot) -> tuple[Known, ...]:
         if isinstance(known.effect, FrictionCurve) and effort is not None:
             torque = known.effect.values["torque"] * (robot.rated.effort / effort)[:, None]
             note = f"{like}'s, scaled by the effort limit: {known.note}"
-            return (Known(FrictionCurve(speed=known.effect.values["speed"], torque=torque), "published", note),)
+            return (Known(FrictionCurve(speed=known.effect.values["speed"], torque=torque), "assumed", note),)
     notes = [
         f"{what}, {100 * share:g} % of the effort limit{at} (between {100 * low:g} and {100 * high:g} %)"
         for what, share, at, (low, high) in (

@@ -70,6 +70,14 @@ def test_published_friction_of_the_ur5e_is_that_of_its_table():
     assert arm.number("standby", "power").status == "unknown"  # nobody published it
 
 
+@pytest.mark.parametrize("name", ["ur3e", "ur10e"])
+def test_friction_that_is_scaled_from_another_arms_is_assumed(name):
+    """It was called published, without a source."""
+    number = read_arm(name).friction_at(0, 2)
+    assert number.status == "assumed" and number.source.startswith("ur5e's, scaled by the effort limit: factory")
+    assert "  assumed: friction" in str(eo.robots([name])) and "published: friction" not in str(eo.robots([name]))
+
+
 def test_intervals_come_from_the_covariance():
     (arm,) = eo.passport(model(spread=0.1)).arms
     number = arm.number("coulomb_friction", "tau_c", 1)

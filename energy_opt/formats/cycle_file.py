@@ -47,7 +47,7 @@ def write_cycle(
         return _write_program(parts, judge, form, out / file_of(form, None, stem), rate, prefix)
     carried, rests = _carried(parts), any(part.waits for part in parts)
     ends = [part.trajectory.position[-1] for part in parts]
-    parts, width = _spread(parts, robot.limits, None if form.name == "franka" else rate)
+    parts, width = without_jumps(parts, robot.limits, None if form.name == "franka" else rate)
     cycle = joined([part.trajectory for part in parts])
     if form.name == "franka":
         got = Sampled(on_steps(cycle, STEPS["franka"], robot.limits), STEPS["franka"])
@@ -128,26 +128,26 @@ def certificates(
     limits, out = judge.scorer.robot.limits, []
     names = {form.name for form in formats}
     if "franka" in names:
-        cycle = joined([part.trajectory for part in without_jumps(parts, limits)])
+        cycle = joined([part.trajectory for part in without_jumps(parts, limits)[0]])
         out.append(judge.at_steps(on_steps(cycle, STEPS["franka"], limits), STEPS["franka"]))
     if rate is not None and "urscript" in names:
         out.append(judge.of_parts(_each_at(parts, rate)))
     if rate is not None and names - {"franka", "urscript"}:
-        out.append(judge(_at(without_jumps(parts, limits, rate), rate)))
+        out.append(judge(_at(without_jumps(parts, limits, rate)[0], rate)))
     return out
 
 
-def without_jumps(parts: Sequence[Part], limits: Limits, rate: float | None = None) -> Sequence[Part]:
+def without_jumps(
+    parts: Sequence[Part], limits: Limits, rate: float | None = None
+) -> tuple[Sequence[Part], float]:
     """The cycle as one motion without jumps of the acceleration between motions, if a jerk limit forbids them.
 
     The motion is averaged over some milliseconds, at a rate [Hz] over at least two samples. The longest wait is
     shortened by this time; a cycle without a long enough wait runs faster instead.
+
+    Returns:
+        The parts, and the time [s] over which the motion is averaged; 0 if it is not.
     """
-    return _spread(parts, limits, rate)[0]
-
-
-def _spread(parts: Sequence[Part], limits: Limits, rate: float | None) -> tuple[Sequence[Part], float]:
-    """The parts of `without_jumps`, and the time [s] over which the motion is averaged; 0 if it is not."""
     ends = [(a.trajectory.acceleration[-1], b.trajectory.acceleration[0]) for a, b in pairwise(parts)]
     jumps = [float((np.abs(b - a) / limits.jerk).max()) for a, b in ends]  # [s] that each one needs
     if not any(jumps):

@@ -28,9 +28,22 @@ from energy_opt.reports.job import page
 from energy_opt.reports.job import table as table
 
 
-def whole_cycle(result: JobResult) -> Trajectory:
-    """The cycle as one motion; without jumps of acceleration between steps if a jerk limit forbids them."""
-    return joined([part.trajectory for part in without_jumps(result.pieces, result.job.robot.limits)])
+def whole_cycle(result: JobResult) -> tuple[Trajectory, str]:
+    """The cycle as one motion, and how it differs from the steps; "" if it does not.
+
+    If a jerk limit forbids jumps of the acceleration between steps, they are spread.
+    """
+    parts, width = without_jumps(result.pieces, result.job.robot.limits)
+    cycle = joined([part.trajectory for part in parts])
+    if width == 0:
+        return cycle, ""
+    steps = joined([piece.trajectory for piece in result.pieces])
+    far = float(np.abs(cycle.position - steps.sample(np.minimum(cycle.time, steps.time[-1]))[0]).max())
+    return cycle, (
+        f"one motion: the jerk limits forbid the jumps of acceleration between steps, which are spread over "
+        f"{1e3 * width:.3g} ms; motions begin and end up to {1e3 * width:.3g} ms earlier or later than the steps, and "
+        f"positions differ by up to {far:.2g} rad or m"
+    )
 
 
 def judging_of(result: JobResult) -> CycleJudging:
@@ -51,7 +64,7 @@ def with_room(
 
     def certificates_of(found: JobResult) -> list[Certificate]:
         judge = judging_of(found)
-        return [judge(whole_cycle(found)), *certificates(found.pieces, judge, formats, rate)]
+        return [judge(whole_cycle(found)[0]), *certificates(found.pieces, judge, formats, rate)]
 
     found, shares = controller_files.with_room(result, certificates_of, again)
     if not shares or not found.solved:
@@ -223,12 +236,12 @@ def write(
     for number, part in enumerate(parts, start=1):
         filled = result.scorers.of(result.job.steps[part.at], part.mode == "brakes").filled(part.trajectory, part.past)
         formats.write(filled, Path(out) / f"step_{number:02d}.csv")
-    cycle, csv = whole_cycle(result), formats.FORMATS["csv"]
+    (cycle, spread), csv = whole_cycle(result), formats.FORMATS["csv"]
     csv.write(cycle, Path(out) / "cycle.csv")
     own = unchanged(Path(out) / "cycle.csv", csv, cycle, judging_of(result)(cycle))
     found = found_of(result, request, worth, [own, *written])
     missed = missed_words(cycle, [step.goal for step in result.job.steps])
-    for fault in ([] if own.valid else [str(own)]) + ([missed] if missed else []):
+    for fault in filter(None, ("" if own.valid else str(own), spread, missed)):
         found["warnings"].append(f"cycle.csv: {fault}")
     found["warnings"] += warnings_on(written, request.get("rate"))
     page(found, cycle, result.job.robot, result.cell, power_of(result)).write(Path(out) / "report.html")

@@ -145,18 +145,18 @@ def test_accelerations_that_jump_between_motions_are_spread_over_milliseconds(pa
         # a program of a UR runs each motion by itself; a jump within a nanosecond was a jerk of 1e13 rad/s^3 there
         (alone,) = certificates(parts, judge, wanted(["urscript"]), 500.0)
         assert alone.within_limits
-        (part,) = without_jumps(parts, panda.limits)
+        (part,), _ = without_jumps(parts, panda.limits)
         assert judge(part.trajectory).within_limits
         assert part.trajectory.duration == pytest.approx(sum(t.duration for t in trajectories), abs=2e-9)
         time = np.linspace(0, part.trajectory.duration, 500)
         moved = part.trajectory.sample(time)[0] - joined_parts(trajectories).sample(time)[0]
         assert np.abs(moved).max() < 0.01
     still = [Part(wait, waits=True), Part(wait, waits=True)]
-    assert without_jumps(still, panda.limits) is still
+    assert without_jumps(still, panda.limits)[0] is still
     back = cubic(middle, START)  # begins with the acceleration that the way there ends with, but for rounding
     back = replace(back, acceleration=back.acceleration * (1 + 3e-8))
     assert not judge(joined_parts([moves[0], back])).within_limits
-    turned = joined_parts([p.trajectory for p in without_jumps([Part(moves[0]), Part(back)], panda.limits)])
+    turned = joined_parts([p.trajectory for p in without_jumps([Part(moves[0]), Part(back)], panda.limits)[0]])
     assert judge(turned).within_limits and turned.duration == pytest.approx(3.6, abs=1e-9)
 
 
@@ -203,7 +203,7 @@ def test_a_jump_beside_an_acceleration_that_changes_keeps_the_jerk_limit(panda: 
     slow = replace(panda, limits=replace(panda.limits, jerk=1.1 * largest + 1e-3))
     wait = standing(panda.joints, GOAL, 3.0)
     parts = [*map(Part, moves), Part(wait, waits=True)]
-    (part,) = without_jumps(parts, slow.limits)
+    (part,), _ = without_jumps(parts, slow.limits)
     judge = CycleJudging.of([(6.6, Scorer(slow, model), None)])
     assert judge(part.trajectory).within_limits and part.trajectory.duration == pytest.approx(6.6, abs=2e-9)
 
@@ -218,7 +218,7 @@ def test_a_jump_beside_few_samples_keeps_the_jerk_limit(seed: int, panda: Robot)
     moves = [Trajectory(panda.joints, time, q, v, a), Trajectory(panda.joints, time, q[::-1], -v[::-1], -0.8 * a[::-1])]
     largest = np.max([np.abs(move.sample(np.linspace(0, 1.8, 2001))[3]).max(axis=0) for move in moves], axis=0)
     limits = replace(panda.limits, jerk=1.02 * largest)
-    (part,) = without_jumps([*map(Part, moves), Part(standing(panda.joints, q[0], 3.0), waits=True)], limits)
+    (part,), _ = without_jumps([*map(Part, moves), Part(standing(panda.joints, q[0], 3.0), waits=True)], limits)
     jerk = part.trajectory.sample(part.trajectory.denser(20))[3]
     assert (np.abs(jerk).max(axis=0) <= limits.jerk * (1 + 1e-6)).all()
 
@@ -236,7 +236,9 @@ def test_evaluate_gives_a_jobs_energy_and_writes_it_with_its_waits(
     cycle, ur5: Robot, model: PowerModel, tmp_path: Path
 ) -> None:
     """Payloads and brakes come from job.json; baselines keep the waits."""
-    job_files.write(cycle, {"robot": "ur5"}, tmp_path / "job")
+    job = job_files.write(cycle, {"robot": "ur5"}, tmp_path / "job")
+    told = [line for line in job["warnings"] if "ms; motions begin and end up to " in line]
+    assert len(told) == (cycle.job.steps[4].mode == "retime")
     seen = eo.evaluate(tmp_path / "job", None, model)
     seen.save(tmp_path / "slow", ["urscript", "yaml"], 25)
     slow = json.loads((tmp_path / "slow" / "evaluate.json").read_text())

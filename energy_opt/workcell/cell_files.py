@@ -29,7 +29,7 @@ from energy_opt.workcell.between import placed_links
 from energy_opt.workcell.curves import zones_of
 from energy_opt.workcell.file import MOTORS, WorkCell
 from energy_opt.workcell.motion import PeriodicMotion
-from energy_opt.workcell.solve_cell import CellResult
+from energy_opt.workcell.solve_cell import CellResult, not_negative
 from energy_opt.workcell.supply import Supply
 
 BRIEF = 1e-7  # [s] shorter waits are rounding errors
@@ -118,11 +118,12 @@ SETTLED = 1e-2  # largest gap of a schedule that counts as solved
 def document(result: CellResult) -> dict[str, Any]:
     """The content of job.json: energies in J, times in s; starts count from the first step of the first robot."""
     schedule, cell = result.schedule, result.cell
+    starts = not_negative(schedule)
     robots = []
     for r, ring in enumerate(schedule.problem.rings):
         modes = [mode or None for mode in schedule.modes[r]]
         columns = {
-            "name": [step.name for step in ring.steps], "start": schedule.starts[r], "duration": schedule.durations[r],
+            "name": [step.name for step in ring.steps], "start": starts[r], "duration": schedule.durations[r],
             "mode": modes, "zone": zones_of(cell.robot[r], ring), "energy_total": schedule.energies[r],
         }  # fmt: skip
         records = [dict(zip(columns, record, strict=True)) for record in zip(*columns.values(), strict=True)]

@@ -20,7 +20,7 @@ from energy_opt.motion.plan.efforts import ROUNDS, smaller
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot, load_robot
 from energy_opt.schedule import Schedule
-from energy_opt.schedule.problem import keeps
+from energy_opt.schedule.problem import CLOSE, keeps
 from energy_opt.workcell.arm import Arm
 from energy_opt.workcell.as_job import robot_in
 from energy_opt.workcell.between import Between
@@ -274,3 +274,19 @@ def from_zero(schedule: Schedule) -> Schedule:
         if own[0] < 0 and keeps(schedule.problem, later, schedule.durations):
             starts = later
     return replace(schedule, starts=tuple(starts))
+
+
+def not_negative(schedule: Schedule) -> list[np.ndarray]:
+    """The starts [s] of each robot's steps, later by the fewest whole cycles so that none is below 0 and all lags hold.
+
+    Where a lag asks for a step before the first robot's first one, the first robot begins cycles later than 0, too.
+    """
+    problem, starts = schedule.problem, schedule.starts
+    cycle = problem.cycle_time
+    later = [max(0, int(np.ceil((-own.min() - CLOSE) / cycle))) for own in starts]
+    for _ in starts:
+        for lag in (lag for lag in problem.lags if lag.height is not None):
+            (a, i), (b, j) = lag.begin, lag.end
+            owed = lag.length - CLOSE - float(starts[b][j] - starts[a][i])
+            later[b] = max(later[b], later[a] + int(np.ceil(owed / cycle - lag.height)))
+    return [np.maximum(own + cycle * cycles, 0.0) for own, cycles in zip(starts, later, strict=True)]

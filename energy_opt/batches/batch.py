@@ -16,10 +16,11 @@ from energy_opt.batches.executors import Solver, cluster, local, run_tasks, solv
 from energy_opt.batches.records import Journal, Record, Row, read_journal, write_parquet
 from energy_opt.batches.suite import Suite
 from energy_opt.batches.summary import summarize, table, write_report
+from energy_opt.errors import Infeasible
 from energy_opt.files import plain, write_json
 from energy_opt.power.per_year import PerYear
 from energy_opt.requests.option import Request
-from energy_opt.results import Found
+from energy_opt.results import Found, exit_of
 
 log = logging.getLogger(__name__)
 
@@ -47,7 +48,8 @@ class Batch(Found):
         """The exit code of the command line."""
         if self.interrupted:
             return 130
-        return 0 if self.summary["status"].get("solved") else 4
+        statuses = {name for name, moves in self.summary["status"].items() if moves}
+        return Infeasible.exit_code if statuses == {Infeasible.status} else exit_of(False, "solved" in statuses)
 
     def document(self) -> dict[str, Any]:
         """The content of summary.json."""

@@ -70,9 +70,7 @@ class Clearance:
             return f"{self.verdict}: no two bodies come near each other (pairs: {self.pairs})"
         a, b = self.pair
         if self.proven:
-            return (
-                f"no contact; the nearest bodies are {a} and {b}, {1e3 * self.min_distance:.3g} mm at {self.time:.4g} s"
-            )
+            return f"no contact; nearest measured {1e3 * self.min_distance:.3g} mm: {a}–{b} at {self.time:.4g} s"
         if self.depth is not None:
             return f"{a} touches {b} at {self.time:.4g} s, {1e3 * self.depth:.3g} mm deep"
         return (

@@ -120,6 +120,8 @@ def _run(words: list[str]) -> int:
             raise BadInput(f"{said}: contains the character NUL")
         if any("\ud800" <= c <= "\udfff" for c in word):  # Python's marks for bytes that are no text
             raise BadInput(f"{word}: not text in this locale's encoding; rename the file, or set LC_ALL=C.UTF-8")
+        if word == "--out=" or (before == "--out" and not word.strip()):
+            raise BadInput("--out: empty; expected a folder, such as . for this one")
         if value == "--" and option.startswith("--"):
             raise BadInput(f"{option}: no value; '--' ends the options")
     parser, verbs = parsers(words)

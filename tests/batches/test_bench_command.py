@@ -85,6 +85,12 @@ def test_moves_that_cannot_be_done_are_rows_with_reasons(ran):
     assert summary["machine"]["versions"]["casadi"]
 
 
+def test_a_suite_of_moves_that_cannot_be_done_is_infeasible(tmp_path):
+    head, *moves = SUITE.split("[[moves]]")
+    (tmp_path / "suite.toml").write_text("[[moves]]".join([head, moves[-1]]))
+    assert main(["bench", str(tmp_path / "suite.toml"), "--out", str(tmp_path / "out"), "--quiet"]) == 3
+
+
 def test_number_of_workers_changes_no_number(ran):
     one, two = (read_parquet(ran[jobs] / "results.parquet") for jobs in ("1", "2"))
     for a, b in zip(one, two, strict=True):

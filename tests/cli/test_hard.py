@@ -79,6 +79,8 @@ def _nothing_unforeseen(monkeypatch: pytest.MonkeyPatch) -> None:
         (["--model", "/dev/full"], "/dev/full"),
         (["--out", "/dev/full"], "--out /dev/full"),
         (["--out", "a\0b"], "--out"),
+        (["--out", ""], "--out: empty; expected a folder"),
+        (["--out="], "--out: empty; expected a folder"),
         (["--scene", "a\udcfc"], "a\\udcfc: not text in this locale's encoding; rename"),
         (["--controls", "9" * 4500], "…"),
     ],

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 AnyMotion = Trajectory | str | PathLike[str]
 DEFAULT = "source-method-2"
 HEAVIEST = 5.0  # largest payload over an arm's own moving mass: no arm carries twice its weight
-FARTHEST = 2.0  # [m] largest distance of a payload's centre from the last joint: tools of large robots have half of it
+FARTHEST = 2.0  # [m] a payload's centre may be as far from the last joint, or as the arm reaches
 PAYLOAD = "MASS or MASS,CX,CY,CZ"
 _NUMBER = re.compile(r"[-+.]*\d")
 
@@ -171,7 +171,7 @@ def carried(given: Any, robot: Robot) -> Payload:
     Raises:
         BadInput: as `payload_from`, or far more than the arm itself weighs.
     """
-    payload = payload_from(given)
+    payload = payload_from(given, max(FARTHEST, robot.reach))
     mass = float(payload.values["mass"][0])
     own = sum(link.mass for link in robot.body.tree())
     if mass > HEAVIEST * own:
@@ -193,8 +193,11 @@ def on_arm(model: PowerModel, request: Any, robot: Robot) -> PowerModel:
     return model if base is None else model.standing(*base[3:5])
 
 
-def payload_from(given: Any) -> Payload:
+def payload_from(given: Any, farthest: float = np.inf) -> Payload:
     """A payload from its mass [kg], from mass and centre (m, x, y, z) [kg, m] in the last joint's frame, or by name.
+
+    Args:
+        farthest: [m] largest plausible distance of the centre from the last joint.
 
     Raises:
         BadInput: another number of values, invalid values, or a centre that is implausibly far away.
@@ -217,7 +220,7 @@ def payload_from(given: Any) -> Payload:
         if numbers.shape not in ((1,), (4,)):
             raise BadInput(f"--payload {shown(given)}: expected a mass, or mass and centre of mass: (m, x, y, z)")
     far = float(np.abs(numbers[1:]).max(initial=0.0))
-    if far > FARTHEST:
+    if far > farthest:
         raise BadInput(
             f"--payload: its centre is {far:g} m from the last joint; expected metres (are these millimetres? "
             f"{far / 1000:g} m then)"

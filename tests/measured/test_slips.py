@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -99,6 +101,10 @@ def test_payloads_in_grams_and_millimetres_are_refused(panda: Robot) -> None:
         with pytest.raises(BadInput, match=r"millimetres\? 0\.05 m"):
             carried(given, panda)
     assert float(carried("3,0,0,0.2", panda).values["mass"][0]) == 3.0
+    crane: Any = SimpleNamespace(name="crane", reach=11.0, body=panda.body)  # its boom is 8 m long
+    assert carried("3,6,0,0", crane).values["com"].tolist() == [6.0, 0.0, 0.0]
+    with pytest.raises(BadInput, match=r"millimetres\? 0\.05 m"):
+        carried("3,0,0,50", crane)
 
 
 def test_a_base_turned_by_degrees_is_refused() -> None:

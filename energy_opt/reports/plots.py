@@ -6,6 +6,7 @@ Every function draws on a new `Figure` and returns it; `save` and `png` turn one
 from __future__ import annotations
 
 import io
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -42,10 +43,12 @@ def new_figure(down: int, columns: int, *, width: float = 10.0, height: float = 
 
 
 def png(figure: Figure) -> bytes:
-    """The figure as a PNG."""
+    """The figure as a PNG. Characters that the font does not have are drawn as boxes, without a warning."""
     stream, canvas = io.BytesIO(), FigureCanvasAgg(figure)
-    around = figure.get_tightbbox(canvas.get_renderer()).padded(0.1)  # [inch] legends are beside the axes
-    figure.savefig(stream, format="png", bbox_inches=around)  # "tight" would draw everything twice
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from")
+        around = figure.get_tightbbox(canvas.get_renderer()).padded(0.1)  # [inch] legends are beside the axes
+        figure.savefig(stream, format="png", bbox_inches=around)  # "tight" would draw everything twice
     return stream.getvalue()
 
 

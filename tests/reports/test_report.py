@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html.parser
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -89,6 +90,14 @@ def test_figure_shows_the_charts_of_a_page(tmp_path: Path) -> None:
     assert to_rgba(power.lines[1].get_color()) == bar.get_facecolor()  # of the result in both
     plots.save(figure, tmp_path / "plot.png")
     assert (tmp_path / "plot.png").read_bytes().startswith(PNG)
+
+
+def test_a_name_that_the_font_lacks_is_drawn_without_a_warning() -> None:
+    """matplotlib's warning was printed on stderr, whatever --quiet said."""
+    t = np.linspace(0, 2, 5)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert plots.png(plots.draw([Chart("肘", "time [s]", "肘 [rad]", [Line("肘", t, t)])], "肘")).startswith(PNG)
 
 
 def test_a_page_writes_the_charts_that_are_pictured(tmp_path: Path) -> None:

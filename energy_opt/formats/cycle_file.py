@@ -137,9 +137,7 @@ def certificates(
     return out
 
 
-def without_jumps(
-    parts: Sequence[Part], limits: Limits, rate: float | None = None
-) -> tuple[Sequence[Part], float]:
+def without_jumps(parts: Sequence[Part], limits: Limits, rate: float | None = None) -> tuple[Sequence[Part], float]:
     """The cycle as one motion without jumps of the acceleration between motions, if a jerk limit forbids them.
 
     The motion is averaged over some milliseconds, at a rate [Hz] over at least two samples. The longest wait is

@@ -285,7 +285,9 @@ def not_negative(schedule: Schedule) -> list[np.ndarray]:
     cycle = problem.cycle_time
     later = [max(0, int(np.ceil((-own.min() - CLOSE) / cycle))) for own in starts]
     for _ in starts:
-        for lag in (lag for lag in problem.lags if lag.height is not None):
+        for lag in problem.lags:
+            if lag.height is None:  # it holds for any number of cycles
+                continue
             (a, i), (b, j) = lag.begin, lag.end
             owed = lag.length - CLOSE - float(starts[b][j] - starts[a][i])
             later[b] = max(later[b], later[a] + int(np.ceil(owed / cycle - lag.height)))

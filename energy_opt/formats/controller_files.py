@@ -5,6 +5,7 @@ Every file is read back and judged.
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -32,7 +33,7 @@ class Written:
         rate: samples per second, None for samples of their own.
         valid: True if its motion keeps all limits and touches nothing; worst: the limit that it uses most. text: line
             for the console on its content and sampling.
-        about: further entries of its record, such as its robot.
+        about: further entries of its record, such as its robot. content: its bytes, if `made`.
     """
 
     file: str
@@ -42,6 +43,11 @@ class Written:
     worst: dict[str, object]
     text: str = ""
     about: Mapping[str, object] = field(default_factory=dict)
+    content: bytes = field(default=b"", repr=False)
+
+    def put(self, folder: Path) -> None:
+        """Write the file into a folder."""
+        (folder / self.file).write_bytes(self.content)
 
     def document(self) -> dict[str, object]:
         """As it is in result.json."""
@@ -58,6 +64,16 @@ class Written:
 
     def __str__(self) -> str:
         return self.text if self.valid else f"{self.text}; THIS FILE BREAKS A LIMIT: {self.broken}"
+
+
+def made(write: Callable[[Path], Sequence[Written]]) -> tuple[Written, ...]:
+    """The files that `write` puts into a folder, with their content: `put` writes them where they are wanted."""
+    with tempfile.TemporaryDirectory(prefix="energy-opt-") as name:
+        folder = Path(name)
+        try:
+            return tuple(replace(row, content=(folder / row.file).read_bytes()) for row in write(folder))
+        except BadInput as error:  # the folder will be gone
+            raise BadInput(str(error).replace(f"{folder}/", "")) from None
 
 
 def wanted(names: Sequence[str], joints: int | None = None) -> list[Format]:

@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
+from warnings import warn
 
 from energy_opt import __version__
 from energy_opt.errors import BadInput, Infeasible, suggest
@@ -194,7 +195,9 @@ def verb(request: Callable[P, Asked], run: Callable[[Asked, Desk], Given], name:
         except TypeError as fault:
             raise BadInput(f"{kind.verb}: {str(fault).partition('() ')[2] or fault}") from None
         stopped = asked.stopped or bool  # planners of results are pickled with it
-        return run(asked, Desk(force=getattr(asked, "force", False), ends=stopped))
+        found = run(asked, Desk(force=getattr(asked, "force", False), ends=stopped))
+        warn_of(getattr(found, "files", ()))
+        return found
 
     called.__name__ = called.__qualname__ = name or kind.verb
     returned = inspect.signature(run).return_annotation
@@ -203,6 +206,13 @@ def verb(request: Callable[P, Asked], run: Callable[[Asked, Desk], Given], name:
     parts = [inspect.cleandoc(run.__doc__ or ""), _arguments(request, spelled), f"Returns:\n    {returned}{values}."]
     called.__doc__ = "\n\n".join(parts)
     return called
+
+
+def warn_of(files: Iterable[Any]) -> None:
+    """Warn a caller from Python of files for controllers that break a limit."""
+    for row in files:
+        if not row.valid:
+            warn(f"{row.file}: {row}", stacklevel=3)
 
 
 def _arguments(request: Callable[..., Request], spelled: Mapping[str, Option]) -> str:

@@ -17,11 +17,11 @@ from energy_opt.evaluations.evaluated import evaluate as evaluated
 from energy_opt.evaluations.source import Recorded, Stretch, is_set, load, load_set, stated
 from energy_opt.files import plain, write_json
 from energy_opt.folders import written_whole
-from energy_opt.formats.controller_files import Written, warnings_on
+from energy_opt.formats.controller_files import Written, made, warnings_on
 from energy_opt.formats.cycle_file import write_cycle
 from energy_opt.formats.waypoints import Samples
 from energy_opt.front.controllers import check_written
-from energy_opt.front.desk import Answered, Desk, verb
+from energy_opt.front.desk import Answered, Desk, verb, warn_of
 from energy_opt.front.given import AnyMotion, as_loaded, cell_of, payload_document, robot_of, robot_of_files
 from energy_opt.front.models import rivals_of
 from energy_opt.front.moves import documents
@@ -43,7 +43,7 @@ class Answers(Answered):
     """Evaluations of all motions, with the robot and the request.
 
     Attributes:
-        files: those that were written for controllers, read back and judged.
+        files: those for controllers, made, read back and judged in the call; `save` writes them.
     """
 
     robot: Robot
@@ -85,27 +85,35 @@ class Answers(Answered):
             write, rate, prefix: in place of the request's `write`, `rate` [Hz] and `joint_prefix`.
         """
         given: dict[str, Any] = {"write": tuple(write) or None, "rate": rate, "joint_prefix": prefix or None}
+        if not any(given.values()):
+            return super().save(out)
         asked = replace(self.request, **{name: value for name, value in given.items() if value is not None})
-        replace(self, request=asked).kept(Path(out))
-        return Path(out)
+        files = files_of(asked, self.robot, self.found)
+        warn_of(files)
+        return super(Answers, replace(self, request=asked, files=files)).save(out)
 
     def kept(self, out: Path) -> Answers:
-        """Write evaluate.json, and every motion in the formats that the request asks for, into the folder `out`.
-
-        Files of a motion are called trajectory, or trajectory_01 and so on.
-        """
-        asked, records = self.request, list[Written]()
-        formats = check_written(asked, self.robot)
+        """Write evaluate.json, and every motion in the formats that the request asks for, into the folder `out`."""
         with written_whole(out, ANSWER) as aside:
-            for number, each in enumerate(self.found, start=1):
-                stem = "trajectory" if len(self.found) == 1 else f"trajectory_{number:02d}"
-                for form in formats:
-                    records.append(
-                        write_cycle(each.parts, each.judge, form, aside, asked.rate, asked.joint_prefix, stem)
-                    )
-            kept = replace(self, files=tuple(records))
-            write_json(aside / ANSWER, kept.document())
-        return kept
+            for row in self.files:
+                row.put(aside)
+            write_json(aside / ANSWER, self.document())
+        return self
+
+
+def files_of(request: EvaluateRequest, robot: Robot, found: Sequence[Evaluation]) -> tuple[Written, ...]:
+    """Every motion in the formats that a request asks for: trajectory, or trajectory_01 and so on."""
+    forms, rate, prefix = check_written(request, robot), request.rate, request.joint_prefix
+    stems = ["trajectory"] if len(found) == 1 else [f"trajectory_{k:02d}" for k in range(1, len(found) + 1)]
+
+    def write(out: Path) -> list[Written]:
+        return [
+            write_cycle(each.parts, each.judge, form, out, rate, prefix, stem)
+            for each, stem in zip(found, stems, strict=True)
+            for form in forms
+        ]
+
+    return made(write)
 
 
 def run(request: EvaluateRequest, desk: Desk) -> Answers:
@@ -133,7 +141,8 @@ def run(request: EvaluateRequest, desk: Desk) -> Answers:
         **as_loaded(robot, request.robot),
     )  # fmt: skip
     desk.take(ANSWER, asked)
-    answers = desk.keep(Answers(robot=robot, request=asked, stamp=desk.stamp, found=found))
+    written = files_of(asked, robot, found)
+    answers = desk.keep(Answers(robot=robot, request=asked, stamp=desk.stamp, found=found, files=written))
     for evaluation in answers.found:
         for note in evaluation.motion.notes:
             desk.say(f"note: {note}")

@@ -69,10 +69,11 @@ def run(request: JobRequest, desk: Desk) -> JobAnswer:
         else:
             result = warned(stated(result, rivals), rivals)
         result = grounded(result, rivals)
-        answer = desk.keep(JobAnswer(result=result, request=asked, stamp=desk.stamp, formats=formats))
+        answer = desk.keep(JobAnswer.of(result, asked, desk.stamp, formats))
     if result.solved and answers is not None:
         answers.forget()
-    desk.report(answer.files, assumed(result.assumptions), answer.document()["warnings"])
+    programs = [row for row in answer.files if row.file != job_files.CYCLE]
+    desk.report(programs, assumed(result.assumptions), answer.document()["warnings"])
     return answer
 
 
@@ -118,7 +119,7 @@ def run_workcell_job(request: JobRequest, desk: Desk) -> JobAnswer:
                 cell, path, load=load, model_of=model_of, settings=settings, request=cell_of(request),
                 stopped=stopped, progress=show,
             )  # fmt: skip
-        answer = desk.keep(JobAnswer(result=result, request=asked, stamp=desk.stamp, formats=formats))
+        answer = desk.keep(JobAnswer.of(result, asked, desk.stamp, formats))
     for row in answer.files:
         if row.format != "csv" or row.rate is not None or not row.valid:
             file = row.file if desk.out is None else desk.out / row.file

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property, partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
@@ -11,7 +12,7 @@ from typing import Any, TypeVar
 from energy_opt.errors import BadInput, at_least
 from energy_opt.files import plain, read_toml
 from energy_opt.folders import written_whole
-from energy_opt.formats.controller_files import Written
+from energy_opt.formats.controller_files import Written, made
 from energy_opt.formats.controller_program import load_of
 from energy_opt.front.desk import Answered, Desk
 from energy_opt.front.given import as_loaded, cell_of, payload_document, robot_of
@@ -115,51 +116,57 @@ class JobAnswer(Answered):
 
     Attributes:
         result: `solve_job.JobResult` of one robot, `solve_cell.CellResult` of several.
-        formats: of the programs that are written beside it.
-        files: the programs that were written, read back and judged. saved: job.json as it was written.
+        files: tables of the cycles, and programs, made, read back and judged in the call; `save` writes them.
     """
 
     result: Any
     request: JobRequest
-    formats: Any
-    files: tuple[Written, ...] = ()
-    saved: dict[str, Any] | None = None
+    files: tuple[Written, ...]
 
-    @property
-    def output(self) -> ModuleType:
-        """The module that writes it."""
-        if isinstance(self.result, JobResult):
-            return job_files
-        from energy_opt.workcell import cell_files
-
-        return cell_files
+    @classmethod
+    def of(cls, result: Any, request: JobRequest, stamp: Mapping[str, Any], formats: Any) -> JobAnswer:
+        """The answer with its files, in the formats (of each robot) that `--write` asks for."""
+        programs = partial(_output(result).write_programs, result, formats)
+        files = made(partial(programs, rate=request.rate, prefix=request.joint_prefix))
+        return cls(result=result, request=request, stamp=stamp, files=files)
 
     @property
     def exit_code(self) -> int:
         """Exit code of the command line."""
-        good = self.result.solved and all(row["valid"] for row in self.document()["written"])
-        return exit_of(self.result.interrupted, good)
+        return exit_of(self.result.interrupted, self.result.solved and all(row.valid for row in self.files))
 
     def document(self) -> dict[str, Any]:
         """Content of job.json."""
-        return self.saved or self.output.found_of(self.result, self.asked, self.request.worth)
+        return self._found
+
+    @cached_property
+    def _found(self) -> dict[str, Any]:
+        found: dict[str, Any] = _output(self.result).found_of(self.result, self.asked, self.request.worth, self.files)
+        return found
 
     def text(self, out: Path) -> str:
         """A short table for a terminal, of a job that was saved into `out`."""
-        return f"{self.output.table(self.document(), self.request.cycles_per_year)}\nfiles in {out}"
+        return f"{_output(self.result).table(self.document(), self.request.cycles_per_year)}\nfiles in {out}"
 
     def kept(self, out: Path) -> JobAnswer:
         """Write job.json, the tables of all motions, report.html and the programs asked for into the folder `out`."""
         with written_whole(out, JOB) as aside:
-            asked, output = self.request, self.output
-            records = output.write_programs(self.result, self.formats, aside, asked.rate, asked.joint_prefix)
-            saved = output.write(self.result, self.asked, aside, asked.worth, records)
-        return replace(self, files=tuple(records), saved=saved)
+            _output(self.result).write(self.result, self.asked, aside, self.request.worth, self.files)
+        return self
 
     def __repr__(self) -> str:
         found = self.document()
         robots = repr(found["robot"]) if "robot" in found else f"{len(found['robots'])} robots"
         return f"JobAnswer({robots}, {found['cycle_time']:g} s, {found['energy_total']:.5g} J)"
+
+
+def _output(result: Any) -> ModuleType:
+    """The module that writes a job's result."""
+    if isinstance(result, JobResult):
+        return job_files
+    from energy_opt.workcell import cell_files
+
+    return cell_files
 
 
 OF_A_MOVE = (

@@ -16,7 +16,7 @@ from energy_opt.cell.load import load_cell
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.files import write_json
 from energy_opt.folders import written_whole
-from energy_opt.formats.controller_files import Written, unchanged, warnings_on
+from energy_opt.formats.controller_files import Written, made, unchanged, warnings_on
 from energy_opt.front.controllers import Controllers, check_written, kept_words
 from energy_opt.front.desk import Answered, Desk, verb
 from energy_opt.front.given import cell_of, robot_of
@@ -54,8 +54,7 @@ class Answer(Result, Answered):
         move: as solved; if the goal is a set, with the chosen ends.
         cell: the arm's body and its surroundings; None without collision checks.
         goals: if the goal is a set, the candidates, the nearest one, and the errors of the ends at their poses.
-        controllers: writes the files that `--write` and `--as` ask for into a folder.
-        files: those that were written, read back and judged.
+        files: those that `--write` and `--as` ask for, made, read back and judged in the call; `save` writes them.
     """
 
     arm: Robot
@@ -63,7 +62,6 @@ class Answer(Result, Answered):
     request: OptimizeRequest
     cell: Cell | None = None
     goals: Mapping[str, Any] = field(default_factory=dict)
-    controllers: Callable[[Result, Path], list[Written]] | None = None
     files: tuple[Written, ...] = ()
 
     @property
@@ -104,22 +102,31 @@ class Answer(Result, Answered):
                 path = aside / f"trajectory{form.suffix}"
                 form.write(self.trajectory, path)
                 own[path.name] = unchanged(path, form, self.trajectory, self.certificate).document()
-            # a file of --write at a rate, or with a prefix of the joints' names, may replace trajectory.yaml
-            files = () if self.controllers is None else tuple(self.controllers(self, aside))
-            bad = "; ".join(f"{Path(row.file).name}: {row.broken}" for row in files if not row.valid)
-            message = self.message or (bad and f"not every file keeps the limits; {bad}")
-            warnings = (*self.warnings, *warnings_on(files, self.request.rate))
-            written = tuple(row.document() for row in files)
-            found = replace(self, files=files, written=written, message=message, warnings=warnings)
-            for row in files:
-                own.pop(Path(row.file).name, None)
-            document = {**found.document(), "written": [*own.values(), *found.written]}
+            for row in self.files:  # at a rate, or with a prefix of the joints' names, one may replace trajectory.yaml
+                own.pop(row.file, None)
+                row.put(aside)
+            document = {**self.document(), "written": [*own.values(), *self.written]}
             motions = {b.name: b.trajectory for b in self.baselines}
             lost = _lost(self, self.arm, document)
             report = page(document, self.trajectory, motions, self.arm, self.cell, lost)
             report.write(aside / "report.html", aside / "plot.png")
             write_json(aside / ANSWER, document)
-        return found
+        return self
+
+
+def with_files(answer: Answer, write: Callable[[Result, Path], list[Written]]) -> Answer:
+    """The answer with its files, read back and judged.
+
+    Args:
+        answer: the answer. write: writes the files that `--write` and `--as` ask for into a folder.
+    """
+    files = made(partial(write, answer))
+    bad = "; ".join(f"{row.file}: {row.broken}" for row in files if not row.valid)
+    return replace(
+        answer, files=files, written=tuple(row.document() for row in files),
+        message=answer.message or (bad and f"not every file keeps the limits; {bad}"),
+        warnings=(*answer.warnings, *warnings_on(files, answer.request.rate)),
+    )  # fmt: skip
 
 
 def _lost(result: Result, robot: Robot, document: Mapping[str, Any]) -> dict[str, dict[str, np.ndarray]]:
@@ -292,7 +299,6 @@ def run(request: OptimizeRequest, desk: Desk) -> Answer:
             answer = Answer(
                 **{f.name: getattr(found, f.name) for f in fields(Result)},
                 arm=robot, move=move, request=asked, stamp=desk.stamp, cell=cell,
-                controllers=partial(controllers.write, move, moves),
             )  # fmt: skip
             if ends is not None and chosen is not None:
                 answer = with_goals(answer, chosen, ends, settings)
@@ -303,7 +309,7 @@ def run(request: OptimizeRequest, desk: Desk) -> Answer:
                 request=document,
             )  # fmt: skip
             raise error from None
-        answer = desk.keep(answer)
+        answer = desk.keep(with_files(answer, partial(controllers.write, move, moves)))
     desk.report(answer.files, assumptions_line(answer.assumptions), answer.warnings)
     if moves is not None:
         desk.say(kept_words(moves))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 from energy_opt import formats
 from energy_opt.files import plain, write_json
 from energy_opt.formats import Format, controller_files
-from energy_opt.formats.controller_files import Shares, Written, unchanged, warnings_on
+from energy_opt.formats.controller_files import Shares, Written, made, unchanged, warnings_on
 from energy_opt.formats.controller_program import joined
 from energy_opt.formats.cycle_file import certificates, missed_words, without_jumps, write_cycle
 from energy_opt.formats.judging import CycleJudging
@@ -26,6 +27,8 @@ from energy_opt.poses.given import pose_document
 from energy_opt.power.per_year import PerYear
 from energy_opt.reports.job import page
 from energy_opt.reports.job import table as table
+
+CYCLE = "cycle.csv"
 
 
 def whole_cycle(result: JobResult) -> tuple[Trajectory, str]:
@@ -74,16 +77,18 @@ def with_room(
 
 
 def write_programs(
-    result: JobResult, formats: Sequence[Format], out: Path, rate: float | None = None, prefix: str = ""
+    result: JobResult, forms: Sequence[Format], out: Path, rate: float | None = None, prefix: str = ""
 ) -> list[Written]:
-    """Write the cycle in several formats into a folder, as `write_cycle` does.
+    """Write cycle.csv, and the cycle in several formats, into a folder; each is read back and judged.
 
     Args:
-        result: the solved job. formats: of the files. out: the folder. rate: [Hz] of samples; None: those of the plan.
-        prefix: of the joints' names.
+        result: the solved job. forms: the formats. out: the folder. rate: [Hz] of samples; None: those of the plan.
+        prefix: of the joints' names in these files.
     """
-    judge = judging_of(result)
-    return [write_cycle(result.pieces, judge, form, out, rate, prefix) for form in formats]
+    judge, (cycle, _), csv = judging_of(result), whole_cycle(result), formats.FORMATS["csv"]
+    csv.write(cycle, out / CYCLE)
+    own = unchanged(out / CYCLE, csv, cycle, judge(cycle))
+    return [own, *(write_cycle(result.pieces, judge, form, out, rate, prefix) for form in forms)]
 
 
 FORMAT = "energy-opt/job-result/1"
@@ -212,9 +217,14 @@ def found_of(
     Args:
         worth: how often the cycle runs in a year, where its saving is to be stated for one: against the cycle slowed
             evenly, or where that is not possible, done fastest.
-        written: files that are there already, read back and judged.
+        written: the files of `write_programs`.
     """
     found = {**document(result), "written": [row.document() for row in written], "request": plain(request)}
+    cycle, spread = whole_cycle(result)
+    missed = missed_words(cycle, [step.goal for step in result.job.steps])
+    bad = [str(row) for row in written if row.file == CYCLE and not row.valid]
+    found["warnings"] += [f"{CYCLE}: {fault}" for fault in (*bad, spread, missed) if fault]
+    found["warnings"] += warnings_on([row for row in written if row.file != CYCLE], request.get("rate"))
     if worth is not None:
         found["per_year"] = worth.of(None if result.slowed is None else result.slowed - result.energy)
     return found
@@ -222,12 +232,13 @@ def found_of(
 
 def write(
     result: JobResult, request: Mapping[str, Any], out: Path, worth: PerYear | None = None,
-    written: Sequence[Written] = (),
+    written: Sequence[Written] | None = None,
 ) -> dict[str, Any]:  # fmt: skip
-    """Write step_01.csv ..., cycle.csv, report.html and job.json, this last.
+    """Write step_01.csv ..., report.html and job.json, this last, and the files in `written`.
 
     Args:
-        result: the solved job. request: its document. out: the folder. worth, written: as those of `found_of`.
+        result: the solved job. request: its document. out: the folder. worth: as that of `found_of`.
+        written: the files of `write_programs`; None: cycle.csv alone.
 
     Returns:
         The document of `found_of`.
@@ -236,14 +247,11 @@ def write(
     for number, part in enumerate(parts, start=1):
         filled = result.scorers.of(result.job.steps[part.at], part.mode == "brakes").filled(part.trajectory, part.past)
         formats.write(filled, Path(out) / f"step_{number:02d}.csv")
-    (cycle, spread), csv = whole_cycle(result), formats.FORMATS["csv"]
-    csv.write(cycle, Path(out) / "cycle.csv")
-    own = unchanged(Path(out) / "cycle.csv", csv, cycle, judging_of(result)(cycle))
-    found = found_of(result, request, worth, [own, *written])
-    missed = missed_words(cycle, [step.goal for step in result.job.steps])
-    for fault in filter(None, ("" if own.valid else str(own), spread, missed)):
-        found["warnings"].append(f"cycle.csv: {fault}")
-    found["warnings"] += warnings_on(written, request.get("rate"))
+    written = made(partial(write_programs, result, ())) if written is None else written
+    for row in written:
+        row.put(Path(out))
+    found = found_of(result, request, worth, written)
+    cycle, _ = whole_cycle(result)
     page(found, cycle, result.job.robot, result.cell, power_of(result)).write(Path(out) / "report.html")
     write_json(Path(out) / "job.json", found)
     return found

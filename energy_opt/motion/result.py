@@ -120,7 +120,8 @@ class Result:
         break_even_friction: share of the effort limits at which dry friction, added to the model, ends the saving
             against "scaled"; None if no share below 0.2 does.
         travel: joints that travel more than 1.5 times the distance from start to goal: joint, path, straight [rad, m].
-        written: files for controllers, read back and judged: file, format, rate, valid, worst.
+        written: files for controllers, read back and judged: file, format, rate, valid, worst; a saved result.json
+            also lists trajectory.csv and trajectory.yaml.
         progress: seconds since the search began, and the least loss [J] of a proven answer until then.
     """
 

@@ -277,7 +277,9 @@ def write(
     worth: PerYear | None = None,
     written: Sequence[Written] = (),
 ) -> dict[str, Any]:
-    """Write report.html and, last, job.json into the folder `out`; returns the document, that of `found_of`."""
+    """Write the files in `written`, report.html and, last, job.json; returns the document, that of `found_of`."""
+    for row in written:
+        row.put(Path(out))
     found = found_of(result, request, worth, written)
     page(found, power_of(result), scene_of(result)).write(Path(out) / "report.html")
     write_json(Path(out) / "job.json", found)

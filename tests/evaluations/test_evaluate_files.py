@@ -167,3 +167,19 @@ def test_the_message_of_write_is_the_one_in_the_folder(panda: Robot, tmp_path: P
     assert main([*words, "--write", "csv", "--joint-prefix", "left_", "--force"]) == 0
     for file, prefix in (("trajectory.csv", ""), ("trajectory_prefixed.csv", "left_")):
         assert len(read_trajectory(tmp_path / "out" / file, panda.joints, prefix).time) > 100
+
+
+def test_a_file_that_breaks_a_limit_is_no_secret_in_python(panda: Robot, tmp_path: Path) -> None:
+    """The result said exit code 0 and no file, also after `save`; the command line said 4."""
+    time = np.linspace(0, 0.3, 31)
+    x = (time / 0.3)[:, None]
+    shape = x**3 * (10 - 15 * x + 6 * x**2), 100 * x**2 * (1 - x) ** 2, 2000 / 3 * x * (1 - x) * (1 - 2 * x)
+    rows = [np.outer(column, GOAL - START) for column in shape]
+    fast = Trajectory(panda.joints, time, START + rows[0], rows[1], rows[2])
+    with pytest.warns(UserWarning, match=r"trajectory\.yaml: .*THIS FILE BREAKS A LIMIT"):
+        found = eo.evaluate(fast, "panda", "source-method-2", self_collision=False, write=["yaml"])
+    assert found.exit_code == 4 and found["written"][0]["valid"] is False
+    saved = json.loads((found.save(tmp_path / "a") / "evaluate.json").read_text())
+    assert saved["written"] == found["written"] and (tmp_path / "a" / "trajectory.yaml").is_file()
+    with pytest.warns(UserWarning, match=r"trajectory\.json: .*THIS FILE BREAKS A LIMIT"):
+        found.save(tmp_path / "b", write=["json"])

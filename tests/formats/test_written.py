@@ -6,6 +6,7 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -86,7 +87,7 @@ def cycle(request, ur5: Robot, model: PowerModel, tmp_path_factory: pytest.TempP
 
 def test_a_cycle_as_one_program(cycle, ur5: Robot, tmp_path: Path) -> None:
     """Run by an interpreter: the cycle's time to 1 ms, the planned positions, limits, payloads when they change."""
-    (row,) = write_programs(cycle, wanted(["urscript"]), tmp_path)
+    _, row = write_programs(cycle, wanted(["urscript"]), tmp_path)
     assert row.valid and row.file == "trajectory.script"
     text = (tmp_path / "trajectory.script").read_text()
     assert "# 3. settle" in text and "# waits in mode brakes" in text
@@ -110,7 +111,7 @@ def test_a_cycle_as_one_program(cycle, ur5: Robot, tmp_path: Path) -> None:
 
 def test_a_cycle_in_messages_keeps_its_waits_and_says_its_payloads(cycle, ur5: Robot, tmp_path: Path) -> None:
     names = ["follow-joint-trajectory", "mcap", "csv"]
-    rows = write_programs(cycle, wanted(names), tmp_path, 200.0)
+    _, *rows = write_programs(cycle, wanted(names), tmp_path, 200.0)
     plan = joined_parts([piece.trajectory for piece in cycle.pieces])
     for row in rows:
         assert row.valid and "set them yourself: 0.5 kg from 0 s on, 2 kg from " in row.text
@@ -263,3 +264,30 @@ def test_evaluate_gives_a_jobs_energy_and_writes_it_with_its_waits(
     assert arm.time == pytest.approx(5.0, abs=1e-3) and len(arm.payloads) == 2
     for file in ("out/trajectory.yaml", "out/trajectory.script", "slow/trajectory.script"):
         assert read_trajectory(tmp_path / file, ur5.joints).duration == 5.0
+
+
+
+def test_files_are_made_and_judged_in_the_call(ur5: Robot, tmp_path: Path, monkeypatch) -> None:
+    """`save` writes what the result has judged; in Python the result stated no file and exit code 0, also after it."""
+
+    def rounded(trajectory: Trajectory, path: Path) -> None:
+        write(replace(trajectory, position=trajectory.position.round(2)), path.parent / "whole.csv")
+        (path.parent / "whole.csv").rename(path)
+
+    monkeypatch.setitem(FORMATS, "coarse", replace(FORMATS["csv"], name="coarse", suffix=".coarse.csv", write=rounded))
+    asked: dict[str, Any] = {"model": "source-method-2", "self_collision": False}
+    start, goal = [0.0, -1.5, 1.2, -1.0, 0.3, 0.0], [0.8, -1.0, 0.7, -1.4, -0.2, 0.3]
+    steps = [{"to": goal, "mode": "retime"}, {"to": start, "mode": "retime"}]
+    job = {"format": "energy-opt/job/1", "robot": "ur5", "cycle_time": 4.0, "step": steps}
+    for name, call in {
+        "result": lambda names: eo.optimize(ur5, start=start, goal=goal, mode="retime", write=names, **asked),
+        "job": lambda names: eo.job(job, write=names, **asked),
+    }.items():
+        good = call(["json"])
+        assert good.exit_code == 0 and [row["valid"] for row in good["written"] if row["format"] == "json"] == [True]
+        with pytest.warns(UserWarning, match=r"trajectory\.coarse\.csv: .*THIS FILE BREAKS A LIMIT"):
+            found = call(["coarse"])
+        assert found.exit_code == 4 and "BREAKS A LIMIT" in "".join(found["warnings"])
+        saved = json.loads((found.save(tmp_path / name) / f"{name}.json").read_text())
+        assert saved["written"][-1] == found["written"][-1] and saved["warnings"] == found["warnings"]
+        assert saved["written"][-1]["valid"] is False and (tmp_path / name / "trajectory.coarse.csv").is_file()

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from time import process_time
 
@@ -159,21 +161,22 @@ def test_examples_are_short():
         assert len((EXAMPLES / f"{name}.py").read_text().splitlines()) <= 40
 
 
-def test_a_format_of_ones_own_is_read_and_written(panda, tmp_path):
-    example("my_format")
+def test_a_format_of_ones_own_is_read_and_written(tmp_path):
+    """The page's first example had no times, so `write` could not judge it; the message named a folder that is gone."""
+    text = example("my_format")
+    ends = {"start": START, "goal": GOAL, "duration": 2.0, "mode": "retime", "write": ["text"]}
     try:
-        path = tmp_path / "way.joints"
-        path.write_text(" ".join(reversed(panda.joints)) + "\n" + "\n".join(
-            " ".join(map(str, reversed(q))) for q in (START, GOAL)
-        ))  # fmt: skip
-        out = tmp_path / "out"
+        plan = eo.optimize("panda", "source-method-2", **ends)
+        assert [(row["file"], row["valid"]) for row in plan.written] == [("trajectory.joints", True)]
+        path, out = plan.save(tmp_path / "plan") / "trajectory.joints", tmp_path / "out"
+        assert json.loads((tmp_path / "plan" / "result.json").read_text())["written"][-1] == plan.written[0]
         assert main(["optimize", "--robot", "panda", "--path", str(path), "--mode", "retime", "--duration", "2",
                      "--model", "source-method-2", "--out", str(out), "--quiet"]) == 0  # fmt: skip
         result = eo.optimize("panda", "source-method-2", path=path, mode="retime", duration=2.0)
         np.testing.assert_allclose(result.trajectory.position[[0, -1]], [START, GOAL], atol=1e-9)
-        FORMATS["text"].write(result.trajectory, tmp_path / "again.joints")
-        again = FORMATS["text"].read(tmp_path / "again.joints").of(panda.joints)
-        np.testing.assert_allclose(again.position, result.trajectory.position, atol=1e-8)
+        FORMATS["text"] = replace(FORMATS["text"], read=lambda file: replace(text.read(file), time=None))
+        with pytest.raises(eo.BadInput, match=r"^trajectory\.joints: waypoints without times"):
+            eo.optimize("panda", "source-method-2", **ends)
     finally:
         del FORMATS["text"]
 

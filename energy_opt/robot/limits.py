@@ -142,7 +142,7 @@ def with_assumptions(limits: Limits, joints: Sequence[str], slides: Sequence[boo
                 f"{joint}: position limits [{lower[j]:g}, {upper[j]:g}] {unit} (are these {other}?); assumed: as stated"
             )
         if not SMALLEST <= velocity[j] < PLACEHOLDER:
-            stated = f"velocity limit {velocity[j]:g} {speed}" if velocity[j] > 0 else "no velocity limit"
+            stated = f"velocity limit {velocity[j]:g} {speed}" if 0 < velocity[j] < np.inf else "no velocity limit"
             warnings.append(f"{joint}: {stated}; assumed: {ASSUMED_VELOCITY:.4g} {speed}")
             velocity[j] = ASSUMED_VELOCITY
         elif velocity[j] >= DOUBTFUL_VELOCITY:
@@ -248,7 +248,9 @@ class LimitsTable(Table):
 def overlay(
     limits: Limits, joints: Sequence[str], path: Path, prefix: str = "", others: Collection[str] = ()
 ) -> tuple[Limits, Factors, list[str]]:
-    """`limits` with those of a joint_limits.yaml instead, its factors, and a warning for each that is not 1.
+    """`limits` with those of a joint_limits.yaml instead, its factors, and warnings.
+
+    A warning names each factor that is not 1, and each limit that is removed although one is assumed in its place.
 
     The factors are for the complete limits: they scale assumed ones, too.
 
@@ -278,6 +280,11 @@ def overlay(
             where = f"{path}: joint_limits.{name}"
             _apply(arrays, j, parse(JointTable, table[name], where), where)
     factors, warnings = {}, []
+    for kind in ("acceleration", "jerk"):  # `with_assumptions` says so of velocities
+        gone = np.isfinite(getattr(limits, kind)) & np.isinf(arrays[kind])
+        if gone.any():
+            listed = ", ".join(joint for joint, removed in zip(joints, gone, strict=True) if removed)
+            warnings.append(f"{listed}: {path.name} removes the limit on {kind}; an assumed one replaces it")
     for kind in UNSCALED:
         key = f"default_{kind}_scaling_factor"
         factors[kind] = factor = getattr(document, key) or 1.0

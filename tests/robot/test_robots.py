@@ -173,6 +173,15 @@ def test_every_key_of_a_limits_file_counts(tmp_path: Path) -> None:
     assert sum("scaling_factor" in w for w in robot.warnings) == 2
 
 
+def test_a_limit_that_a_file_removes_is_assumed_with_a_warning(tmp_path: Path) -> None:
+    """An acceleration above the published one came without a word; a velocity was called `limit inf rad/s`."""
+    path = tmp_path / "limits.yaml"
+    path.write_text("joint_limits: {panda_joint1: {has_velocity_limits: false, has_acceleration_limits: false}}\n")
+    said = load_robot("panda", limits=path).warnings
+    assert "panda_joint1: no velocity limit; assumed: 3.142 rad/s" in said
+    assert "panda_joint1: limits.yaml removes the limit on acceleration; an assumed one replaces it" in said
+
+
 def test_factors_of_a_limits_file_also_scale_assumed_limits(tmp_path: Path) -> None:
     """A URDF has no accelerations: a factor that leaves the assumed ones as they are would slow nothing."""
     path, urdf = tmp_path / "joint_limits.yaml", two_joints(tmp_path, velocity="1e4")  # a placeholder stays one

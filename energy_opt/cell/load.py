@@ -106,7 +106,9 @@ def _held(robot: Robot, posture: np.ndarray, torque: np.ndarray) -> str:
     share = np.abs(torque) / robot.limits.effort
     j = int(np.argmax(share)) if share.any() else int(np.argmax(np.abs(torque)))
     unit, limit = robot.unit("effort", robot.joints[j]), robot.limits.effort[j]
-    most = f"{abs(torque[j]):.3g} {unit} of {robot.joints[j]}" + (
-        f" ({100 * share[j]:.2g} % of its limit)" if np.isfinite(limit) else " (no limit)"
-    )
-    return f"held under gravity at {','.join(f'{x:.3g}' for x in posture)}: takes at most {most}"
+    at, bound = ",".join(f"{x:.3g}" for x in posture), "it has no limit"
+    if not torque.any():
+        return f"gravity loads no joint at {at}"
+    if np.isfinite(limit):
+        bound = f"{100 * share[j]:.2g} % of its limit"
+    return f"held under gravity at {at}: {robot.joints[j]} is loaded most, by {abs(torque[j]):.3g} {unit} ({bound})"

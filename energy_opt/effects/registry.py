@@ -147,7 +147,10 @@ def effect_class(name: str) -> type[Effect]:
     """
     kinds = known_effects()
     if not isinstance(name, str) or name not in kinds:
-        raise BadInput(f"unknown name {name!r}{suggest(str(name), kinds)}; known: {', '.join(kinds)}")
+        raise BadInput(
+            f"unknown name {name!r}{suggest(str(name), kinds)}; load effects of your own first (`--effects FILE.py`, "
+            f"`eo.effects.load_file`); known: {', '.join(kinds)}"
+        )
     return kinds[name]
 
 

@@ -185,7 +185,14 @@ class Result:
         """The saving at equal duration, in words."""
         saving = self.saving
         if saving is None:
-            return "no saving is stated: the move slowed evenly is not within the limits"
+            fastest, path = self.baseline("toppra"), "path that it starts from"
+            if fastest is None or fastest.duration <= self.duration:
+                return "no saving is stated: the move slowed evenly is not within the limits"
+            path = "straight path" if self.first_path is None or self.first_path.source == "straight" else path
+            return (
+                f"no saving is stated: the move is faster than the fastest one on the {path} "
+                f"({fastest.duration:.4g} s), so no baseline has its duration"
+            )
 
         shares = (saving["total_percent"], saving["loss_percent"])
         total, loss = ("-" if share is None else f"{share:.2f} %" for share in shares)

@@ -35,23 +35,30 @@ class Passport(Found):
 
     @property
     def headline(self) -> str:
-        """One sentence that summarises the passport."""
+        """What the passport says in one sentence, and what is not compared."""
         if len(self.arms) == 1:
             return _summary(self.arms[0])
-        compared = [arm for arm in self.arms[1:] if arm.robot.joints == self.arms[0].robot.joints]
-        if not compared:
+        compared = [arm for arm in self.arms if arm.robot.joints == self.arms[0].robot.joints]
+        if len(compared) == 1:
             return f"{len(self.arms)} arms with different joints, which cannot be compared one by one."
         real = [change for change in self.changes if change.real]
         if real:
             worst = max(real, key=lambda x: abs(x.percent or 0.0))
-            return f"{len(real)} of {len(self.changes)} quantities really changed, most of all {worst}."
-        if any(change.real is not None for change in self.changes):
-            return "No change is outside of the intervals."
-        differing = sum(change.difference != 0 for change in self.changes)
-        return (
-            f"{differing} of {len(self.changes)} quantities differ; without the covariances of both models, it is "
-            "unknown whether these changes are real."
-        )
+            said = f"{len(real)} of {len(self.changes)} quantities really changed, most of all {worst}."
+        elif any(change.real is not None for change in self.changes):
+            said = "No change is outside of the intervals."
+        else:
+            differing = sum(change.difference != 0 for change in self.changes)
+            said = (
+                f"{differing} of the {len(self.changes)} quantities that both models state differ; without the "
+                "covariances of both models, it is unknown whether these changes are real."
+            )
+        for what, known in (("standby", "standby"), ("R/Kt²", "copper_loss"), ("friction", "")):
+            having = [arm for arm in compared if (arm.model.get(known) if known else arm.friction_effects)]
+            if 0 < len(having) < len(compared):
+                labels = ", ".join(arm.label for arm in compared if arm not in having)
+                said += f" {labels}: no {what} is stated, so it is not compared."
+        return said
 
     def document(self) -> dict[str, Any]:
         """The content of passport.json."""

@@ -112,6 +112,17 @@ def test_conditions_are_options(panda, tmp_path, capsys):
     assert process_time() - began < 15  # such a bound took minutes
 
 
+def test_an_own_limit_that_the_start_breaks_is_named_in_a_sentence():
+    class Elbow(eo.conditions.Limit):
+        name, unit, binds, bound = "elbow_sum", "rad", "arm", 3.0
+
+        def value(self, x):
+            return x.q[1] + x.q[3]
+
+    with pytest.raises(eo.Infeasible, match=r"^start: the arm: elbow_sum is 3\.141 rad, above its limit of 3 rad$"):
+        eo.optimize("panda", "source-method-2", start=START, goal=GOAL, conditions=[Elbow()], self_collision=False)
+
+
 OWN = """import energy_opt as eo
 class Own(eo.conditions.Limit):
     name, unit, binds, bound = {name}, "W", "joint", {bound}

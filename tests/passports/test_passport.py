@@ -101,6 +101,9 @@ def test_a_change_is_real_where_it_is_outside_of_the_joint_intervals():
 
 
 def test_without_intervals_nobody_says_that_a_change_is_real():
+    bare, careful = (eo.load_model(name, "z1") for name in ("source-method-2", "careful"))
+    said = eo.passport([bare, careful]).headline  # `0 of 8 quantities differ`, although only one has friction
+    assert said.endswith(" model 1: no friction is stated, so it is not compared.")
     made = eo.passport([model(), model(DRY * 1.5)])
     assert made.changes and all(c.real is None for c in made.changes)
     assert "it is unknown" in made.headline
@@ -112,7 +115,10 @@ def test_a_change_without_intervals_is_in_the_text_that_the_terminal_shows(tmp_p
     words = [str(tmp_path / f"{name}.toml") for name in ("march", "november")]
     assert main(["passport", *words, "--out", str(tmp_path / "out")]) == 0
     said = capsys.readouterr().err
-    assert "1 of 8 quantities differ" in said and "7 other quantities are in report.html" in said
+    assert (
+        "1 of the 8 quantities that both models state differ" in said
+        and "7 other quantities are in report.html" in said
+    )
     assert "changed: standby: 88 → 91 W (+3 %): no interval is stated" in said
 
 

@@ -207,7 +207,7 @@ TWO = '["standby.power.0", "copper_loss.r_over_kt2.0"]'
         ('format = "energy-opt/model/9"\n', "expected 'energy-opt/model/1'"),
         ('format = "energy-opt/job/1"\ncycle_time = 8\n', r"expected 'energy-opt/model/1'\Z"),
         (HEAD + "extra = 1\n", "unknown key 'extra'"),
-        (HEAD + '[[effect]]\nname = "warp"\n', "unknown name 'warp'"),
+        (HEAD + '[[effect]]\nname = "warp"\n', r"unknown name 'warp'; .*`--effects FILE\.py`"),
         (
             HEAD + '[[effect]]\nname = "standby"\n',
             r"\[\[effect\]\] 1: effect standby: parameter 'power' is missing \[W\]",

@@ -169,8 +169,10 @@ class OwnLimit(Limit):
 
         def text(k: int, j: int) -> str:
             value = f"{held[k, j] * self.scale[j]:.4g} {self.unit}"
-            what = f"{self.name} of {value} occurs on the path" if self._of_position else f"holding still needs {value}"
-            return f"{what}, the limit is {self.scale[j]:.4g} {self.unit}"
+            bound = f"{self.scale[j]:.4g} {self.unit}"
+            if self._of_position:
+                return f"{self.name} is {value}, above its limit of {bound}"
+            return f"holding still needs {value}, the limit is {bound}"
 
         return Fixed(held - 1, text, holding=not self._of_position)
 

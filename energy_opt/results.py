@@ -10,7 +10,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Self
 
-from energy_opt.files import to_json
+from energy_opt.files import plain, to_json
 from energy_opt.folders import written_whole
 
 
@@ -35,7 +35,7 @@ class Found:
 
     def __getitem__(self, key: str) -> Any:
         """A value of the document: `found["energy_total"]` is what its JSON file has under this name."""
-        return self._content()[key]
+        return plain(self._content()[key])
 
     def _content(self) -> Any:
         return self.document() if callable(self.document) else self.document

@@ -33,7 +33,7 @@ class Written:
         rate: samples per second, None for samples of their own.
         valid: True if its motion keeps all limits and touches nothing; worst: the limit that it uses most. text: line
             for the console on its content and sampling.
-        about: further entries of its record, such as its robot. content: its bytes, if `made`.
+        about: further entries of its record, such as its robot. content: its bytes, if `files_from` gave it.
     """
 
     file: str
@@ -66,7 +66,7 @@ class Written:
         return self.text if self.valid else f"{self.text}; THIS FILE BREAKS A LIMIT: {self.broken}"
 
 
-def made(write: Callable[[Path], Sequence[Written]]) -> tuple[Written, ...]:
+def files_from(write: Callable[[Path], Sequence[Written]]) -> tuple[Written, ...]:
     """The files that `write` puts into a folder, with their content: `put` writes them where they are wanted."""
     with tempfile.TemporaryDirectory(prefix="energy-opt-") as name:
         folder = Path(name)

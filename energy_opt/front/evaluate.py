@@ -17,7 +17,7 @@ from energy_opt.evaluations.evaluated import evaluate as evaluated
 from energy_opt.evaluations.source import Recorded, Stretch, is_set, load, load_set, stated
 from energy_opt.files import plain, write_json
 from energy_opt.folders import written_whole
-from energy_opt.formats.controller_files import Written, made, warnings_on
+from energy_opt.formats.controller_files import Written, files_from, warnings_on
 from energy_opt.formats.cycle_file import write_cycle
 from energy_opt.formats.waypoints import Samples
 from energy_opt.front.controllers import check_written
@@ -113,7 +113,7 @@ def files_of(request: EvaluateRequest, robot: Robot, found: Sequence[Evaluation]
             for form in forms
         ]
 
-    return made(write)
+    return files_from(write)
 
 
 def run(request: EvaluateRequest, desk: Desk) -> Answers:

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 from energy_opt.errors import BadInput, at_least
 from energy_opt.files import plain, read_toml
 from energy_opt.folders import written_whole
-from energy_opt.formats.controller_files import Written, made
+from energy_opt.formats.controller_files import Written, files_from
 from energy_opt.formats.controller_program import load_of
 from energy_opt.front.desk import Answered, Desk
 from energy_opt.front.given import as_loaded, cell_of, payload_document, robot_of
@@ -127,7 +127,7 @@ class JobAnswer(Answered):
     def of(cls, result: Any, request: JobRequest, stamp: Mapping[str, Any], formats: Any) -> JobAnswer:
         """The answer with its files, in the formats (of each robot) that `--write` asks for."""
         programs = partial(_output(result).write_programs, result, formats)
-        files = made(partial(programs, rate=request.rate, prefix=request.joint_prefix))
+        files = files_from(partial(programs, rate=request.rate, prefix=request.joint_prefix))
         return cls(result=result, request=request, stamp=stamp, files=files)
 
     @property

@@ -92,7 +92,7 @@ def _beyond_belief(result: Result, robot: Robot) -> list[str]:
 
 def _frictionless(result: Result, rivals: Sequence[Rival], share: float | None) -> list[str]:
     """Warning if no model that the move was planned with has friction."""
-    saving = (result.saving or {}).get("joules")
+    saving = None if result.saving is None else result.saving.joules
     if any(has_friction(rival.model) for rival in rivals) or not saving or saving <= 0:
         return []
     name = rivals[0].name

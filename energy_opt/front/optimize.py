@@ -16,7 +16,7 @@ from energy_opt.cell.load import load_cell
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.files import write_json
 from energy_opt.folders import written_whole
-from energy_opt.formats.controller_files import Written, made, unchanged, warnings_on
+from energy_opt.formats.controller_files import Written, files_from, unchanged, warnings_on
 from energy_opt.front.controllers import Controllers, check_written, kept_words
 from energy_opt.front.desk import Answered, Desk, verb
 from energy_opt.front.given import cell_of, robot_of
@@ -120,7 +120,7 @@ def with_files(answer: Answer, write: Callable[[Result, Path], list[Written]]) -
     Args:
         answer: the answer. write: writes the files that `--write` and `--as` ask for into a folder.
     """
-    files = made(partial(write, answer))
+    files = files_from(partial(write, answer))
     bad = "; ".join(f"{row.file}: {row.broken}" for row in files if not row.valid)
     return replace(
         answer, files=files, written=tuple(row.document() for row in files),
@@ -186,7 +186,7 @@ def table(result: Result, out: Path, robot: Robot, year: str = "") -> str:
     lines += [_under(row) for k, row in enumerate(result.models) if (several and k) or "saving_interval" in row]
     goals = goals_words(result.document())
     lines += [goals] if goals else []
-    if ((result.saving or {}).get("joules") or 0.0) > 0:
+    if result.saving is not None and result.saving.joules > 0:
         lines.append(until(result.break_even_friction))
     lines += [year] if year else []
     certificate = result.certificate.document()

@@ -13,7 +13,7 @@ import numpy as np
 from energy_opt import formats
 from energy_opt.files import plain, write_json
 from energy_opt.formats import Format, controller_files
-from energy_opt.formats.controller_files import Shares, Written, made, unchanged, warnings_on
+from energy_opt.formats.controller_files import Shares, Written, files_from, unchanged, warnings_on
 from energy_opt.formats.controller_program import joined
 from energy_opt.formats.cycle_file import certificates, missed_words, without_jumps, write_cycle
 from energy_opt.formats.judging import CycleJudging
@@ -247,7 +247,7 @@ def write(
     for number, part in enumerate(parts, start=1):
         filled = result.scorers.of(result.job.steps[part.at], part.mode == "brakes").filled(part.trajectory, part.past)
         formats.write(filled, Path(out) / f"step_{number:02d}.csv")
-    written = made(partial(write_programs, result, ())) if written is None else written
+    written = files_from(partial(write_programs, result, ())) if written is None else written
     for row in written:
         row.put(Path(out))
     found = found_of(result, request, worth, written)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from html import escape
+from operator import itemgetter
 
 from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.judge.energy import Energy
@@ -97,6 +98,14 @@ class SolverReport:
 ROUNDING = 1e-9  # share of an energy by which its parts may differ by rounding alone
 
 
+class Saving(dict[str, float | None]):
+    """Percent of the total, percent of the loss, and joules: `saving.joules` is `saving["joules"]`."""
+
+    total_percent = property(itemgetter("total_percent"))
+    loss_percent = property(itemgetter("loss_percent"))
+    joules = property(itemgetter("joules"))
+
+
 @dataclass(frozen=True, repr=False)
 class Result:
     """A solved move.
@@ -158,7 +167,7 @@ class Result:
         return self.trajectory.duration
 
     @property
-    def saving(self) -> dict[str, float | None] | None:
+    def saving(self) -> Saving | None:
         """Against "scaled", which has the same duration: percent of its total, percent of its loss, and joules.
 
         None if there is no such baseline within limits. A percentage is None if its base is only rounding error, as in
@@ -174,11 +183,11 @@ class Result:
         def percent(part: float, whole: float) -> float | None:
             return 100 * part / whole if whole > rounding else None
 
-        return {
-            "total_percent": percent(joules, scaled.total),
-            "loss_percent": percent(scaled.loss - self.energy.loss, scaled.loss),
-            "joules": joules,
-        }
+        return Saving(
+            total_percent=percent(joules, scaled.total),
+            loss_percent=percent(scaled.loss - self.energy.loss, scaled.loss),
+            joules=joules,
+        )
 
     @property
     def saved(self) -> str:

@@ -281,9 +281,9 @@ def overlay(
             _apply(arrays, j, parse(JointTable, table[name], where), where)
     factors, warnings = {}, []
     for kind in ("acceleration", "jerk"):  # `with_assumptions` says so of velocities
-        gone = np.isfinite(getattr(limits, kind)) & np.isinf(arrays[kind])
-        if gone.any():
-            listed = ", ".join(joint for joint, removed in zip(joints, gone, strict=True) if removed)
+        removed = np.isfinite(getattr(limits, kind)) & np.isinf(arrays[kind])
+        if removed.any():
+            listed = ", ".join(joint for joint, without in zip(joints, removed, strict=True) if without)
             warnings.append(f"{listed}: {path.name} removes the limit on {kind}; an assumed one replaces it")
     for kind in UNSCALED:
         key = f"default_{kind}_scaling_factor"

@@ -266,7 +266,6 @@ def test_evaluate_gives_a_jobs_energy_and_writes_it_with_its_waits(
         assert read_trajectory(tmp_path / file, ur5.joints).duration == 5.0
 
 
-
 def test_files_are_made_and_judged_in_the_call(ur5: Robot, tmp_path: Path, monkeypatch) -> None:
     """`save` writes what the result has judged; in Python the result stated no file and exit code 0, also after it."""
 

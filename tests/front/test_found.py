@@ -62,6 +62,16 @@ def test_what_the_command_prints_is_what_python_prints(tmp_path: Path) -> None:
     assert "in a 4 s cycle: this plan" in str(cycle) and repr(cycle).startswith("JobAnswer(")
 
 
+def test_a_result_in_python(tmp_path: Path) -> None:
+    """Candidates held arrays, and `saving` had no attributes."""
+    goals = eo.AnyOf([[0.3, 1, -1, 0, 0, 0], [0.6, 1, -1, 0, 0, 0]])
+    asked: dict[str, Any] = {"start": [0, 1, -1, 0, 0, 0], "mode": "retime", "self_collision": False}
+    found = eo.optimize("z1", "source-method-2", goal=goals, duration=2.0, **asked)
+    document = json.loads(found.to_json())
+    assert {name: found[name] for name in document} == document and found["candidates"]
+    assert found.saving is not None and found.saving.loss_percent == found["saving"]["loss_percent"]
+
+
 @pytest.mark.parametrize(("interrupted", "good", "code"), [(0, 1, 0), (0, 0, 4), (1, 1, 130), (1, 0, 130)])
 def test_an_interrupted_answer_says_so_whether_it_is_good_or_not(interrupted: int, good: int, code: int) -> None:
     assert exit_of(bool(interrupted), bool(good)) == code

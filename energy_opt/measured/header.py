@@ -104,6 +104,7 @@ PLAIN = frozenset[str]().union(*SIGNALS.values(), JOINT, MEASURED, words_in("rob
 TIME = (
     "time", "timestamp", "stamp", "t", "zeit", "datetime", "date", "clock", "elapsed", "secs", "seconds", "zeitstempel",
     "datum", "uhrzeit", "duration", "temps", "tiempo", "tempo", "horodatage", "heure", "fecha", "hora",
+    "ts",
 )  # fmt: skip
 NOT_TIME = words_in("execution frame nsecs nanosec control run cycle delta")
 PARTS = PLAIN | COMMANDED | STRANGE | words_in("motor wirk schein blind gesamt leistung power wert")  # of joined words

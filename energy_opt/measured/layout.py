@@ -18,6 +18,7 @@ from typing import Any, Literal
 import numpy as np
 
 from energy_opt.errors import BadInput
+from energy_opt.measured.header import UNITS, known_unit
 from energy_opt.schema import Table as Stated
 
 NUMBER = r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?"
@@ -90,6 +91,8 @@ def seconds(cells: Any, form: re.Pattern[str]) -> np.ndarray:
     if "year" not in fields:
         return out + DAY * np.concatenate([[0], np.cumsum(np.diff(out) < -DAY / 2)]) if len(out) else out
     year, month, day = (np.nan_to_num(number(x), nan=1.0).astype(int) for x in ("year", "month", "day"))
+    if month.max(initial=1) > 12 >= day.max(initial=1):  # 13/05/2024
+        month, day = day, month
     months = (year - 1970) * 12 + np.clip(month, 1, 12) - 1
     days = months.astype("datetime64[M]").astype("datetime64[D]").astype(float) + day - 1
     return out + DAY * days - _zone(compute.struct_field(parts, "zone"))
@@ -137,10 +140,9 @@ PACKED = {  # first bytes of files that are no text
     b"\x89HDF": "an HDF5 or MATLAB file; write its tables as CSV first",
     b"MATLAB 5.0": "a MATLAB file; write its tables as CSV first",
 }
-UNIT_WORD = re.compile(
-    r"[\[(<{]?\s*(|-|1|s|sec|seconds?|ms|us|µs|μs|ns|min|h|rad|deg|degrees?|°|rev|turns?|m|mm|"
-    r"(rad|deg|°|rev|m|mm)\s*[/.]?\s*(s|sec|min)(\^?-?[12]|²|⁻¹|⁻²)?|rpm|1/min|[mµk]?N\W?m|N|[mk]?A|[mk]?V|[mkM]?W|"
-    r"[mkM]?Wh|[mkM]?J|Ws|°?C|degC|K|kg|%|bool|int|float|string|text|number|iso|utc|date.*|time|unix|epoch)\s*[\])>}]?",
+UNIT_WORD = re.compile(  # words of a row of units besides those of `header.UNITS`
+    r"[\[(<{]?\s*(|-|1|(rad|deg|°|rev|m|mm)\s*[/.]?\s*(s|sec|min)(\^?-?[12]|²|⁻¹|⁻²)?|[mµk]?N\W?m|Ws|kg|K|%|"
+    r"bool|int|float|string|text|number|iso|utc|date.*|time|unix|epoch)\s*[\])>}]?",
     re.IGNORECASE,
 )
 
@@ -337,4 +339,8 @@ def _is_unit_row(row: Sequence[str]) -> bool:
     words = [cell for cell in row if cell.strip()]
     if not words or any(map(_is_value, words)):
         return False
-    return sum(UNIT_WORD.fullmatch(cell.strip()) is not None for cell in words) > 0.6 * len(words)
+    return sum(map(_is_unit, words)) > 0.6 * len(words)
+
+
+def _is_unit(cell: str) -> bool:
+    return UNIT_WORD.fullmatch(cell.strip()) is not None or any(known_unit(kind, cell) for kind in UNITS)

@@ -7,7 +7,7 @@ from collections.abc import Container, Iterable, Mapping, Sequence
 
 from energy_opt.measured.header import COMMANDED, UNITS, Header, cut, known_unit, words_in
 
-POWER = words_in("power watt watts wattage wattmeter powermeter leistung puissance potencia potenza p pwr")
+POWER = words_in("power watt watts wattage wattmeter powermeter leistung puissance potencia potenza p pwr apower")
 ENERGY = words_in("energy joule joules wh kwh energie energia counter arbeit")
 VOLT = words_in("voltage volt volts u v spannung tension tensione voltaje")
 AMPERE = words_in("current ampere amperes amps amp i a strom courant corriente corrente")
@@ -18,6 +18,7 @@ SINGLE = words_in(
 )
 WHOLE = words_in("robot arm controller total whole sum main gesamt totale")
 ALTERNATING = words_in("pf cos phi apparent reactive frequency hz va var")
+BATTERY = words_in("battery charge capacity soc")
 NOT_POWER = words_in(
     "apparent apparente aparente reactive reactiva reattiva va kva var kvar varh kvarh schein blind factor max min "
     "peak limit state mode on off status button percent pct mech mechanical shaft error err"
@@ -99,6 +100,11 @@ def robots_own(pair: Sequence[str]) -> bool:
 def alternating(header: Iterable[str]) -> bool:
     """True if a header names a quantity that only an alternating supply has."""
     return any(set(cut(text).words) & ALTERNATING for text in header)
+
+
+def of_battery(header: Iterable[str]) -> bool:
+    """True if headers are those of a battery: the power drawn from it may be below zero, as in ROS' BatteryState."""
+    return any(set(cut(text).words) & BATTERY for text in header)
 
 
 def product_columns(header: Sequence[str]) -> tuple[str, str] | None:

@@ -11,7 +11,18 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 
-from energy_opt.measured.header import COMMANDED, MEASURED, NOT_TIME, PLAIN, SIGNALS, TIME, cut, plain, signal_of
+from energy_opt.measured.header import (
+    COMMANDED,
+    MEASURED,
+    NOT_TIME,
+    PLAIN,
+    SIGNALS,
+    TIME,
+    UNITS,
+    cut,
+    plain,
+    signal_of,
+)
 from energy_opt.robot import Robot, known_robots
 
 NAMED = re.compile(r".*\d[./](?:position|velocity|acceleration|effort|current|temperature)")  # a joint's own name
@@ -109,11 +120,15 @@ def _by_number(
     """Columns by numbers in their headers: {signal: (rank, {joint: header})}, vectors with a number for each joint."""
     joints = robot.joints
     vectors: dict[tuple[str | None, tuple[str, ...], int, tuple[int, ...]], dict[int, str]] = defaultdict(dict)
-    for text in header:
-        h = cut(text)
+    cells = [cut(text) for text in header]
+    beside = {h.words for h in cells}
+    for h in cells:
+        signal = signal_of(h.words, h.unit)
+        if h.words == ("v",) and ("q",) in beside and ("i",) not in beside and h.unit in ("", *UNITS["velocity"]):
+            signal = "velocity"  # beside currents, `v` are voltages
         for place, number in enumerate(h.numbers):
             others = h.numbers[:place] + h.numbers[place + 1 :]
-            vectors[signal_of(h.words, h.unit), h.words, place, others].setdefault(number, text)
+            vectors[signal, h.words, place, others].setdefault(number, h.text)
     best: dict[str, tuple[float, dict[str, str]]] = {}
     for (signal, stem, _, _), members in vectors.items():
         if signal is None or len(members) < len(joints) or _of_other_joints(list(members.values()), joints):

@@ -12,7 +12,7 @@ from energy_opt.errors import BadInput
 from energy_opt.measured import inspect_set
 from energy_opt.measured.header import known_unit
 from energy_opt.measured.importing import import_files
-from energy_opt.measured.names import joint_columns
+from energy_opt.measured.names import joint_columns, time_columns
 
 MEASURED = [
     (["Sollwinkel A{k} [°]", "Istwinkel A{k} [°]", "Sollmoment A{k} [Nm]"], {"position": "Istwinkel A{k} [°]"}),
@@ -22,7 +22,9 @@ MEASURED = [
     (["consigna_{k}_pos", "joint_{k}"], {"position": "joint_{k}"}),
     (["J{k} PWM", "J{k} Angle (deg)"], {"position": "J{k} Angle (deg)"}),
     (["J{k} Load", "J{k} Pos"], {"position": "J{k} Pos"}),
-    (["a{k}", "v{k}", "q{k}"], {"position": "q{k}"}),
+    (["a{k}", "v{k}", "q{k}"], {"position": "q{k}", "velocity": "v{k}"}),
+    (["v{k}", "i{k}", "q{k}"], {"position": "q{k}", "current": "i{k}"}),
+    (["v{k} [V]", "q{k}"], {"position": "q{k}"}),
     (["J{k} Smoothness", "J{k}"], {"position": "J{k}"}),
     (["J{k} PWM", "J{k} Load", "Axis {k} temperature"], {"temperature": "Axis {k} temperature"}),
     (["J{k} [A]", "J{k} (deg/s)", "J{k} [deg]", "J{k} [W]"],
@@ -85,3 +87,16 @@ def test_power_of_each_joint_is_not_its_position(tmp_path: Path) -> None:
     path = put(tmp_path / "a.csv", lines(",".join(["time", *names, "power"]), [t, q, p]))
     with pytest.raises(BadInput, match="no file has a column for the position"):
         import_files([path], tmp_path / "set", UR)
+
+
+def test_a_row_of_units_below_the_header_has_the_words_of_headers(tmp_path: Path) -> None:
+    t, q, _, p = arm(UR)
+    header = ";".join(["Zeit", *(f"A{k}" for k in range(1, 7)), "P"]) + "\n" + ";".join(["s", *["Grad"] * 6, "kW"])
+    path = put(tmp_path / "a.csv", lines(header, [t, np.degrees(q), p / 1000], delimiter=";"))
+    run = import_files([path], tmp_path / "set", UR).runs[0]
+    np.testing.assert_allclose(run.position, q[: len(run.time)], atol=1e-6)
+    assert run.power.min() > 50
+
+
+def test_ts_names_the_stamps() -> None:
+    assert time_columns(["ts_ms", "power_mW"]) == ["ts_ms"]

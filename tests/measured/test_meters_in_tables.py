@@ -27,6 +27,7 @@ from energy_opt.measured.meter_names import energy_column, power_column, product
         (["t", "P_mech", "P_elec"], "P_elec", None, None),
         (["t", "power_percent"], None, None, None),
         (["t", "kWh"], None, "kWh", None),
+        (["time", "apower", "voltage", "current", "pf"], "apower", None, None),
         (["t", "Energy (Wh)", "q1"], None, "Energy (Wh)", None),
         (["t", "U [V]", "I [A]", "actual_current_0"], None, None, ("U [V]", "I [A]")),
         (["t", "actual_main_voltage", "actual_robot_voltage", "actual_robot_current", "actual_joint_voltage_0"],

@@ -285,7 +285,7 @@ def understood(table: Table, columns: Mapping[str, object]) -> str:
         rule = entry if isinstance(entry, dict) else {"column": entry}
         product = rule.get("product")
         names = product if isinstance(product, list) else [rule.get("column")]
-        used |= {str(name): key for name in names}
+        used |= {part: key for name in names for part in table.parts_of(str(name))}
     unknown = [name for name in table.header if name and name not in used]
     known = ", ".join(f"{name!r} as {key}" for name, key in list(used.items())[:QUOTED])
     left = f"; not understood: {quoted(unknown)}; {HINT}" if unknown else ""

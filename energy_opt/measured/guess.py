@@ -197,7 +197,7 @@ def _guess_time(table: Table, out: Guess, key: str, hand: ByHand, span: float | 
         unit = unit or TIME_UNITS.get(factor)
         out.columns[key] = {"column": name, "unit": unit} if unit and not out.dated else name
         out.first, out.last = float(values[0]) * factor, float(values[-1]) * factor
-        out.words.append(f"{key}: {name} [{'date' if out.dated else unit or 's'}]")
+        out.words.append(f"{key}: {' and '.join(table.parts_of(name))} [{'date' if out.dated else unit or 's'}]")
         return table.column(name)[:LOOKED_AT] * factor
     what = f"--time {named[0]}: its values do not increase" if named else "no column of times that increase"
     raise BadInput(f"{table.path}: {what}; {back or understood(table, out.columns)}")

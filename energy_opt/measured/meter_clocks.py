@@ -63,15 +63,20 @@ class Found:
     by_law: bool = False
     lost: bool = False
 
-    def remark(self, file: str, stamps: np.ndarray, own: np.ndarray) -> str:
+    def remark(self, file: str, stamps: np.ndarray, own: np.ndarray, together: bool) -> str:
         """What a report says of the clock; empty where it is that of the joints.
 
         Args:
             file: of the joints. stamps, own: (M,) [s] of the readings, on the run's clock as given, and from the
-                meter's time 0.
+                meter's time 0. together: the clocks are of different kinds, so both are taken to begin together.
         """
         if self.clock is None:
-            taken = "the motion does not show the meter's clock: its stamps are taken to be on the joints' clock"
+            taken = (
+                "its first reading is taken to be at the first row of the joints"
+                if together
+                else ("its stamps are taken to be on the joints' clock")
+            )
+            taken = f"the motion does not show the meter's clock: {taken}"
             if self.lost:
                 taken = "the motion does not show the meter's clock, which differs from the joints' in other runs: its "
                 return f"{taken}readings are left out; state power_start in log.toml to use them"
@@ -132,7 +137,9 @@ def _dated(meters: Sequence[Meter]) -> list[Found]:
         best = farther
     given = max(score(0.0, w)[0] for w in kinds)
     clock = refined(lambda x, drift: score(x, best[3]) if drift == 0 else (-np.inf, 0.0), best[2], 0.0, 0.0)
-    moved = clock if abs(clock.offset) >= LEAST and best[0] - given >= SURE else None
+    loose = any(meter.loose for meter in meters)
+    least, sure = (0.0, MARGIN) if loose else (LEAST, SURE)
+    moved = clock if abs(clock.offset) >= least and best[0] - given >= sure else None
     shown = moved is not None or clock.explained >= GOOD
     return [Found(moved, min(best[3], len(m.windows) - 1), shown, _scores(m, moved)) for m in meters]
 
@@ -152,7 +159,7 @@ def _alone(meter: Meter) -> Found:
 def _best(meter: Meter, scores: Sequence[Score], otherwise: Found, least: float = GOOD) -> Found:
     """The clock of the best fit, by one score for each of the meter's windows, if it is ahead of all others.
 
-    A clock that the stamps claim to be on is left only for a much better fit.
+    A clock that the stamps claim to be on is left only for a much better fit, but for what the stamps leave open.
 
     Args:
         otherwise: what is known if it is not ahead. least: share of the readings' variance that must be explained.
@@ -164,8 +171,17 @@ def _best(meter: Meter, scores: Sequence[Score], otherwise: Found, least: float 
     which, at = (int(k) for k in np.unravel_index(int(np.argmax(rated)), rated.shape))
     best, most = float(offsets[at]), float(rated[which, at])
     if meter.given:
-        near, explained = max(score(float(x), 0.0) for x in np.linspace(-LEAST, LEAST, 11) for score in scores)
+        most_off = max(LEAST, meter.loose)
+        tried = [
+            (*score(float(x), 0.0), x, w)
+            for x in np.linspace(-most_off, most_off, 11)
+            for w, score in enumerate(scores)
+        ]
+        near, explained, at, w = max(tried)
         if most - near < SURE:
+            if meter.loose and explained >= least and near - max(score(0.0, 0.0)[0] for score in scores) >= MARGIN:
+                phase = refined(scores[w], at, 0.0, meter.middle)
+                return Found(phase, w, True, _scores(meter, phase))
             return replace(otherwise, shown=explained >= least and most - near < MARGIN)
     clock = refined(scores[which], best, meter.span, meter.middle)
     if clock.explained < least or most - rated[:, np.abs(offsets - best) > SAME].max(initial=-np.inf) < MARGIN:

@@ -30,7 +30,7 @@ class Meter:
 
     Attributes:
         motion: of the run. stamps, power: (M,) [s], [W]. windows: one or two (M,) [s] that readings may average.
-        given: the stamps claim to be on the joints' clock. dated: both clocks count from 1970.
+        given: the stamps claim to be on the joints' clock, but for `loose` [s]. dated: both clocks count from 1970.
     """
 
     motion: Activity
@@ -39,6 +39,7 @@ class Meter:
     windows: tuple[np.ndarray, ...]
     given: bool
     dated: bool
+    loose: float = 0.0
 
     @property
     def span(self) -> float:

@@ -1,7 +1,6 @@
 """Convert one [[run]] of a log to runs: read joints and meter, put them on one clock, and cut at gaps.
 
-The meter gives power, an energy counter or a run's total, as means over windows. A recording may have further signals:
-digital ones, and numbers that the log names.
+A recording may have further signals: digital ones, and numbers that the log names.
 """
 
 from __future__ import annotations
@@ -16,105 +15,17 @@ import numpy as np
 
 from energy_opt.measured.clock import activity, delays_of, shows_means
 from energy_opt.measured.columns import AUTO, LOGGED, PRESETS, Rule, plain_rules
-from energy_opt.measured.joints import FEWEST, Joints, quantity, read_joints, runs_backward
+from energy_opt.measured.joints import FEWEST, Joints, read_joints
 from energy_opt.measured.log import LogFile, RunEntry
 from energy_opt.measured.meter_clocks import Found
 from energy_opt.measured.meter_fits import Meter
 from energy_opt.measured.meter_names import energy_column, power_column
 from energy_opt.measured.names import time_columns
-from energy_opt.measured.plausible import glitches, update_indices
+from energy_opt.measured.readings import Readings, read_meter
 from energy_opt.measured.run import JOINT_SIGNALS, Run, cut_at_standstill, pieces
 from energy_opt.measured.table import Table
 from energy_opt.numerics.stamps import EPOCH
 from energy_opt.robot import Robot
-
-TICKS = 0.3  # share of samples with an unchanged counter above which only its steps are readings
-
-
-@dataclass(frozen=True)
-class Readings:
-    """Readings (M,) [W], stamps (M,) [s] as in the file, and lengths (M,) [s] of the intervals that they average."""
-
-    time: np.ndarray
-    power: np.ndarray
-    window: np.ndarray
-    kind: str
-    dated: bool = False
-    remarks: tuple[str, ...] = ()
-
-
-def read_meter(table: Table, rules: Mapping[str, Rule], joints: Joints | None, window: float | None) -> Readings | None:
-    """Readings of a table; None if it has faults (then in `table.faults`) or no meter's column.
-
-    Args:
-        joints: samples read from the same table; None if the table is the meter's own.
-        window: [s] of the meter's mean, None if not stated.
-    """
-    own = joints is None
-    stamps = rules.get("power.time") if own else rules["time"]
-    if stamps is None:
-        stamps = rules["time"] if rules["time"].has_columns(table) else Rule(("time",))
-    energy = "energy" in rules and (rules["energy"].has_columns(table) or not rules["power"].has_columns(table))
-    name = "energy" if energy else "power"
-    table.load([*stamps.columns, *rules[name].columns])
-    time, values = quantity(table, "power.time" if own else "time", stamps), quantity(table, name, rules[name])
-    if table.faults:
-        return None
-    if joints is not None:  # use the cleaned stamps of the joints
-        time[joints.index] = joints.time
-        time[joints.dropped] = np.nan
-    there = np.flatnonzero(np.isfinite(time) & np.isfinite(values))
-    if not there.size and len(time):
-        names = [" * ".join(rule.columns) for rule in (stamps, rules[name])]
-        table.fault(f"columns {names[0]} and {names[1]}: no row that is used has both")
-        return None
-    time, values = time[there], values[there]
-    if own and runs_backward(table, stamps.columns[0], time, there):
-        return None
-    if len(values) and values.max() <= 0 and not (energy and values.any()):
-        what = "is never above 0; is its sign reversed?" if values.any() else "is 0 throughout; is the meter connected?"
-        table.fault(what, " * ".join(rules[name].columns), int(there[0]))
-        return None
-    dated = table.is_date(stamps.columns[0])
-    if energy:
-        return _counter(time, values, dated)
-    remarks = list(table.remarks) if own else []
-    wild = glitches(values)
-    if wild.any():
-        first = table.row_number(int(there[np.argmax(wild)]))
-        remarks.append(
-            f"{int(wild.sum())} readings are left out: the power jumps and returns at once (first: row {first})"
-        )
-        time, values = time[~wild], values[~wild]
-    new = update_indices(values)
-    if new is not None:
-        beat = float(np.median(np.diff(time[new])))
-        remarks.append(f"a reading is repeated in several rows: it is used where it changes, every {beat:.3g} s")
-        time, values = time[new], values[new]
-    fresh = np.concatenate([[True], np.diff(time) > 0])
-    if own and not fresh.all():
-        remarks.append(f"{int((~fresh).sum())} readings are left out: they repeat the time stamp of the one before")
-    time, values = time[fresh], values[fresh]
-    return Readings(time, values, np.full(len(time), window or 0.0), "power", dated, tuple(remarks))
-
-
-def _counter(time: np.ndarray, energy: np.ndarray, dated: bool) -> Readings:
-    """Mean power between readings of a counter [J]; a coarse counter is read only where it steps."""
-    remarks = []
-    fresh = np.concatenate([[True], np.diff(time) > 0])
-    time, energy = time[fresh], energy[fresh]
-    still = np.diff(energy) == 0
-    if len(still) and still.mean() > TICKS:
-        at = np.concatenate([[False], ~still])
-        time, energy = time[at], energy[at]
-        remarks.append(f"the counter stays the same in {100 * still.mean():.0f} % of rows: read where it steps")
-    span, step = np.diff(time), np.diff(energy)
-    reset = step < -0.5 * np.maximum(np.abs(energy[:-1]), 1e-9)
-    if reset.any():
-        remarks.append(f"the counter restarts {int(reset.sum())} times: no power is computed there")
-    good = ~reset
-    return Readings(time[1:][good], (step / span)[good], span[good], "energy", dated, tuple(remarks))
-
 
 DIGIT = re.compile(r"[01]([.,]0*)?")
 
@@ -159,6 +70,7 @@ def _with_gaps_filled(values: np.ndarray) -> np.ndarray:
     return np.asarray(values[there[np.maximum(last, 0)]])
 
 
+HOUR, FARTHEST_ZONE = 3600.0, 14  # [s]; [h] largest distance of a time zone from another
 UPTIME = 3600.0  # [s] clocks that begin at a larger stamp do not count from the start of the recording
 MOVES_ENOUGH = 0.05  # [rad] least motion of some joint to align the meter's clock
 SLOW = 0.09  # [s] a meter slower than this may show means over its own interval
@@ -266,14 +178,19 @@ def _one_clock(
     `zero` [s]: stamp of the joints' file at the run's time 0; `found`: what is known of the meter's clock.
     """
     time, stamps, status = joints.time - zero, readings.time - zero, "shared"
-    first, dated = 0.0, False  # stamp of the meter's file that counts as its time 0; both files count from 1970
+    # stamp of the meter's file that counts as its time 0; both files count from 1970; the clocks are of different kinds
+    first, dated, together = 0.0, False, False
     if entry.power_file is not None and len(stamps):
         dated = abs(readings.time[0]) > EPOCH and abs(joints.time[0]) > EPOCH
         first = float(readings.time[0]) if readings.dated or abs(readings.time[0]) >= UPTIME else 0.0
         if entry.power_start is not None:
             stamps, status = readings.time - first + entry.power_start, "stated"
+        elif (zone := _zone(joints, readings)) is not None:
+            stamps, hours = stamps + zone, (zone / HOUR + 12) % 24 - 12
+            said = f"moved by {hours:+g} h, as of another time zone" if hours else "taken for the same day"
+            out.remarks.append(f"{entry.power_file}: its times are {said}, to overlap with those of {entry.file}")
         elif not dated and _overlap(stamps, time) < 0.5:
-            stamps = readings.time - first
+            stamps, together = readings.time - first, first != 0
     seek = entry.power_file is not None and entry.power_start is None and len(stamps) > 1
     interval = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
     slow = interval > max(SLOW, 2.5 * float(np.median(np.diff(time)))) and log.window is None
@@ -284,7 +201,8 @@ def _one_clock(
     if (seek or infer) and float(np.ptp(joints.signals["position"], axis=0).max()) > MOVES_ENOUGH:
         motion = activity(robot, time, joints.signals["position"])
         if seek:
-            out.meter = Meter(motion, stamps, readings.power, tuple(windows), overlap >= 0.5, dated)
+            given = overlap >= 0.5 and not together
+            out.meter = Meter(motion, stamps, readings.power, tuple(windows), given, dated, readings.loose)
         else:
             scores = delays_of(motion, stamps, windows, readings.power)
             which = int(shows_means(scores, interval)[0])
@@ -300,7 +218,7 @@ def _one_clock(
         )
         return None, status
     if found is not None:
-        remark = found.remark(entry.file, stamps, readings.time - first)
+        remark = found.remark(entry.file, stamps, readings.time - first, together)
         out.remarks += [f"{entry.power_file}: {remark}"] if remark else []
         if found.lost:
             readings = replace(readings, time=stamps[:0], power=stamps[:0], window=stamps[:0])
@@ -321,6 +239,23 @@ def _one_clock(
         )
         return None, status
     return replace(readings, time=stamps[keep], power=readings.power[keep], window=window[keep]), status
+
+
+def _zone(joints: Joints, readings: Readings) -> float | None:
+    """Time [s] by which a meter's dates or times of day are moved to overlap with those of the joints: hours of another
+    time zone, else quarters of hours, and days if one of both states no day. None if it is not clear, or 0.
+    """
+    dates = [abs(time[0]) > EPOCH for time in (joints.time, readings.time)]
+    if not (dates[0] or joints.dated) or not (dates[1] or readings.dated):
+        return None
+    for unit in (HOUR, HOUR / 4):
+        first, last = (joints.time[0] - readings.time[-1]) / unit, (joints.time[-1] - readings.time[0]) / unit
+        moves = [float(x) * unit for x in np.arange(np.ceil(first), last)]
+        moves = [x for x in moves if _overlap(readings.time + x, joints.time) >= 0.5]
+        if moves:
+            far = dates[0] == dates[1] and abs(moves[0]) > FARTHEST_ZONE * HOUR
+            return None if far or len(moves) > 1 or not moves[0] else moves[0]
+    return None
 
 
 def _overlap(stamps: np.ndarray, time: np.ndarray) -> float:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.measured.layout import NUMBER, Csv, Layout, date_form, layout_of, seconds, split, text
+from energy_opt.measured.layout import DATES, NUMBER, Csv, Layout, date_form, is_number, layout_of, seconds, split, text
 
 MAX_FAULTS = 5  # most faults named per column; the rest is counted
 BLOCK = 1 << 24  # [bytes] parsed at a time; a row must be shorter
@@ -18,6 +18,7 @@ NAMED = 12  # most columns that a message names
 SHOWN = 40  # most characters shown of a faulty cell
 SPARSE = 0.2  # share of empty cells from which a column is assumed to come from a slower source
 MISSING = ("", "nan", "NaN", "NAN", "-nan", "null", "NULL", "None", "NA", "N/A", "n/a", "#N/A")
+MILLISECONDS = re.compile(r"[\W_]*(milli_?(second|sekunde)?[sn]?|msecs?|ms)[\W_]*")
 
 
 class Table:
@@ -35,6 +36,7 @@ class Table:
         for name in sorted({name for name in self.header if name and self.header.count(name) > 1}):
             self.faults.append(f"{path}: row 1: column {name!r} is given twice")
         self._columns: dict[str, np.ndarray] = {}
+        self._parts: dict[str, list[str]] = {}
         self._count: int | None = None
         self._numbers: np.ndarray | None = None
         self._skipped: list[int] = []
@@ -63,10 +65,12 @@ class Table:
             self._columns |= {name: np.empty(0) for name in wanted}
             return
         import pyarrow as pa
+        import pyarrow.compute as compute
 
         at = [self.header.index(name) for name in wanted]
         forms = [self._form(k) for k in at]
-        kinds = {f"c{k}": pa.string() if form else pa.float64() for k, form in zip(at, forms, strict=True)}
+        kinds = {f"c{k}": pa.float64() for k in at}
+        kinds |= {f"c{j}": pa.string() for k, form in zip(at, forms, strict=True) if form for j in self._with_day(k)}
         try:
             table = self._parse(kinds)
         except pa.ArrowInvalid as error:
@@ -76,8 +80,13 @@ class Table:
         self._count = len(table)
         for name, k, form in zip(wanted, at, forms, strict=True):
             cells = table.column(f"c{k}")
-            if cells.type == pa.string():
-                values = seconds(cells, form) if form is not None else self._converted(cells)
+            if form is not None:
+                parts = self._with_day(k)
+                joined = compute.binary_join_element_wise(*(table.column(f"c{j}") for j in parts), " ")
+                values, fractions = self._with_fractions(seconds(joined, form))
+                self._parts[name] = [*(self.header[j] for j in parts), *fractions]
+            elif cells.type == pa.string():
+                values = self._converted(cells)
             else:
                 values = np.asarray(cells.to_numpy(), dtype=float)
             self._columns[name] = values
@@ -126,10 +135,39 @@ class Table:
         """Whether a column holds dates or times of day."""
         return name in self.header and self._form(self.header.index(name)) is not None
 
+    def parts_of(self, name: str) -> list[str]:
+        """The columns that make up a column that is read: dates may have columns for the day and for milliseconds."""
+        return self._parts.get(name, [name])
+
     def _form(self, k: int) -> re.Pattern[str] | None:
-        """The form of dates in column k by its first cell with content; None if these are no dates."""
-        cell = next((row[k] for row in self.layout.sample if k < len(row) and row[k].strip()), "")
-        return date_form(cell)
+        """The form of dates in column k, with its day's column, by the first cells; None if these are no dates."""
+        return date_form(" ".join(self._first(j) for j in self._with_day(k)))
+
+    def _with_day(self, k: int) -> list[int]:
+        """Column k; if it holds times of day, the nearest column of days before it."""
+        clock = self._first(k)
+        if date_form(clock) is not DATES[-1]:
+            return [k]
+        days = [j for j in range(len(self.header)) if date_form(f"{self._first(j)} {clock}") and self._first(j).strip()]
+        return [*sorted(days, key=lambda j: abs(j - k))[:1], k]
+
+    def _first(self, k: int) -> str:
+        """The first cell of column k with content."""
+        return next((row[k].strip() for row in self.layout.sample if k < len(row) and row[k].strip()), "")
+
+    def _with_fractions(self, time: np.ndarray) -> tuple[np.ndarray, list[str]]:
+        """Stamps (N,) [s] in whole seconds plus the milliseconds of a column of their own, which wrap at 1000; and its
+        name, if there is such a column.
+        """
+        for k, name in enumerate(self.header):
+            if MILLISECONDS.fullmatch(name.lower()) and is_number(self._first(k)):
+                whole = time + self.column(name) / 1000
+                there = np.isfinite(whole)
+                second, part = time[there], self.column(name)[there]
+                fractions = (second % 1 == 0).all() and (part >= 0).all() and (part < 1000).all()
+                if fractions and (np.diff(whole[there]) >= 0).all():
+                    return whole, [name]
+        return time, []
 
     def _lines(self) -> list[bytes]:
         """The lines of the file from its first data row on, as bytes."""

@@ -79,7 +79,7 @@ def restamped(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndar
     same = np.concatenate([[False], np.diff(stamps) == 0])
     if same.any():
         if coarse:
-            stamps = _spread(stamps, same)
+            stamps = spread(stamps, same)
             remarks.append(
                 f"{int(same.sum())} of {len(stamps)} rows repeat the stamp before them: kept, and spread evenly"
             )
@@ -89,9 +89,9 @@ def restamped(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndar
                 remarks.append(f"{moved} rows with a repeated stamp moved to the missing stamp after them")
             if int(same.sum()) - moved:
                 remarks.append(f"{int(same.sum()) - moved} rows with a repeated stamp dropped")
-    spread = _spread_bunches(stamps)
-    if spread is not None:
-        stamps = spread
+    regular = _spread_bunches(stamps)
+    if regular is not None:
+        stamps = regular
         row = 1e3 * float(np.median(np.diff(stamps)))
         remarks.append(f"stamps come in bunches: rows spread evenly, {row:.3g} ms apart, as on the controller's clock")
     even = _on_even_clock(time, values, kept, stamps)
@@ -119,7 +119,7 @@ def _spread_bunches(stamps: np.ndarray) -> np.ndarray | None:
     return np.asarray(stamps[last][bunch] - apart[bunch] * (last[bunch] - np.arange(len(stamps))))
 
 
-def _spread(stamps: np.ndarray, same: np.ndarray) -> np.ndarray:
+def spread(stamps: np.ndarray, same: np.ndarray) -> np.ndarray:
     """Spread samples of one stamp evenly up to the next stamp; those of the last stamp with the usual distance."""
     group = np.cumsum(~same) - 1
     first = np.flatnonzero(~same)

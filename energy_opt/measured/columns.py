@@ -19,6 +19,7 @@ from energy_opt.measured.run import JOINT_SIGNALS
 from energy_opt.measured.table import Table
 from energy_opt.robot import Robot
 
+COMBINED = ("column", "product", "sum", "difference")  # how a quantity is made of columns
 WHOLE = ("time", "power", "energy", "power.time")  # quantities that belong to no joint
 ARM_POWER = (5.0, 20_000.0)  # [W] range of the mean power of an arm with its controller
 LOGGED = "signal"  # signal.<name>: further recorded signals, digital (0 and 1) or numbers
@@ -26,13 +27,14 @@ LOGGED = "signal"  # signal.<name>: further recorded signals, digital (0 and 1) 
 
 @dataclass(frozen=True)
 class Rule:
-    """A quantity is the product of some columns, times a factor to SI units.
+    """A quantity is the product of some columns (or their sum, or difference), times a factor to SI units.
 
     A factor of None means SI units, unless the file's row of units or the header names another.
     """
 
     columns: tuple[str, ...]
     factor: float | None = None
+    combined: str = "product"
 
     def has_columns(self, table: Table) -> bool:
         """Whether a table has all its columns."""
@@ -55,13 +57,14 @@ def factor_of(quantity: str, rule: Rule, table: Table) -> float:
     """Factor to SI units: from the log, else from the file's row of units or the headers, else 1.
 
     Args:
-        quantity: as log.toml names it. rule: its columns; several are voltage and current. table: the file.
+        quantity: as log.toml names it. rule: its columns; those of a product are voltage and current. table: the file.
     """
     if rule.factor is not None:
         return rule.factor
-    kinds = (kind_of(quantity),) if len(rule.columns) == 1 else ("voltage", "current")
+    product = len(rule.columns) > 1 and rule.combined == "product"
+    kinds = ("voltage", "current") if product else (kind_of(quantity),)
     out = 1.0
-    for column in rule.columns:
+    for column in rule.columns if product else rule.columns[:1]:
         found = ((kind, named_unit(kind, column, table)) for kind in kinds)
         out *= next((UNITS[kind][unit] for kind, unit in found if unit is not None), 1.0)
     return out
@@ -71,7 +74,7 @@ def rule_from(quantity: str, value: Any, where: str) -> Rule:
     """A rule from an entry of the [columns] table.
 
     Args:
-        quantity: the entry's key. value: a header, or a table with column or product, and unit. where: the log's name.
+        quantity: the entry's key. value: a header, or a table with one of COMBINED, and unit. where: the log's name.
 
     Raises:
         BadInput: an unknown quantity, key or unit, or no header.
@@ -90,22 +93,26 @@ def rule_from(quantity: str, value: Any, where: str) -> Rule:
         raise BadInput(
             f'{where}: columns.{quantity} = {value!r}; expected a header or {{ column = "...", unit = "..." }}'
         )
-    keys = ("column", "product", "unit")
+    keys = (*COMBINED, "unit")
     unknown = next((key for key in value if key not in keys), None)
     if unknown is not None:
         hint = suggest(unknown, keys)
         raise BadInput(f"{where}: columns.{quantity}: unknown key {unknown!r}; expected {', '.join(keys)}{hint}")
-    if ("column" in value) == ("product" in value):
-        raise BadInput(f"{where}: columns.{quantity}: expected either column or product")
-    names = [value["column"]] if "column" in value else value["product"]
+    how = [key for key in COMBINED if key in value]
+    if len(how) != 1:
+        raise BadInput(f"{where}: columns.{quantity}: expected one of {', '.join(COMBINED)}")
+    combined = how[0].replace("column", "product")
+    names = [value["column"]] if "column" in value else value[combined]
     if not isinstance(names, list) or not names or not all(isinstance(name, str) and name for name in names):
-        raise BadInput(f"{where}: columns.{quantity}: column is a header, product a list of headers")
+        raise BadInput(
+            f"{where}: columns.{quantity}: column is a header, product, sum and difference are lists of headers"
+        )
     if "unit" not in value:
-        return Rule(tuple(names))
+        return Rule(tuple(names), None, combined)
     unit = known_unit(kind, value["unit"]) if isinstance(value["unit"], str) else None
     if unit is None:
         raise BadInput(f"{where}: columns.{quantity}: unit {value['unit']!r}; known: {', '.join(UNITS[kind])}")
-    return Rule(tuple(names), UNITS[kind][unit])
+    return Rule(tuple(names), UNITS[kind][unit], combined)
 
 
 def _signal(quantity: str, value: Any, where: str) -> Rule:
@@ -278,13 +285,13 @@ def understood(table: Table, columns: Mapping[str, object]) -> str:
     """Sentence on which headers of a table were understood, and which not.
 
     Args:
-        columns: entries of [columns]: a header, {"column": header} or {"product": [header, header]}.
+        columns: entries of [columns]: a header, or a table with one of COMBINED.
     """
     used: dict[str, str] = {}
     for key, entry in columns.items():
         rule = entry if isinstance(entry, dict) else {"column": entry}
-        product = rule.get("product")
-        names = product if isinstance(product, list) else [rule.get("column")]
+        several = next((names for names in rule.values() if isinstance(names, list)), None)
+        names = several or [rule.get("column")]
         used |= {part: key for name in names for part in table.parts_of(str(name))}
     unknown = [name for name in table.header if name and name not in used]
     known = ", ".join(f"{name!r} as {key}" for name, key in list(used.items())[:QUOTED])

@@ -13,7 +13,7 @@ from energy_opt.errors import BadInput
 from energy_opt.measured.columns import ARM_POWER, ByHand, given_names, kind_of, named_unit, understood
 from energy_opt.measured.header import UNITS, cut
 from energy_opt.measured.joint_units import MOST_AMPERES, TOO_FAST, joint_units, units_in_words, without_foreign
-from energy_opt.measured.meter_names import alternating, energy_column, power_column, product_columns, robots_own
+from energy_opt.measured.meter_names import energy_column, whole_power
 from energy_opt.measured.names import joint_columns, names_joint, time_columns
 from energy_opt.measured.plausible import are_degrees
 from energy_opt.measured.table import Table
@@ -204,22 +204,15 @@ def _guess_time(table: Table, out: Guess, key: str, hand: ByHand, span: float | 
 
 
 def _guess_meter(table: Table, out: Guess, hand: ByHand, robot: Robot) -> None:
-    """Find the meter's columns: the robot's voltage and current, else power, else any such pair, else a counter.
-
-    Units are guessed by size if none is named. With an alternating supply, voltage times current is not the power
-    drawn.
-    """
-    power, pair, energy = power_column(table.header), product_columns(table.header), energy_column(table.header)
-    if pair is not None and alternating(table.header) and not robots_own(pair):
-        pair = None
-    elif pair is not None and (power is None or (robots_own(pair) and not alternating(table.header))):
-        power = None
+    """Find the meter's columns: those of the power, else a counter. Units are guessed by size if none is named."""
+    (how, columns), energy = whole_power(table.header), energy_column(table.header)
     if hand.power is not None and all(part in table.header for part in hand.power.split("*")):
-        volt, _, ampere = hand.power.partition("*")
-        power, pair = (None, (volt, ampere)) if ampere else (volt, None)
+        columns = hand.power.split("*", 1)
+        how = "product" if len(columns) > 1 else "column"
     elif hand.power in table.header:
-        power = hand.power
-    if power is not None:
+        how, columns = "column", [hand.power]
+    if how not in ("", "product"):
+        power = columns[0]
         unit = named_unit("power", power, table)
         mean = float(np.nanmean(np.abs(table.column(power)))) if unit is None else 0.0
         if unit is None and 0 < mean < min(ARM_POWER[0], _largest_power(robot) / UNITS["power"]["kW"]):
@@ -228,17 +221,19 @@ def _guess_meter(table: Table, out: Guess, hand: ByHand, robot: Robot) -> None:
             unit = "mW"
         if unit not in (None, "W"):
             out.words.append(f"power in {unit}: converted")
-        out.columns["power"] = {"column": power, "unit": unit} if unit else power
-        out.words.append(f"power: {power} [{unit or 'W'}]")
-    elif pair is not None:
-        out.columns["power"] = {"product": list(pair)}
-        units = [named_unit(kind, name, table) for kind, name in zip(("voltage", "current"), pair, strict=True)]
+        named = {"unit": unit} if unit else {}
+        several = {"column": power} if how == "column" else {how: columns}
+        out.columns["power"] = {**several, **named} if unit or how != "column" else power
+        out.words.append(f"power: {(' + ' if how == 'sum' else ' - ').join(columns)} [{unit or 'W'}]")
+    elif how:
+        out.columns["power"] = {"product": columns}
+        units = [named_unit(kind, name, table) for kind, name in zip(("voltage", "current"), columns, strict=True)]
         factor = prod(UNITS[kind][unit] for kind, unit in zip(("voltage", "current"), units, strict=True) if unit)
-        if units[1] is None and float(np.nanmean(np.abs(table.column(pair[1])))) > MOST_AMPERES:
+        if units[1] is None and float(np.nanmean(np.abs(table.column(columns[1])))) > MOST_AMPERES:
             factor *= UNITS["current"]["mA"]
         unit = min(UNITS["power"], key=lambda known: abs(log(UNITS["power"][known] / factor)))
         out.columns["power"] |= {} if unit == "W" else {"unit": unit}
-        out.words.append(f"power: {pair[0]} * {pair[1]} [{unit}]")
+        out.words.append(f"power: {columns[0]} * {columns[1]} [{unit}]")
     elif energy is not None:
         unit = named_unit("energy", energy, table) or _counter_unit(table.column(energy), out.last - out.first, robot)
         out.columns["energy"] = {"column": energy, "unit": unit}

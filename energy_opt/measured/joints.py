@@ -58,7 +58,7 @@ def quantity(table: Table, name: str, rule: Rule) -> np.ndarray:
     Args:
         table: the file; implausible values are added to its faults. name: of the quantity. rule: its columns.
     """
-    values = table.product(rule.columns)
+    values = table.combined(rule.columns, rule.combined)
     factor = factor_of(name, rule, table)
     if name.endswith("time"):
         factor = 1.0 if table.is_date(rule.columns[0]) else stamp_factor(values, name) if np.isnan(factor) else factor

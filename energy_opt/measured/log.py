@@ -11,7 +11,7 @@ from pydantic import Field, StringConstraints, model_validator
 
 from energy_opt.errors import BadInput
 from energy_opt.files import inside, read_toml
-from energy_opt.measured.columns import PRESETS, Rule, rule_from
+from energy_opt.measured.columns import COMBINED, PRESETS, Rule, rule_from
 from energy_opt.measured.layout import Csv, layout_of
 from energy_opt.schema import Number, Table, parse
 
@@ -145,7 +145,7 @@ def _columns(found: LogTable, path: Path) -> tuple[str | None, dict[str, Rule]]:
     for key, value in table.items():
         if key == "preset":
             continue
-        if isinstance(value, dict) and not {"column", "product", "unit"} & set(value) and "." not in key:
+        if isinstance(value, dict) and not {*COMBINED, "unit"} & set(value) and "." not in key:
             # `shoulder.position = {...}` without quotes is a nested table in TOML.
             for signal, entry in value.items():
                 rules[f"{key}.{signal}"] = rule_from(f"{key}.{signal}", entry, str(path))

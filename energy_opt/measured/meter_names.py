@@ -18,6 +18,7 @@ SINGLE = words_in(
 )
 WHOLE = words_in("robot arm controller total whole sum main gesamt totale")
 ALTERNATING = words_in("pf cos phi apparent reactive frequency hz va var")
+PHASE, PHASES = words_in("phase act active wirk"), tuple(map(set, ("123", "abc", "rst", "uvw")))
 BATTERY = words_in("battery charge capacity soc")
 NOT_POWER = words_in(
     "apparent apparente aparente reactive reactiva reattiva va kva var kvar varh kvarh schein blind factor max min "
@@ -90,6 +91,39 @@ def _may_be_whole_robot(h: Header, header: Sequence[str], good: Iterable[str]) -
         return True
     alike = [other for other in map(cut, header) if other.words == h.words and other.numbers != h.numbers]
     return not words & SINGLE and not (h.numbers and alike)
+
+
+def whole_power(header: Sequence[str]) -> tuple[str, list[str]]:
+    """What the whole robot's power is of some headers, and these: a "column"; the "product" of a supply's voltage and
+    current; the "difference" of imported and exported power; the "sum" of three phases; "" if there is none.
+
+    With an alternating supply, voltage times current is not the power drawn.
+    """
+    power, pair = power_column(header), product_columns(header)
+    if pair is not None:
+        own, direct = robots_own(pair), not alternating(header)
+        if (own or direct) if power is None else (own and direct):
+            return "product", list(pair)
+    if power is None:
+        phases = _phases(header)
+        return ("sum", phases) if phases else ("", [])
+    words = _all_words(power)
+    exported = ["export" if word == "import" else word for word in words]
+    back = [text for text in header if words != exported == _all_words(text)]
+    return ("difference", [power, back[0]]) if back else ("column", [power])
+
+
+def _phases(header: Sequence[str]) -> list[str]:
+    """Headers of the active powers of three phases; none if there are no such three."""
+    by: dict[tuple[str, ...], dict[str, str]] = {}
+    for h in map(cut, header):
+        words = _all_words(h.text)
+        if set(h.words) & (NOT_POWER | COMMANDED) or not (set(h.words) & POWER or known_unit("power", h.unit)):
+            continue
+        for k, word in enumerate(words):
+            if PHASE & {*words} or (k and words[k - 1] == "l"):
+                by.setdefault((*words[:k], "", *words[k + 1 :]), {})[word] = h.text
+    return next((list(found.values()) for found in by.values() if {*found} in PHASES), [])
 
 
 def robots_own(pair: Sequence[str]) -> bool:

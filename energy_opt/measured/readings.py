@@ -66,7 +66,8 @@ def read_meter(table: Table, rules: Mapping[str, Rule], joints: Joints | None, w
     if own and runs_backward(table, stamps.columns[0], time, there):
         return None
     remarks = list(table.remarks) if own else []
-    if len(rules[name].columns) > 1 and len(values) and values.mean() < 0 and of_battery(table.header):
+    product = len(rules[name].columns) > 1 and rules[name].combined == "product"
+    if product and len(values) and values.mean() < 0 and of_battery(table.header):
         values = -values
         remarks.append("voltage times current is below zero, as of a battery that is discharged: its sign is changed")
     if len(values) and values.max() <= 0 and not (energy and values.any()):

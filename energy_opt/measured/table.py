@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -110,12 +111,10 @@ class Table:
         self.load([name])
         return self._columns[name]
 
-    def product(self, names: Iterable[str]) -> np.ndarray:
-        """The product of columns, (N,)."""
-        out = np.ones(len(self))
-        for name in names:
-            out = out * self.column(name)
-        return out
+    def combined(self, names: Iterable[str], how: str) -> np.ndarray:
+        """The product, sum or difference of columns, (N,)."""
+        operation = {"product": np.multiply, "sum": np.add, "difference": np.subtract}[how]
+        return np.asarray(reduce(operation, [self.column(name) for name in names]))
 
     def row_number(self, index: int) -> int:
         """Row number in the file of a data row; empty lines and lines of another width do not count."""

@@ -169,7 +169,7 @@ def test_a_real_recording_in_one_command(tmp_path):
 def test_a_real_recording_with_a_meter_of_one_hertz(tmp_path, offset):
     table = Table(FIG9)
     t = table.column("timestamp")
-    p = table.product(["actual_robot_voltage", "actual_robot_current"])
+    p = table.column("actual_robot_voltage") * table.column("actual_robot_current")
     ends = np.arange(24, len(t), 25)
     mean = np.array([p[k - 24 : k + 1].mean() for k in ends])
     names = [f"actual_q_{k}" for k in SIX]

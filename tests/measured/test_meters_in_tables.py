@@ -11,7 +11,7 @@ from energy_opt.errors import BadInput
 from energy_opt.measured import nodes, operator, read_set
 from energy_opt.measured.header import cut
 from energy_opt.measured.importing import import_files
-from energy_opt.measured.meter_names import energy_column, power_column, product_columns
+from energy_opt.measured.meter_names import energy_column, power_column, product_columns, whole_power
 
 
 @pytest.mark.parametrize(
@@ -58,6 +58,40 @@ def test_meters_are_found(header, power, energy, product):
 )
 def test_a_part_of_the_robots_power_is_not_the_whole(header: list[str], power: str | None) -> None:
     assert power_column(header) == power
+
+
+@pytest.mark.parametrize(
+    ("header", "expected"),
+    [
+        (["t", "P_L1", "P_L2", "P_L3"], ("sum", ["P_L1", "P_L2", "P_L3"])),
+        (["L1 [W]", "L2 [W]", "L3 [W]", "L1 [V]"], ("sum", ["L1 [W]", "L2 [W]", "L3 [W]"])),
+        (["a_act_power", "a_aprt_power", "b_act_power", "c_act_power"], ("sum", [f"{k}_act_power" for k in "abc"])),
+        (["P_L1", "P_L2", "P_L3", "P_total"], ("column", ["P_total"])),
+        (["P_L1", "P_L2"], ("", [])),
+        (["P_L1", "P_L2", "P_L3", "P_L4"], ("", [])),
+        (["Power_A", "Power_B", "Power_C"], ("", [])),
+        (["Power import (W)", "Power export (W)"], ("difference", ["Power import (W)", "Power export (W)"])),
+        (["Power import (W)", "t"], ("column", ["Power import (W)"])),
+        (["U [V]", "I [A]"], ("product", ["U [V]", "I [A]"])),
+    ],
+)
+def test_power_is_a_column_or_the_sum_difference_or_product_of_some(header, expected):
+    assert whole_power(header) == expected
+
+
+@pytest.mark.parametrize("how", ["sum", "difference"])
+def test_power_of_several_columns_is_imported_with_a_word(tmp_path, how):
+    t, q, _, p = arm(Z1)
+    names, parts = ["P_L1 (kW)", "P_L2 (kW)", "P_L3 (kW)"], [p / 4000, p / 4000, p / 2000]
+    if how == "difference":
+        names, parts = ["Power import (W)", "Power export (W)"], [np.maximum(p, 90) - 30, np.maximum(90 - p, 0) + 0 * p]
+    header = ",".join(["time", *(f"q{k}" for k in SIX), *names])
+    put(tmp_path / "a.csv", lines(header, [t, q, *parts]))
+    made = import_files([tmp_path / "a.csv"], tmp_path / "set", Z1)
+    assert any(word.startswith(f"power: {(' + ' if how == 'sum' else ' - ').join(names)}") for word in made.words)
+    true = p if how == "sum" else p - 30
+    for run in read_set(tmp_path / "set").runs:
+        np.testing.assert_allclose(run.power, np.interp(run.start + run.power_time, t, true), atol=1e-2)
 
 
 def test_voltage_and_current_of_a_phase_are_not_the_whole_supply() -> None:

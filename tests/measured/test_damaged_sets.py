@@ -81,7 +81,10 @@ def test_a_robot_outside_of_the_set_has_to_be_allowed(plain, tmp_path, monkeypat
         ('[[run]]\nfile = "a.csv"\n[csv]\ndecimal = ";"\n', "decimal = ';'"),
         ('[[run]]\nfile = "a.csv"\n[csv]\ndelimiter = 3\n', "delimiter = 3"),
         ('[[run]]\nfile = "a.csv"\n[csv]\ndelimiter = "\\u0000"\n', "delimiter = "),
-        ('[[run]]\nfile = "a.csv"\n[columns]\npower = { product = ["u", 3] }\n', "product, sum and difference are lists of headers"),
+        (
+            '[[run]]\nfile = "a.csv"\n[columns]\npower = { product = ["u", 3] }\n',
+            "product, sum and difference are lists of headers",
+        ),
         ('[[run]]\nfile = "a.csv"\n[columns]\npower = { column = "u", unt = "W" }\n', "did you mean 'unit'?"),
         ('[[run]]\nfile = "a.csv"\n[columns]\npreset = ["x"]\n', "known: ur_rtde, franka_state, joint_state"),
     ],

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,8 @@ from poses import GOAL, START
 import energy_opt as eo
 from energy_opt.cli.main import main
 from energy_opt.formats.controller_files import Written
+from energy_opt.front.optimize import with_files
+from energy_opt.motion import Result
 from energy_opt.robot import Robot
 
 QUICK = ["--starts", "1", "--controls", "16", "--compile", "never", "--model", "source-method-2", "--force"]
@@ -125,6 +126,12 @@ def test_files_that_have_another_rate_or_break_a_limit_are_warnings(panda: Robot
         Written("trajectory.json", "json", 20.0, True, {}, "20 Hz"),
         Written("trajectory.franka.csv", "franka", 1000.0, True, {}, "1000 Hz"),
     ]
-    replace(result, controllers=lambda answer, folder: files).save(tmp_path)
+
+    def write(_: Result, folder: Path) -> list[Written]:
+        for row in files:
+            (folder / row.file).touch()
+        return files
+
+    with_files(result, write).save(tmp_path)
     found = json.loads((tmp_path / "result.json").read_text())["warnings"]
     assert [said for said in found if "trajectory" in said] == [f"trajectory.yaml: as judged; {why}"]

@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from energy_opt.errors import Infeasible
 from energy_opt.motion.move import Move
 from energy_opt.motion.plan.choice import with_trajectory
 from energy_opt.motion.plan.context import Context
@@ -67,7 +68,10 @@ def rested(
     found = work.optimise(timing, price=float(power.min()), longest=duration, floor=FLOOR)
     if not found.solved or found.timing.duration > USED * duration or context.stopped():
         return result
-    faster = solve(found.timing.duration)
+    try:
+        faster = solve(found.timing.duration)
+    except Infeasible:
+        return result
     whole = with_rest(faster.trajectory, duration, after=bool(power[1] <= power[0]))
     other = None if whole is None else with_trajectory(context, move, timing, faster, whole)
     if other is None or not other.certificate.valid or other.energy.total >= result.energy.total:

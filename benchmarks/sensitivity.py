@@ -38,8 +38,8 @@ from energy_opt.motion import Move, Planner
 from energy_opt.robot import load_robot
 
 MODULES = (
-    "motion.plan.clear", "motion.plan.candidates", "motion.reshape.clear", "motion.reshape.search",
-    "motion.reshape.starts", "motion.reshape.sqp",
+    "motion.plan.clear", "motion.plan.clearing", "motion.plan.candidates", "motion.reshape.clear",
+    "motion.reshape.search", "motion.reshape.starts", "motion.reshape.sqp",
 )  # fmt: skip
 OWN = {"panda": 8, "ur5": 8}  # moves with the own body alone
 SAME = 1e-4  # relative change of a loss below which an answer counts as the same

@@ -32,7 +32,7 @@ from common import finish, table
 from energy_opt.motion import Move
 from energy_opt.motion.path import through
 from energy_opt.motion.plan import clear
-from energy_opt.motion.plan.clear import Clearing
+from energy_opt.motion.plan.clearing import Clearing
 from energy_opt.motion.reshape import clear as search
 
 POINTS = 200  # of a path that is passed backwards

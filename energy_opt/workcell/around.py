@@ -22,7 +22,8 @@ from energy_opt.cell.proof import Proof, Touch, prove
 from energy_opt.errors import Infeasible
 from energy_opt.jobs.cycle import Answer
 from energy_opt.motion.plan.candidates import task_of
-from energy_opt.motion.plan.clear import Clearing, repaired_clear
+from energy_opt.motion.plan.clear import repaired_clear
+from energy_opt.motion.plan.clearing import Clearing
 from energy_opt.motion.reshape.clear import TRUST
 from energy_opt.motion.reshape.task import Line
 from energy_opt.motion.trajectory import Trajectory

@@ -206,7 +206,7 @@ def test_a_way_that_leads_to_little_is_not_the_last(
     monkeypatch: pytest.MonkeyPatch, panda: Robot, model: PowerModel
 ) -> None:
     """Where reshaping from the way found saves little another one is looked for, and the cheaper answer is given."""
-    from energy_opt.motion.plan import clear
+    from energy_opt.motion.plan import clearing
     from energy_opt.motion.plan import planner as module
 
     planner = Planner(panda, model, Settings(starts=2, controls=20), cell=Cell(panda, CellRequest(), post(panda, 0.5)))
@@ -219,7 +219,7 @@ def test_a_way_that_leads_to_little_is_not_the_last(
     monkeypatch.setattr(module, "first_path", noted)
     plain = planner.solve(Move(START, GOAL, duration=3.0))
     assert plain.status == "solved" and asked == [(None, 0)]
-    monkeypatch.setattr(clear, "LITTLE", 1.0)
+    monkeypatch.setattr(clearing, "LITTLE", 1.0)
     again = planner.solve(Move(START, GOAL, duration=3.0))
     assert asked == [(None, 0), (1, module.OTHER)]
     assert again.status == "solved" and again.energy.total <= plain.energy.total

@@ -129,6 +129,9 @@ def test_without_a_way_it_says_what_would_help(
     shut = Cell(panda, CellRequest(), Scene(tuple(walls)))
     with pytest.raises(Infeasible, match=r"pip install 'energy-opt\[plan\]'"):
         planner(shut, model).first_path(Move(start, goal, "retime"))
+    # a sketch ignores bodies; it looked for a way around them, for many seconds per goal
+    sketch = planner(shut, model).sketch(Move(start, goal, "retime", 4.0))
+    assert sketch.duration == pytest.approx(4.0) and np.allclose(sketch.position[-1], goal)
     quick = Planner(panda, model, Settings(starts=1, controls=12, compile="never"), cell=shut)
     with pytest.raises(Infeasible, match=r"no way around was found; pip install .* nor did reshaping") as caught:
         quick.solve(Move(start, goal, duration=4.0))

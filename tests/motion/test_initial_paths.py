@@ -107,6 +107,17 @@ def test_what_our_own_lines_do_not_reach_a_planner_does_seeded() -> None:
     assert not np.array_equal(first.coefficients, other.coefficients)
 
 
+def test_a_planner_ends_when_it_is_stopped() -> None:
+    """A deadline did not end it: it checked some hundred thousand poses."""
+    pytest.importorskip("ompl")
+    wall = Wall(np.array([1.9, -1.9]), 0.02)
+    ends = Ends.of(START, GOAL, np.full(3, -2.0), np.full(3, 2.0), np.ones(3))
+    own = Wall(wall.hole, wall.radius)
+    assert find_paths(own, ends, STEP, planner="none") == []
+    assert find_paths(wall, ends, STEP, stopped=lambda: len(wall.asked) > len(own.asked) + 200) == []
+    assert len(wall.asked) < len(own.asked) + 400
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_planner_finds_the_end_of_a_narrow_burrow(seed: int) -> None:
     pytest.importorskip("ompl")

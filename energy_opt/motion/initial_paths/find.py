@@ -103,8 +103,9 @@ class Looks:
 
 
 def find_paths(
-    free: Free, ends: Ends, step: np.ndarray, *, planner: str = "auto", seed: int = 0, count: int = 1
-) -> list[InitialPath]:
+    free: Free, ends: Ends, step: np.ndarray, *, planner: str = "auto", seed: int = 0, count: int = 1,
+    stopped: Callable[[], bool] = lambda: False,
+) -> list[InitialPath]:  # fmt: skip
     """Up to `count` proven paths, the shortest first; only the straight line if it is free.
 
     Args:
@@ -113,6 +114,7 @@ def find_paths(
         planner: "auto" and "ompl" ask OMPL if our own lines find nothing ("auto": only if it is installed), "none" does
             not.
         seed: of all random choices; the same seed gives the same paths.
+        stopped: True ends a planner's search with the paths found so far.
     """
     began = time.perf_counter()
     line = straight(ends.start, ends.goal)
@@ -123,7 +125,7 @@ def find_paths(
     if not (search.clear(ends.start) and search.clear(ends.goal)):
         return []
     found: list[InitialPath] = []
-    for source, points in _free_bent_lines(search, ends, planner, seed, count, found):
+    for source, points in _free_bent_lines(search, ends, planner, seed, count, found, stopped):
         path = _rounded_path(search, ends, points, source, seed + len(found), began)
         if path is not None and not any(_is_similar(path, other) for other in found):
             found.append(path)
@@ -133,12 +135,14 @@ def find_paths(
 
 
 def _free_bent_lines(
-    search: Looks, ends: Ends, planner: str, seed: int, count: int, found: Sequence[InitialPath]
-) -> Iterator[tuple[Source, np.ndarray]]:
+    search: Looks, ends: Ends, planner: str, seed: int, count: int, found: Sequence[InitialPath],
+    stopped: Callable[[], bool],
+) -> Iterator[tuple[Source, np.ndarray]]:  # fmt: skip
     """Bent lines that are free at the poses checked along them: our own, then, if these are too few, a planner's.
 
     Args:
         found: the paths that lines have led to so far; the planner searches longer until there is one.
+        stopped: True ends the planner's search.
     """
     for k, points in enumerate(_own_bent_lines(search, ends, seed)):
         if k == OWN + count:
@@ -147,9 +151,9 @@ def _free_bent_lines(
     if planner == "none" or not ompl.installed():
         return
     for k in range(ATTEMPTS + 2 * count):
-        if not found and k == ATTEMPTS:
+        if stopped() or (not found and k == ATTEMPTS):
             return
-        enough = search.budget(POSES if found else POSES * 2 ** (k // 2))
+        spent = search.budget(POSES if found else POSES * 2 ** (k // 2))
         bent = ompl.rrt_connect(
             ends.start,
             ends.goal,
@@ -157,7 +161,7 @@ def _free_bent_lines(
             ends.upper,
             search.clear,
             search.line,
-            enough,
+            lambda spent=spent: spent() or stopped(),
             seed + k,
             EDGES[k % len(EDGES)],
         )

@@ -7,7 +7,7 @@ first path, mixtures of it with the optima found without bodies, and these optim
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,37 +15,22 @@ from energy_opt.cell.planes import Near
 from energy_opt.errors import Infeasible
 from energy_opt.motion.move import Move
 from energy_opt.motion.plan.candidates import REPAIRS, Candidate, reference_time, reshaped, task_of
+from energy_opt.motion.plan.clearing import NEARLY, Clearing, Start
 from energy_opt.motion.plan.context import Context, path_of
-from energy_opt.motion.plan.further import alike, wider_optima
+from energy_opt.motion.plan.further import wider_optima
 from energy_opt.motion.reshape.clear import PLACES, TRUST, ClearSearch
 from energy_opt.motion.reshape.curve import Curve, Outcome
 from energy_opt.motion.reshape.search import trajectory_of
-from energy_opt.motion.reshape.sqp import Descent
 from energy_opt.motion.reshape.task import Line, Task
 from energy_opt.motion.retime.solve import RetimeSolution
 from energy_opt.motion.timing.spline_timing import Timing
 from energy_opt.motion.trajectory import Trajectory
 
-OPTIMA = 3  # most optima found without bodies to start from
-WORTH = 1.25  # an optimum of a larger cost relative to the least is not mixed with the first path
-NEARLY = 0.0015  # [m] an optimum whose clearance is short by less is continued first
-DEEP = 0.3  # [m] a start is at most this deep in a body; hopeless trials end soon
-TOWARDS = (0.9, 0.75, 0.6, 0.45, 0.3)  # shares of the way from the first path to an optimum: mixtures to try
-CLOSE = 0.6  # a search from a mixture with the best optimum, of at least this share of it, ends most others
-BOLD = 0.25  # [rad, m] first step from such a mixture
-# scaled cost with violations: a trial below it came free of bodies; a second step is tried if at most one trial does
-FREED = 2.0
-# Iterations of a search, and the relative change of cost at which it ends. With 30 and 4e-4, 17 moves in scenes take
-# 1.6 % more loss in the mean and 22 % at worst (`benchmarks/unseen.py --scenes 17 --seed 8 --short`).
-ITERATIONS, DONE = 100, 1e-4
-FINISHED = 2  # most trials to continue
-HOPES = (1.3, 1.1)  # largest merit relative to the best after the first and second trial, to be continued
-HALF = 0.1  # share of the cost: if the optimum without bodies saves more, a search starts half-way to it
-# If a move of free duration takes COSTLY times the loss of the optimum without bodies more energy than that, the clear
-# answer in SLOWER times its duration is another start: near the least duration, limits leave no room to come free.
-COSTLY, SLOWER = 0.25, 1.3
-LITTLE = 0.25  # share of the loss of the first path slowed evenly: if less is saved, another initial path is looked for
-HAIR = 0.0005  # [m] a mixture of two curves may miss the required clearance by this much
+# If bodies cost COSTLY times the loss of the optimum without them, a move of free duration is also started from the
+# clear answer in another one: SLOWER times that of the optimum, since limits leave no room to come free near the least
+# duration, but not below a SLOWER-th of that of the best. Of the least time and of a given duration, bodies must cost
+# FAR times that time or loss. A given duration is not changed: its optimum is solved in full, and a search from it too.
+COSTLY, FAR, SLOWER = 0.25, 1.0, 1.3
 NOTHING = "reshaping found no collision-free motion that is better than the first path"
 
 
@@ -91,8 +76,9 @@ def kept_clear(
     work.search_from(free)
     if wider is not free:
         work.search_from(wider)
-    if move.duration is None and not again and not context.stopped() and work.is_costly(wider):
-        slower = _slower(context, move, timing, wider)
+    fixed = move.duration is not None and not free_time
+    if not fixed and not again and not context.stopped() and work.is_costly(wider, FAR if free_time else COSTLY):
+        slower = _slower(context, move, timing, wider, work.best)
         work.search.iterations += slower.iterations
         if slower.outcome is not None:
             work.finish(task.within(slower.outcome.curve), TRUST)
@@ -100,6 +86,8 @@ def kept_clear(
     if work.little(timing) and not context.stopped():
         for path in context.further():
             work.finish(task.curve(level.shape, Line.along(path, work.first.duration)), TRUST)
+    if fixed and not again and not context.stopped() and work.is_costly(wider, FAR):
+        work.search_in_full(wider)
     if context.settings.initial_paths:
         curves = [task.curve(level.shape, Line.along(path, work.first.duration)) for path in context.initial_paths]
         work.best_of([Start(curve, TRUST) for curve in curves])
@@ -114,188 +102,18 @@ def kept_clear(
     return replace(candidate, trajectory=trajectory, iterations=spent, starts=free.starts)
 
 
-@dataclass(frozen=True)
-class Start:
-    """A curve to search from, its first step [rad, m], and a scaled cost: about the least that it can lead to, which is
-    that of the optimum without bodies near it.
+def _slower(
+    context: Context, move: Move, timing: Timing | None, free: Candidate, best: Outcome | None
+) -> Candidate:  # fmt: skip
+    """The clear answer of least energy in a longer duration than that of the optimum without bodies (`free`).
+
+    Args:
+        best: the best clear outcome so far; None if there is none.
     """
-
-    curve: Curve
-    trust: float
-    least: float = 0.0
-
-
-@dataclass
-class Clearing:
-    """Searches of one task, and the best proven result so far; the last of `curves` is the move's own first path."""
-
-    context: Context
-    task: Task
-    search: ClearSearch
-    curves: Sequence[Curve]
-    best: Outcome | None = None
-
-    @classmethod
-    def of(cls, context: Context, task: Task, curves: Sequence[Curve]) -> Clearing:
-        """A new search, with its cost scaled by that of the first path.
-
-        Args:
-            task: the problem. curves: initial curves of the answer's shape, last the first path.
-        """
-        assert context.cell is not None
-        level = context.reshaper(context.settings.objective).fine(task.vias)
-        search = ClearSearch.scaled_by(curves[-1], context.cell, context.robot.joints, level, task, context.stopped)
-        return cls(context, task, search, curves)
-
-    @property
-    def first(self) -> Curve:
-        """The move's own first path."""
-        return self.curves[-1]
-
-    def search_from(self, free: Candidate) -> None:
-        """Find the best result of searches from the first paths and from the optima found without bodies."""
-        search, optima = self.search, self._optima(free)
-        starts = [Start(curve, TRUST) for curve in self.curves if self.best is None]
-        for number, optimum in enumerate(optima):
-            least = search.scale * self._cost(optimum)
-            if self.best is not None and least > self._scaled(self.best):
-                continue
-            gap = search.gap(optimum)
-            if gap > -NEARLY and self.finish(optimum, TRUST):
-                if number == 0:
-                    return
-                continue
-            if gap > -DEEP:
-                starts.append(Start(optimum, BOLD, least))
-            mix, share = self._mixture(optimum) if self._cost(optimum) <= WORTH * self._cost(optima[0]) else (None, 0.0)
-            if mix is None:
-                continue
-            if number == 0 and share >= CLOSE and self.finish(mix, BOLD):
-                self._search_from_other_optima(optima[1:])
-                return
-            starts.append(Start(mix, BOLD, least))
-        self.best_of(starts)
-        self._half_way(optima)
-
-    def _mixture(self, optimum: Curve) -> tuple[Curve | None, float]:
-        """The curve nearest to an optimum, of mixtures of it with the first path, that keeps clear, and its share."""
-        for share in TOWARDS:
-            mix = self.task.between(self.first, optimum, share)
-            if self.search.gap(mix) > -HAIR:
-                return mix, share
-        return None, 0.0
-
-    def _search_from_other_optima(self, optima: Sequence[Curve]) -> None:
-        """Search from mixtures with optima that cost much less than the best."""
-        for optimum in optima:
-            assert self.best is not None
-            least = self.task.cost(self.best)
-            mix, _ = self._mixture(optimum) if self._cost(optimum) < (1 - HALF) * least else (None, 0.0)
-            if mix is None or self.context.stopped():
-                continue
-            trial = self.search.trial(mix, BOLD)
-            if self.search.merit(trial) < self._scaled(self.best):
-                self.finish(self.search.curve_of(trial), TRUST)
-
-    def _optima(self, free: Candidate) -> list[Curve]:
-        """Optima found without bodies that have the answer's shape, the best first."""
-        shape, out = self.search.level.shape, list[Curve]()
-        for outcome in (free.outcome, *free.optima):
-            curve = None if outcome is None else outcome.curve
-            if curve is not None and curve.shape is shape and not any(alike(curve, other) for other in out):
-                out.append(curve)
-        return out if self.task.vias else out[:OPTIMA]  # those that pass via points at other times are other starts
-
-    def best_of(self, starts: Sequence[Start]) -> None:
-        """Run a short trial from each start that may be the best, and finish the most promising ones."""
-        search = self.search
-        if len(starts) == 1:
-            self.finish(starts[0].curve, starts[0].trust)
-            return
-        trials, known = list[Descent](), np.inf if self.best is None else self._scaled(self.best)
-        for start in starts:
-            if start.least <= known:
-                trials.append(search.trial(start.curve, start.trust))
-                known = min(known, search.merit(trials[-1]))
-        if starts and sum(search.merit(trial) < FREED for trial in trials) < 2:
-            trials.append(search.trial(starts[0].curve, BOLD))
-        for trial in sorted(trials, key=search.merit)[:FINISHED]:
-            if self.best is not None and self.context.stopped():
-                break
-            curve = self._second_start(trial)
-            if curve is not None:
-                self.finish(curve, TRUST)
-        if self.best is None and not self.context.stopped():
-            self.finish(self.first, TRUST / 3)
-
-    def _second_start(self, trial: Descent) -> Curve | None:
-        """The curve of a trial after another one where that is needed; None if it is far from the best."""
-        for most in HOPES:
-            merit = self.search.merit(trial)
-            if self.best is None or merit < self._scaled(self.best):
-                break
-            if merit > most * self._scaled(self.best):
-                return None
-            if most is HOPES[0]:
-                trial = self.search.trial(self.search.curve_of(trial), BOLD)
-        return self.search.curve_of(trial)
-
-    def finish(self, curve: Curve, trust: float) -> bool:
-        """Search from a curve and keep the result if it is the best; True if it led to a proven one.
-
-        Args:
-            trust: [rad, m] first step.
-        """
-        known = np.inf if self.best is None else self._scaled(self.best)
-        found = self.search.finish(curve, ITERATIONS, trust, DONE, known)
-        if found is not None and not found.converged and not self.context.stopped():
-            # steps failed before it converged; from another first step, others may not
-            more = self.search.finish(found.curve, ITERATIONS, TRUST / 3, DONE, self._scaled(found))
-            found = found if more is None else more
-        if found is not None and (self.best is None or found.cost < self.best.cost):
-            self.best = found
-        return found is not None
-
-    def _cost(self, curve: Curve) -> float:
-        return self.task.path_cost(self.search.level, curve)
-
-    def _half_way(self, optima: Sequence[Curve]) -> None:
-        """Search from half-way to the best optimum without bodies: this may lead to another valley."""
-        if self.best is None or not optima or self.context.stopped():
-            return
-        least = self.task.cost(self.best)
-        if least - self._cost(optima[0]) < HALF * least:
-            return
-        middle = self.task.between(self.best.curve, optima[0], 0.5)
-        curve = self._second_start(self.search.trial(middle, BOLD))
-        if curve is not None:
-            self.finish(curve, TRUST)
-
-    def _scaled(self, outcome: Outcome) -> float:
-        return self.search.scale * self.task.cost(outcome)
-
-    def is_costly(self, free: Candidate) -> bool:
-        """True if bodies cost so much that a further search is worth its time; `free`: the optimum without them."""
-        if free.outcome is None or self.context.settings.objective != "energy":
-            return False
-        alone, judge = self.context.judge.of(free.outcome.curve).energy, self.context.judge
-        return self.best is None or judge.of(self.best.curve).energy.total > alone.total + COSTLY * alone.loss
-
-    def little(self, timing: Timing | None) -> bool:
-        """True if so little of the first path's loss is saved that another initial path is worth its time."""
-        if self.best is None:
-            return True
-        curve = self.best.curve
-        if timing is None or timing.duration > curve.duration:
-            return False
-        judge = self.context.judge
-        return judge.of(curve).energy.loss > (1 - LITTLE) * judge.slowed(timing, curve.duration).energy.loss
-
-
-def _slower(context: Context, move: Move, timing: Timing | None, free: Candidate) -> Candidate:
-    """The clear answer in a longer duration than that of the optimum without bodies (`free`)."""
     assert free.outcome is not None
-    move = replace(move, duration=SLOWER * free.outcome.curve.duration, max_duration=None)
+    least = 0.0 if best is None else best.curve.duration / SLOWER
+    move = replace(move, duration=max(SLOWER * free.outcome.curve.duration, least), max_duration=None)
+    context = replace(context, settings=replace(context.settings, objective="energy"))
     try:
         found = reshaped(context, move, timing, lambda: None)
     except Infeasible:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -48,14 +48,18 @@ def check_free(cell: Cell, q: np.ndarray, what: str) -> None:
 
 
 def first_path(
-    robot: Robot, model: PowerModel, cell: Cell | None, settings: Settings, limits: Sequence[Limit], move: Move
-) -> tuple[Move, FirstPath, tuple[JointPath, ...]]:
+    robot: Robot, model: PowerModel, cell: Cell | None, settings: Settings, limits: Sequence[Limit], move: Move,
+    stopped: Callable[[], bool],
+) -> tuple[Move, FirstPath, tuple[JointPath, ...]]:  # fmt: skip
     """The move with a free first path, the source of that path, and further free paths.
 
     The path is the given or straight one if that is free. A straight line that breaks a condition on the tool's pose is
     moved onto it; a path that is not free is replaced by one around the bodies.
 
     A reshaped move may keep a path that is not free, if it was given or no other was found: `blocked` then says so.
+
+    Args:
+        stopped: True ends the search for paths around the bodies.
 
     Raises:
         Infeasible: a move that keeps its path would touch something, or no way around was found.
@@ -85,7 +89,7 @@ def first_path(
             "--mode reshape can start from it",
             limit="clearance", position=found.time, excess=found.depth,
         )  # fmt: skip
-    paths = _further_paths(robot, cell, settings, limits, move, found.proven)
+    paths = _further_paths(robot, cell, settings, limits, move, found.proven, stopped)
     seconds = time.perf_counter() - begin
     if found.proven or (move.path is not None and paths):
         return move, FirstPath(source, seconds), tuple(found.path for found in paths)
@@ -93,7 +97,12 @@ def first_path(
         return replace(move, path=paths[0].path), FirstPath(paths[0].source, seconds), tuple(w.path for w in paths[1:])
     for end, q in (("start", move.start), ("goal", move.goal)):  # which no path can avoid
         check_free(cell, q, end)
-    extra = "" if ompl.installed() else "; pip install 'energy-opt[plan]' installs a planner that can find more paths"
+    if stopped():
+        extra = " in time; a longer --deadline may help"
+    else:
+        extra = (
+            "" if ompl.installed() else "; pip install 'energy-opt[plan]' installs a planner that can find more paths"
+        )
     if move.path is not None:
         blocked = f"the {what} is not free: at {found.time:.4g} of it {found}"
     else:
@@ -104,8 +113,9 @@ def first_path(
 
 
 def _further_paths(
-    robot: Robot, cell: Cell, settings: Settings, limits: Sequence[Limit], move: Move, free: bool
-) -> list[InitialPath]:
+    robot: Robot, cell: Cell, settings: Settings, limits: Sequence[Limit], move: Move, free: bool,
+    stopped: Callable[[], bool],
+) -> list[InitialPath]:  # fmt: skip
     """Initial paths besides one that is given or `free`, or in place of one that is not free."""
     if settings.tube is not None or (
         free and (move.path is None or not settings.initial_paths or move.mode == "retime")
@@ -116,7 +126,8 @@ def _further_paths(
         room = Room(cell, np.stack([start, goal]))
         ends = Ends.of(start, goal, *box_of(limits, robot.n), robot.limits.velocity)
         step = steps(robot.body.tree())
-        return find_paths(room, ends, step, planner=cell.request.planner, seed=settings.seed, count=count)
+        asked = cell.request.planner
+        return find_paths(room, ends, step, planner=asked, seed=settings.seed, count=count, stopped=stopped)
 
     if move.via and move.path is None:
         legs: list[InitialPath] = []

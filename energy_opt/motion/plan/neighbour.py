@@ -27,7 +27,8 @@ from energy_opt.motion.plan.candidates import (
     repaired_timing,
     task_of,
 )
-from energy_opt.motion.plan.clear import Clearing, repaired_clear
+from energy_opt.motion.plan.clear import repaired_clear
+from energy_opt.motion.plan.clearing import Clearing
 from energy_opt.motion.plan.context import path_of
 from energy_opt.motion.plan.single import Single
 from energy_opt.motion.plan.standing import at_rest

@@ -204,11 +204,15 @@ class Planner:
         timeless = replace(move, duration=None, max_duration=None)
         found = next((b for cell, asked, b in self._starts if cell is self.cell and asked == timeless), None)
         if found is None:
-            cell = self._cell_of(move)
-            found = first_path(self.robot, self.model, cell, self.settings, self.limits(timeless), timeless)
-            self._starts[:] = [*self._starts[1 - REMEMBERED :], (self.cell, timeless, found)]
+            found = self._new_path(timeless, self.settings)
+            if not (found[1].blocked and self.stopped()):
+                self._starts[:] = [*self._starts[1 - REMEMBERED :], (self.cell, timeless, found)]
         started, first, initial_paths = found
         return replace(started, duration=move.duration, max_duration=move.max_duration), first, initial_paths
+
+    def _new_path(self, move: Move, settings: Settings) -> Start:
+        cell, stopped = self._cell_of(move), self.stopped
+        return first_path(self.robot, self.model, cell, settings, self.limits(move), move, stopped)
 
     def solve(
         self, move: Move, warm: Sequence[Trajectory] = (), deadline: float | None = None, confirm: bool = True
@@ -229,7 +233,9 @@ class Planner:
         progress = Progress(self.settings.deadline if deadline is None else deadline, self.stopped)
         self.check(move)
         log.info("first path")
-        single = self.single(move)
+        search = copy(self)
+        search.stopped = progress.ended
+        single = search.single(move)
         single.refuse_below_bound(move)
         try:
             found = single.at(move.duration, move.max_duration, warm, progress).result
@@ -241,7 +247,7 @@ class Planner:
     def sketch(self, move: Move, *, rough: bool = False) -> Trajectory:
         """A quick estimate of the answer: no bodies, limits approximately held; `rough`: coarser, in half the time."""
         if move.mode == "retime" or below_resolution(move):
-            return self.solve(move, confirm=False).trajectory
+            return self.around(None).solve(move, confirm=False).trajectory
         return sketched(replace(self.context(move), cell=None), move, rough)
 
     def settle(self, move: Move, motion: Trajectory, open_: Open = FIXED, clear: bool = True) -> Settled:
@@ -280,11 +286,7 @@ class Planner:
             return False
 
     def single(self, move: Move) -> Single:
-        """The solver of a move under the planner's present settings, for its own duration and others.
-
-        Raises:
-            Infeasible: a move that keeps its path would touch something, or no way around was found.
-        """
+        """The solver of a move under the planner's present settings, at any duration; raises as `first_path`."""
         started, first, initial_paths = self.first_path(move)
         further = cache(lambda: self._another_path(move, first.source))  # all durations share one search for it
         context = replace(self.context(started), initial_paths=initial_paths, further=further)
@@ -296,11 +298,9 @@ class Planner:
         as_asked = settings.initial_paths is not None or settings.objective != "energy"
         if as_asked or self.cell is None or source == "straight":
             return ()
-        other = replace(settings, initial_paths=1, seed=settings.seed + OTHER)
         try:
-            move, first, initial_paths = first_path(
-                self.robot, self.model, self._cell_of(asked), other, self.limits(asked), asked
-            )
+            other = replace(settings, initial_paths=1, seed=settings.seed + OTHER)
+            move, first, initial_paths = self._new_path(asked, other)
         except Infeasible:
             return ()
         return (path_of(move),) if first.source in ("own", "ompl") else initial_paths

@@ -60,6 +60,27 @@ def test_the_shortest_duration_that_is_named_is_at_most_that_of_the_first_path(t
     assert caught.value.shortest_duration == pytest.approx(least, rel=1e-4)
 
 
+def test_a_saving_is_stated_beside_a_timing_that_is_slower_by_rounding(tmp_path: Path) -> None:
+    (tmp_path / "wheel.urdf").write_text(WHEEL)
+    planner = Planner(load_robot(str(tmp_path / "wheel.urdf")), eo.source_model("panda", 1), Settings(compile="never"))
+    move = Move([-0.5], [0.6], "retime")
+    timing, result = planner.timing(move), planner.solve(move)
+    faster = timing.slowed(timing.duration * (1 - 1e-6)).trajectory(planner.robot.joints)
+    scaled = planner.with_trajectory(result, move, faster).baseline("scaled")
+    assert scaled is not None and scaled.valid and scaled.trajectory.duration == pytest.approx(timing.duration, 1e-9)
+
+
+def test_a_drive_too_weak_for_its_friction_is_named(tmp_path: Path) -> None:
+    """Reshaping said that it found no motion that is better than the first path, or that it kept the best one."""
+    (tmp_path / "wheel.urdf").write_text(WHEEL)
+    model = eo.source_model("panda", 1) + CoulombFriction(tau_c=[11.0])
+    planner = Planner(load_robot(str(tmp_path / "wheel.urdf")), model, Settings(compile="never"))
+    for duration in (None, 5.0):
+        with pytest.raises(Infeasible, match=r"^turn: .* limit .*10") as caught:
+            planner.solve(Move([-0.5], [0.6], duration=duration))
+        assert caught.value.limit == "effort" and caught.value.joint == "turn"
+
+
 def test_a_retiming_without_convexity_works_in_the_shortest_duration() -> None:
     """It did not converge where there is only one timing, so refusals named 5 % more."""
     robot = load_robot("panda")

@@ -96,10 +96,10 @@ class Looks:
         """
         return self.line(a, b) and self.free.unproven(straight(a, b)) is None
 
-    def budget(self, poses: int) -> Callable[[], bool]:
-        """A function that is True once so many more poses have been checked."""
+    def budget(self, poses: int, stopped: Callable[[], bool]) -> Callable[[], bool]:
+        """A function that is True once so many more poses have been checked, or the search was `stopped`."""
         last = self.poses + poses
-        return lambda: self.poses >= last
+        return lambda: self.poses >= last or stopped()
 
 
 def find_paths(
@@ -153,7 +153,7 @@ def _free_bent_lines(
     for k in range(ATTEMPTS + 2 * count):
         if stopped() or (not found and k == ATTEMPTS):
             return
-        spent = search.budget(POSES if found else POSES * 2 ** (k // 2))
+        enough = search.budget(POSES if found else POSES * 2 ** (k // 2), stopped)
         bent = ompl.rrt_connect(
             ends.start,
             ends.goal,
@@ -161,7 +161,7 @@ def _free_bent_lines(
             ends.upper,
             search.clear,
             search.line,
-            lambda spent=spent: spent() or stopped(),
+            enough,
             seed + k,
             EDGES[k % len(EDGES)],
         )

@@ -282,7 +282,8 @@ def _refuse_too_short(
             return
         if first.valid:
             raise too_short(move, timing.duration, first)
-    raise too_short(move, trajectory.duration, certificate)
+    if certificate.valid:
+        raise too_short(move, trajectory.duration, certificate)
 
 
 def _from_the_fastest(

@@ -11,7 +11,7 @@ from energy_opt.errors import Infeasible
 from energy_opt.motion.judge.certificate import ALLOWED, Certificate
 from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.plan.candidates import Candidate, repaired_timing
-from energy_opt.motion.plan.context import Context, Judged
+from energy_opt.motion.plan.context import Context, Judged, path_of
 from energy_opt.motion.plan.refusals import too_short
 from energy_opt.motion.plan.standing import at_rest
 from energy_opt.motion.result import Baseline, Optimality, Result, SolverReport
@@ -20,6 +20,7 @@ from energy_opt.motion.timing.spline_timing import Timing
 from energy_opt.motion.trajectory import Trajectory
 
 SLOW = 200.0  # a duration of more times the shortest gives a warning about its unit
+HARDLY = 1e-5  # an answer that is faster than TOPP-RA's timing by a smaller share is compared with that timing itself
 HAIR = 1e-3  # share of a bound: largest violation of TOPP-RA's timing that is removed by slowing it
 
 
@@ -88,6 +89,8 @@ def choose(
         deadline = context.settings.deadline or context.progress.deadline
         if context.progress.cut and deadline is not None:
             said = f"no trajectory within limits was found in {deadline:g} s; a longer --deadline may help"
+        elif first is None:
+            _refuse_first_path(context, move)
         raise Infeasible(said, limit="duration")
     name, best = found
     if abs(best.trajectory.duration - duration) > 1e-9:  # a saving is stated at equal durations
@@ -185,6 +188,19 @@ def least(
     return best, iterations
 
 
+def _refuse_first_path(context: Context, move: Move) -> None:
+    """Refuse a move for which no motion was found with the reason why its first path has no timing.
+
+    Raises:
+        Infeasible: that reason; nothing is raised if there is none.
+    """
+    try:
+        context.fastest(path_of(move))
+    except Infeasible as error:
+        error.args = (f"{error.args[0]}; reshaping found no motion within limits either", *error.args[1:])
+        raise
+
+
 def _duration(move: Move, work: Work) -> float:
     """The answer's duration [s], as far as it is known before judging."""
     if move.duration is not None:
@@ -216,7 +232,7 @@ def baselines_of(context: Context, move: Move, timing: Timing | None, duration: 
     out: list[tuple[str, Trajectory]] = []
     if timing is not None:
         toppra = context.judge.slowed(timing, timing.duration).trajectory
-        same = abs(duration / timing.duration - 1) <= ROUNDING
+        same = -HARDLY <= duration / timing.duration - 1 <= ROUNDING
         scaled = toppra if same else context.judge.slowed(timing, duration).trajectory
         out += [("toppra", toppra), ("scaled", scaled)]
     if move.input is not None:

@@ -29,7 +29,7 @@ from energy_opt.workcell.between import placed_links
 from energy_opt.workcell.curves import zones_of
 from energy_opt.workcell.file import MOTORS, WorkCell
 from energy_opt.workcell.motion import PeriodicMotion
-from energy_opt.workcell.solve_cell import CellResult, not_negative
+from energy_opt.workcell.solve_cell import CellResult, near_zero
 from energy_opt.workcell.supply import Supply
 
 BRIEF = 1e-7  # [s] shorter waits are rounding errors
@@ -118,7 +118,7 @@ SETTLED = 1e-2  # largest gap of a schedule that counts as solved
 def document(result: CellResult) -> dict[str, Any]:
     """The content of job.json: energies in J, times in s; starts count from the first step of the first robot."""
     schedule, cell = result.schedule, result.cell
-    starts = not_negative(schedule)
+    starts = near_zero(schedule)
     robots = []
     for r, ring in enumerate(schedule.problem.rings):
         modes = [mode or None for mode in schedule.modes[r]]

@@ -276,10 +276,10 @@ def from_zero(schedule: Schedule) -> Schedule:
     return replace(schedule, starts=tuple(starts))
 
 
-def not_negative(schedule: Schedule) -> list[np.ndarray]:
-    """The starts [s] of each robot's steps, later by the fewest whole cycles so that none is below 0 and all lags hold.
+def near_zero(schedule: Schedule) -> list[np.ndarray]:
+    """The starts [s] of each robot's steps, later by whole cycles: none below 0 where all lags hold so, others near it.
 
-    Where a lag asks for a step before the first robot's first one, the first robot begins cycles later than 0, too.
+    The first robot's stay, as they begin at 0: a lag may ask for a step of another robot before.
     """
     problem, starts = schedule.problem, schedule.starts
     cycle = problem.cycle_time
@@ -291,4 +291,5 @@ def not_negative(schedule: Schedule) -> list[np.ndarray]:
             (a, i), (b, j) = lag.begin, lag.end
             owed = lag.length - CLOSE - float(starts[b][j] - starts[a][i])
             later[b] = max(later[b], later[a] + int(np.ceil(owed / cycle - lag.height)))
-    return [np.maximum(own + cycle * cycles, 0.0) for own, cycles in zip(starts, later, strict=True)]
+    counted = [own + cycle * (cycles - later[0]) for own, cycles in zip(starts, later, strict=True)]
+    return [np.where(np.abs(own) <= CLOSE, 0.0, own) for own in counted]

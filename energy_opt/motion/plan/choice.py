@@ -84,7 +84,10 @@ def choose(
     if found is None:
         first = work.timing
         if first is not None and move.longest is not None and move.longest < first.duration:
-            raise too_short(move, first.duration, context.judge.slowed(first, first.duration).within)
+            error = too_short(move, first.duration, context.judge.slowed(first, first.duration).within)
+            if context.cell is not None and move.mode == "reshape":  # the time of the first path around the bodies
+                error.args = (f"{error.args[0]}; --objective time may find a shorter one",)
+            raise error
         said = work.asked.message or "no trajectory within limits was found"
         deadline = context.settings.deadline or context.progress.deadline
         if context.progress.cut and deadline is not None:

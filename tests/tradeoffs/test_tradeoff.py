@@ -38,6 +38,8 @@ class KnownMove:
     duration: float | None = None
     max_duration: float | None = None
     mode: str = "reshape"
+    start: tuple[float, ...] = (0.0,)
+    goal: tuple[float, ...] = (1.0,)
 
 
 def law(branch: int, duration: float) -> float:

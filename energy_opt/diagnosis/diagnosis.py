@@ -148,7 +148,7 @@ def diagnose(
         found, model, after = replace(found, model=declared, after=found.before), declared, before
     effects, left = findings_of(found), _attributions(found, joints)
     ahead = foreseen_by(found, model, samples, joints)
-    floor = found.after.noise
+    floor = found.after.floor(found.verdict in ("partly", "unexplained"))
     records = side_records(side, found.accepted if enough else None)
     modes = modes_of(model, samples)
     document: dict[str, Any] = {
@@ -231,7 +231,8 @@ def _attributions(found: Inference, joints: tuple[str, ...]) -> list[Attribution
         return []
     left = max(found.after.rmse**2 - found.after.noise**2, 0.0) ** 0.5
     records = goes_with(plain_fit(found.search, found.accepted), found.best.free, joints)
-    kept = [row for row in records if row.watts > LEAST * left]
+    accepted = {g.signal for g in found.best.free}
+    kept = [row for row in records if row.watts > LEAST * left or row.signal in accepted]
     return kept or [Attribution(UNRECORDED, None, 1.0, left)]
 
 

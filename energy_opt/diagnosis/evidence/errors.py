@@ -52,6 +52,14 @@ class Quality:
         """Error divided by the noise: the largest of motion, rest and all readings."""
         return max(self.motion / self.noise_motion, self.rest / self.noise_rest, self.rmse / self.noise)
 
+    def floor(self, left: bool) -> float:
+        """Rms error [W] of all readings by noise alone.
+
+        Args:
+            left: True if more than noise is left. Then levels of runs that count as drift may be the model's error.
+        """
+        return min(self.noise, max(self.noise_motion, self.noise_rest)) if left else self.noise
+
     def lower(self, other: Quality) -> bool:
         """True if the error is lower, both over all readings and with each distinct motion counted once."""
         return self.rmse < other.rmse and float(np.sum(self.squares - other.squares)) < 0

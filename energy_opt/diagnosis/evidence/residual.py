@@ -59,6 +59,12 @@ def goes_with(f: Fit, free: Sequence[Free], joints: Sequence[str]) -> list[Attri
             strength = float(np.clip(watts**2 * len(rest) / open_part, 0.0, 1.0))
             if strength > WEAKEST:
                 records.append(Attribution(g.signal, joints[joint] if joint is not None else None, strength, watts))
+    known = {row.signal for row in records}
+    for g in free:  # the whole function, where no joint's part of it alone counts
+        if g.signal not in known:
+            watts = _removed(f, rest, g.columns, g.size, True)
+            strength = float(np.clip(watts**2 * len(rest) / open_part, 0.0, 1.0))
+            records.append(Attribution(g.signal, None, strength, watts))
     if wandering(f):
         records.append(Attribution("time (run to run)", None, 1.0, float(np.std(f.levels))))
     best: dict[tuple[str, str | None], Attribution] = {}
@@ -77,7 +83,7 @@ def wandering(f: Fit) -> bool:
 
 def _by_joint(g: Free, n: int) -> list[tuple[int | None, np.ndarray]]:
     """Columns of a function split by joint, or (None, all columns) if the signal does not belong to single joints."""
-    if g.signal.startswith("time") or g.columns.shape[1] % n or g.signal == "temperature":
+    if g.signal.startswith("time") or g.columns.shape[1] % n or g.signal in ("power", "temperature"):
         return [(None, g.columns)]
     count = g.columns.shape[1] // n
     return [(j, g.columns[:, j * count : (j + 1) * count]) for j in range(n)]

@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from energy_opt.errors import Infeasible
+from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.move import Move
 from energy_opt.motion.plan.choice import with_trajectory
 from energy_opt.motion.plan.context import Context
@@ -26,6 +27,7 @@ from energy_opt.motion.trajectory import Trajectory, row_step
 AT_REST = 1e-6  # [rad/s^2, m/s^2] a motion that ends with more is not at rest there
 SLOW = 2.0  # times the least time of the first path: faster moves are not tried with rest
 USED = 0.9  # share of the duration: the rest beside a longer move gains little
+COARSE = 200  # steps of a motion by which it is estimated whether rest pays
 
 
 def with_rest(motion: Trajectory, duration: float, after: bool) -> Trajectory | None:
@@ -48,12 +50,21 @@ def with_rest(motion: Trajectory, duration: float, after: bool) -> Trajectory | 
     return Trajectory(motion.joints, whole, *(np.concatenate(x) for x in zip(*states, strict=True))).on_nanoseconds()
 
 
+def pays(scorer: Scorer, motion: Trajectory, power: float) -> bool:
+    """Does a motion take more energy than itself in `USED` of its duration, and rest with that power [W]?"""
+    time = np.linspace(motion.time[0], motion.time[-1], COARSE + 1)
+    coarse = Trajectory(motion.joints, time, *motion.sample(time)[:3])
+    faster = scorer.energy(coarse.slowed(USED * motion.duration)).total
+    return faster + power * (1 - USED) * motion.duration < scorer.energy(coarse).total
+
+
 def rested(
     context: Context, move: Move, timing: Timing | None, result: Result, solve: Callable[[float], Result]
 ) -> Result:
     """The result of a reshaped move, or a faster move with rest if this takes less energy in the same duration.
 
-    The best duration of the faster move is that of the first path, by a credit of P for each second.
+    It is looked for if the result itself, made faster, takes less energy with rest. The best duration of the faster
+    move is that of the first path, by a credit of P for each second.
 
     Args:
         timing: the fastest timing of the first path. solve: solves the move in a duration [s].
@@ -64,20 +75,23 @@ def rested(
     if context.settings.objective != "energy" or move.mode == "retime" or any(np.any(v) for v in move.end_velocities):
         return result
     power = context.scorer.holding(np.stack([move.start, move.goal]))
+    if not pays(context.scorer, result.trajectory, float(power.min())):
+        return result
     work = Retiming(context.robot, context.model, timing, context.limits)
-    found = work.optimise(timing, price=float(power.min()), longest=duration, floor=FLOOR)
+    found = work.optimise(timing, price=float(power.min()), longest=duration, floor=FLOOR, bounded=True)
     if not found.solved or found.timing.duration > USED * duration or context.stopped():
         return result
     try:
         faster = solve(found.timing.duration)
     except Infeasible:
         return result
-    whole = with_rest(faster.trajectory, duration, after=bool(power[1] <= power[0]))
+    if faster.interrupted:
+        return replace(result, status=faster.status, message=faster.message, interrupted=True)
+    after = bool(power[1] <= power[0])
+    whole = with_rest(faster.trajectory, duration, after)
     other = None if whole is None else with_trajectory(context, move, timing, faster, whole)
     if other is None or not other.certificate.valid or other.energy.total >= result.energy.total:
         return result
-    where = "at the goal" if power[1] <= power[0] else "at the start"
-    message = (
-        f"the arm moves for {faster.duration:.4g} s and rests for the other {duration - faster.duration:.4g} s {where}"
-    )
-    return replace(other, message=message, progress=result.progress)
+    rest, where = duration - faster.duration, "goal" if after else "start"
+    message = f"the arm moves for {faster.duration:.4g} s and rests for the other {rest:.4g} s at the {where}"
+    return replace(other, chosen=move.mode, message=message, progress=result.progress)

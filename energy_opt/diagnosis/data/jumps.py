@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from energy_opt.diagnosis.data.noise import DOUBTED, weighted
+from energy_opt.diagnosis.data.noise import weighted
 from energy_opt.diagnosis.data.predict import Prediction, predict
 from energy_opt.diagnosis.data.samples import Samples
 from energy_opt.power import PowerModel
@@ -22,44 +22,12 @@ JUMP = 4.8
 # Share of the rms error that a mean over `BIN` leaves, as the error has both signs; seen in trapezoids at 100 to 500 Hz
 LEFT = 0.4
 SHORTEST = 3  # nodes of a run up to which no interval between them has two neighbours
-# [`Samples.unit`/s] speed below which a joint creeps; [s] longest time for which it creeps where it starts, stops or
-# turns; friction just above that speed, over the joint's largest, that is dry; least watts of it over the noise
-SLOW, BRIEF, DRY, SEEN = 0.01, 0.6, 0.1, 0.5
 
 
 def known_by(model: PowerModel, samples: Samples, repeats: Sequence[int]) -> tuple[Samples, Prediction]:
-    """The samples with weights by all errors of clocks and positions, see `weighted`, and the model's prediction.
-
-    Readings that are `creeping` count as those at the start and end of a motion.
-    """
+    """The samples with weights by all errors of clocks and positions, see `weighted`, and the model's prediction."""
     now = predict(model, samples)
-    slow = creeping(samples, now)
-    error = np.hypot(of_readings(samples, beside_jumps(model, samples, now)), slow * samples.noise / DOUBTED)
-    out = weighted(samples, now, repeats, error)
-    return out.reread(doubted=out.doubted | slow), now
-
-
-def creeping(samples: Samples, now: Prediction) -> np.ndarray:
-    """True for readings (M,) while a joint with dry friction of the model creeps or seems to rest briefly in a motion.
-
-    It starts, stops or turns there. Its positions do not show when dry friction begins to act, and no arm's friction
-    has its full size at once.
-    """
-    lost, speed = np.abs(now.tau_m - now.tau), np.abs(samples.v) / samples.unit
-    dry = DRY * lost.max(axis=0)
-    # a joint that moves as slowly for longer counts where its friction takes watts
-    taken = np.abs(now.by_tau) * lost > SEEN * samples.noise
-    slow = ((speed > 0) & (speed < SLOW) & taken & (lost > dry)).any(axis=1).astype(float)
-    for span in samples.slices:
-        live, t = speed[span] >= SLOW, samples.t[span]
-        still = (speed[span] > 0).any(axis=1)[:, None] & ~live
-        for j in np.flatnonzero(still.any(axis=0)):
-            edges = np.flatnonzero(np.diff(np.concatenate([[False], still[:, j], [False]]).astype(int)))
-            for a, b in zip(edges[::2], edges[1::2], strict=True):
-                beside = [k for k in (a - 1, b) if 0 <= k < len(t) and live[k, j]]
-                if t[b - 1] - t[a] < BRIEF and any(lost[span.start + k, j] > dry[j] for k in beside):
-                    slow[span.start + a : span.start + b] = 1.0
-    return np.asarray(samples.shown(slow) > 1e-6)
+    return weighted(samples, now, repeats, of_readings(samples, beside_jumps(model, samples, now))), now
 
 
 def beside_jumps(model: PowerModel, samples: Samples, now: Prediction) -> np.ndarray:

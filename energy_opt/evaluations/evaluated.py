@@ -13,7 +13,7 @@ from energy_opt.cell.cell import Cell
 from energy_opt.effects import Payload
 from energy_opt.errors import Infeasible
 from energy_opt.evaluations.source import Recorded, Stretch
-from energy_opt.formats.controller_program import Load, Part, standing
+from energy_opt.formats.controller_program import Load, Part
 from energy_opt.formats.judging import CycleJudging, Judging
 from energy_opt.motion.judge.certificate import ALLOWED, Certificate
 from energy_opt.motion.judge.energy import Energy, Past, Scorer
@@ -23,7 +23,7 @@ from energy_opt.motion.plan.choice import within_limits
 from energy_opt.motion.plan.robust_models import Rival
 from energy_opt.motion.retime.fastest import minimum_time
 from energy_opt.motion.timing.spline_timing import Timing
-from energy_opt.motion.trajectory import Trajectory, whole
+from energy_opt.motion.trajectory import Trajectory, standing, whole
 from energy_opt.robot import Robot
 
 SHORT = 1e-7  # [s] shorter stretches are rounding errors, and belong to the next one

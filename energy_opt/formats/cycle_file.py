@@ -11,11 +11,11 @@ import numpy as np
 
 from energy_opt.formats import Format, urscript
 from energy_opt.formats.controller_files import STEPS, Written, file_of, read_back
-from energy_opt.formats.controller_program import NANOSECOND, Part, in_tool, joined
+from energy_opt.formats.controller_program import Part, in_tool
 from energy_opt.formats.judging import CycleJudging
 from energy_opt.formats.resample import RATES, Sampled, broken, on_steps, resampled
 from energy_opt.motion.judge.certificate import ALLOWED, Certificate
-from energy_opt.motion.trajectory import Trajectory, whole
+from energy_opt.motion.trajectory import NANOSECOND, Trajectory, joined, whole
 from energy_opt.robot import Limits
 
 ROOM = 1.05  # factor on the shortest time over which a jump of the acceleration is spread

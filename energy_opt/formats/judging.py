@@ -9,14 +9,14 @@ from itertools import pairwise
 import numpy as np
 
 from energy_opt.cell.cell import Cell
-from energy_opt.formats.controller_program import NANOSECOND, Part
+from energy_opt.formats.controller_program import Part
 from energy_opt.formats.resample import KINDS, worst_steps
 from energy_opt.motion.judge.certificate import Certificate, certify
 from energy_opt.motion.judge.clearance import clearance_of
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.limits.base import Limit, Violation
 from energy_opt.motion.limits.registry import joint_limits
-from energy_opt.motion.trajectory import Trajectory
+from energy_opt.motion.trajectory import NANOSECOND, Trajectory
 
 AT_REST = 1e-6  # [rad/s, m/s] slower arms are at rest
 

@@ -18,10 +18,10 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.files import read_text, read_toml, write_text
-from energy_opt.formats.controller_program import Part, joined, standing
+from energy_opt.formats.controller_program import Part
 from energy_opt.formats.resample import of_steps
 from energy_opt.formats.waypoints import Samples
-from energy_opt.motion.trajectory import Trajectory, whole
+from energy_opt.motion.trajectory import Trajectory, joined, standing, whole
 from energy_opt.names import commented
 
 JOINTS = 6

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from energy_opt.effects import Payload
-from energy_opt.formats.controller_program import Part, standing
+from energy_opt.formats.controller_program import Part
 from energy_opt.jobs.legs import Job, Leg, Step
 from energy_opt.motion.judge.energy import DENSER, NONE, Energy, Past, Scorer
 from energy_opt.motion.plan.efforts import used
-from energy_opt.motion.trajectory import Trajectory
+from energy_opt.motion.trajectory import Trajectory, standing
 from energy_opt.poses.estimate import holding
 from energy_opt.poses.pose import Pose
 from energy_opt.power import PowerModel

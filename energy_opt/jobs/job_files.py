@@ -14,7 +14,6 @@ from energy_opt import formats
 from energy_opt.files import plain, write_json
 from energy_opt.formats import Format, controller_files
 from energy_opt.formats.controller_files import Shares, Written, files_from, unchanged, warnings_on
-from energy_opt.formats.controller_program import joined
 from energy_opt.formats.cycle_file import certificates, missed_words, without_jumps, write_cycle
 from energy_opt.formats.judging import CycleJudging
 from energy_opt.jobs.cycle import Piece
@@ -22,7 +21,7 @@ from energy_opt.jobs.legs import Step
 from energy_opt.jobs.solve_job import JobResult
 from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.judge.energy import Scorer
-from energy_opt.motion.trajectory import Trajectory, whole
+from energy_opt.motion.trajectory import Trajectory, joined, whole
 from energy_opt.poses.given import pose_document
 from energy_opt.power.per_year import PerYear
 from energy_opt.reports.job import page

@@ -13,7 +13,6 @@ import numpy as np
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput, Infeasible, at_least
-from energy_opt.formats.controller_program import standing
 from energy_opt.jobs.allocate import Front, Shares, allocate
 from energy_opt.jobs.cycle import (
     Choice,
@@ -33,6 +32,7 @@ from energy_opt.jobs.work import Answers, Cells, Worker
 from energy_opt.motion import Planner, Settings
 from energy_opt.motion.move import turns_between
 from energy_opt.motion.timing.spline_timing import Timing
+from energy_opt.motion.trajectory import standing
 from energy_opt.power import PowerModel
 from energy_opt.power.assumptions import Assumption
 

@@ -32,6 +32,9 @@ CLOSEST = 1e-5  # [s] least time between two samples of a mean
 ROW_STEP = 0.004  # [s] largest time between two samples of a trajectory
 LEAST_SAMPLES = 200
 MOST_SAMPLES = 20_000  # most samples that ROW_STEP gives: longer motions are slower and need no more
+STANDING = 3  # samples of a wait
+NANOSECOND = 1e-9  # [s]
+SAME = 1e-9  # [rad/s^2] accelerations that differ by less count as equal
 NEARER = 8  # places in each step of a motion, between which the nearest one to a position is looked for
 
 
@@ -281,3 +284,39 @@ class Trajectory:
         k = duration / self.duration
         time = self.time[0] + (self.time - self.time[0]) * k
         return Trajectory(self.joints, time, self.position, self.velocity / k, self.acceleration / k**2)
+
+
+def standing(joints: Sequence[str], q: np.ndarray, seconds: float, samples: int = STANDING) -> Trajectory:
+    """Samples of standing at q (n,) for so many seconds."""
+    position = np.repeat(q[None], samples, axis=0)
+    still = np.zeros_like(position)
+    return Trajectory(tuple(joints), np.linspace(0, seconds, samples), position, still, still)
+
+
+def joined(trajectories: Sequence[Trajectory]) -> Trajectory:
+    """Motions that follow one another as one, samples on whole nanoseconds.
+
+    If the acceleration jumps between two motions, both samples are kept, a nanosecond apart. This breaks a jerk limit,
+    as the motions themselves do. The longest wait is shortened by these nanoseconds.
+    """
+    jumps = [
+        k > 0 and np.abs(t.acceleration[0] - trajectories[k - 1].acceleration[-1]).max() > SAME
+        for k, t in enumerate(trajectories)
+    ]
+    owed = NANOSECOND * sum(jumps)
+    still = [k for k, t in enumerate(trajectories) if not t.velocity.any() and t.duration > 2 * owed]
+    pays = max(still, key=lambda k: trajectories[k].duration, default=None)
+    times: list[np.ndarray] = []
+    samples: list[list[np.ndarray]] = []
+    at = 0.0
+    for k, t in enumerate(trajectories):
+        at += NANOSECOND * jumps[k]
+        first = 0 if k == 0 or jumps[k] else 1  # skip the sample at which the motion before ended
+        time = t.time - t.time[0]
+        if k == pays:
+            time = time * (1 - owed / time[-1])
+        times.append(at + time[first:])
+        samples.append([x[first:] for x in (t.position, t.velocity, t.acceleration)])
+        at += float(time[-1])
+    q, v, a = (np.concatenate(part) for part in zip(*samples, strict=True))
+    return Trajectory(trajectories[0].joints, whole(np.concatenate(times)), q, v, a)

@@ -16,8 +16,8 @@ import numpy as np
 
 from energy_opt.effects import Standby
 from energy_opt.errors import BadInput
-from energy_opt.formats.controller_program import standing
 from energy_opt.motion.judge.energy import Past, Scorer
+from energy_opt.motion.trajectory import standing
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 

@@ -17,7 +17,7 @@ from energy_opt.errors import Infeasible, at_least
 from energy_opt.motion import Move, Planner
 from energy_opt.motion.judge.energy import Energy
 from energy_opt.motion.plan.neighbour import Neighbours, Optimum
-from energy_opt.motion.plan.resting import with_rest
+from energy_opt.motion.plan.resting import cheaper_end, with_rest
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.tradeoffs.fixed_cycle import Cycle, Waiting
 
@@ -286,8 +286,7 @@ class _Tracer:
     def _rest(self) -> None:
         """Where a faster point and rest at one end take less energy than a point, they replace it."""
         planner, best = self.planner, Point(0.0, "")
-        power = planner.scorer.holding(np.stack([self.free.start, self.free.goal]))
-        held, after = float(power.min()), bool(power[1] <= power[0])
+        held, after = cheaper_end(planner.scorer, self.free)
         for k, point in enumerate(self.front.points):
             gain = point.total - held * point.duration - (best.total - held * best.duration)
             if best.optimum is None or gain < 0:

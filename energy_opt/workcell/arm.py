@@ -13,7 +13,7 @@ import numpy as np
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput, Infeasible, at_least
-from energy_opt.formats.controller_program import load_of, standing
+from energy_opt.formats.controller_program import load_of
 from energy_opt.jobs.cycle import Answer, standing_power
 from energy_opt.jobs.file import Job, Step
 from energy_opt.jobs.legs import Leg, legs_of
@@ -22,7 +22,7 @@ from energy_opt.jobs.work import Cells, Worker
 from energy_opt.motion.limits.joint import Effort
 from energy_opt.motion.move import Settings
 from energy_opt.motion.plan.first_path import check_free
-from energy_opt.motion.trajectory import Trajectory, whole
+from energy_opt.motion.trajectory import Trajectory, standing, whole
 from energy_opt.poses.distance import nearer_words
 from energy_opt.poses.given import poses_of_request
 from energy_opt.power import PowerModel

@@ -15,10 +15,11 @@ from energy_opt.errors import BadInput
 from energy_opt.files import plain, write_json
 from energy_opt.formats import FORMATS, Format
 from energy_opt.formats.controller_files import Written, unchanged, wanted
-from energy_opt.formats.controller_program import Part, joined
+from energy_opt.formats.controller_program import Part
 from energy_opt.formats.cycle_file import missed_words, write_cycle
 from energy_opt.formats.judging import CycleJudging
 from energy_opt.jobs.job_files import divided
+from energy_opt.motion.trajectory import joined
 from energy_opt.power.per_year import PerYear
 from energy_opt.reports.motion import Solid, cell_player, drawn
 from energy_opt.reports.workcell import page

@@ -9,13 +9,12 @@ import pytest
 
 import energy_opt as eo
 from energy_opt import formats
-from energy_opt.formats.controller_program import joined, standing
 from energy_opt.jobs.file import load_job
 from energy_opt.jobs.job_files import found_of, write
 from energy_opt.jobs.solve_job import run_job
 from energy_opt.motion.path import straight
 from energy_opt.motion.timing.toppra import fastest
-from energy_opt.motion.trajectory import Trajectory
+from energy_opt.motion.trajectory import Trajectory, joined, standing
 from energy_opt.power import source_method_2
 from energy_opt.robot import Robot, load_robot
 

@@ -17,12 +17,11 @@ from energy_opt.effects import IdleHold, MotionPower
 from energy_opt.errors import BadInput
 from energy_opt.evaluations.source import load
 from energy_opt.files import write_json
-from energy_opt.formats.controller_program import joined
 from energy_opt.formats.waypoints import Samples
 from energy_opt.front.evaluate import evaluate
 from energy_opt.motion.path import straight, through
 from energy_opt.motion.timing.toppra import fastest
-from energy_opt.motion.trajectory import Trajectory
+from energy_opt.motion.trajectory import Trajectory, joined
 from energy_opt.power import PowerModel, source_method_2
 from energy_opt.robot import Robot, load_robot
 

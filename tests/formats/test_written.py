@@ -17,8 +17,7 @@ import energy_opt as eo
 from energy_opt.cli.main import main
 from energy_opt.formats import FORMATS, read_trajectory, write
 from energy_opt.formats.controller_files import wanted
-from energy_opt.formats.controller_program import Part, standing
-from energy_opt.formats.controller_program import joined as joined_parts
+from energy_opt.formats.controller_program import Part
 from energy_opt.formats.cycle_file import certificates, without_jumps, write_cycle
 from energy_opt.formats.judging import CycleJudging, apart
 from energy_opt.jobs import job_files
@@ -27,7 +26,8 @@ from energy_opt.jobs.job_files import write_programs
 from energy_opt.jobs.solve_job import run_job
 from energy_opt.motion import Settings
 from energy_opt.motion.judge.energy import Scorer
-from energy_opt.motion.trajectory import Trajectory, whole
+from energy_opt.motion.trajectory import Trajectory, standing, whole
+from energy_opt.motion.trajectory import joined as joined_parts
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 

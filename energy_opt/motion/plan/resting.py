@@ -22,7 +22,7 @@ from energy_opt.motion.result import Result
 from energy_opt.motion.retime.fastest import FLOOR
 from energy_opt.motion.retime.program import Retiming
 from energy_opt.motion.timing.spline_timing import Timing
-from energy_opt.motion.trajectory import Trajectory, row_step
+from energy_opt.motion.trajectory import Trajectory, joined, row_step, standing
 
 AT_REST = 1e-6  # [rad/s^2, m/s^2] a motion that ends with more is not at rest there
 SLOW = 2.0  # times the least time of the first path: faster moves are not tried with rest
@@ -35,19 +35,14 @@ def with_rest(motion: Trajectory, duration: float, after: bool) -> Trajectory | 
     end, wait = -1 if after else 0, duration - motion.duration
     if max(np.abs(motion.velocity[end]).max(), np.abs(motion.acceleration[end]).max()) > AT_REST or wait <= 0:
         return None
-    count = int(np.ceil(wait / row_step(duration)))
-    rest, time = np.linspace(0, wait, count + 1), motion.time - motion.time[0]
-    still = np.zeros((count + 1, len(motion.joints)))
-    parts = [(time[:-1], slice(-1)), (rest + motion.duration, None)], [(rest, None), (time[1:] + wait, slice(1, None))]
-    times, states = [], []
-    for at, samples in parts[not after]:
-        times.append(at)
-        held = (still + motion.position[end], still, still)
-        moving = (motion.position, motion.velocity, motion.acceleration)
-        states.append(held if samples is None else tuple(x[samples] for x in moving))
-    whole = np.concatenate(times)
-    whole[-1] = duration
-    return Trajectory(motion.joints, whole, *(np.concatenate(x) for x in zip(*states, strict=True))).on_nanoseconds()
+    rest = standing(motion.joints, motion.position[end], wait, int(np.ceil(wait / row_step(duration))) + 1)
+    return joined([motion, rest] if after else [rest, motion])
+
+
+def cheaper_end(scorer: Scorer, move: Move) -> tuple[float, bool]:
+    """The power [W] of holding the start or the goal, whichever is less, and whether it is the goal."""
+    start, goal = scorer.holding(np.stack([move.start, move.goal])).tolist()
+    return min(start, goal), goal <= start
 
 
 def pays(scorer: Scorer, motion: Trajectory, power: float) -> bool:
@@ -74,11 +69,11 @@ def rested(
         return result
     if context.settings.objective != "energy" or move.mode == "retime" or any(np.any(v) for v in move.end_velocities):
         return result
-    power = context.scorer.holding(np.stack([move.start, move.goal]))
-    if not pays(context.scorer, result.trajectory, float(power.min())):
+    power, after = cheaper_end(context.scorer, move)
+    if not pays(context.scorer, result.trajectory, power):
         return result
     work = Retiming(context.robot, context.model, timing, context.limits)
-    found = work.optimise(timing, price=float(power.min()), longest=duration, floor=FLOOR, bounded=True)
+    found = work.optimise(timing, price=power, longest=duration, floor=FLOOR, bounded=True)
     if not found.solved or found.timing.duration > USED * duration or context.stopped():
         return result
     try:
@@ -87,7 +82,6 @@ def rested(
         return result
     if faster.interrupted:
         return replace(result, status=faster.status, message=faster.message, interrupted=True)
-    after = bool(power[1] <= power[0])
     whole = with_rest(faster.trajectory, duration, after)
     other = None if whole is None else with_trajectory(context, move, timing, faster, whole)
     if other is None or not other.certificate.valid or other.energy.total >= result.energy.total:

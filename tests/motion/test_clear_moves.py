@@ -99,6 +99,15 @@ def test_ends_beside_a_table_cost_little_more(panda: Robot, model: PowerModel) -
     assert max(losses) < 1.1 * min(losses)
 
 
+def test_an_end_where_the_arm_nearly_touches_itself_costs_no_more_than_a_faster_path() -> None:
+    """The first millimetres had to be left faster than an arm at rest can move: each search failed (1.18 J)."""
+    start = [-2.60344, -1.65367, 0.946482, 0.516239, -2.55016, -0.420176]
+    goal = [-0.131625, -2.13792, 0.736946, -2.42737, -0.683433, 0.105182]
+    result = eo.optimize("ur5e", "source-method-2", start=start, goal=goal, duration=1.5)
+    assert result.certificate.valid and result.certificate.clearance is not None
+    assert result.certificate.clearance.proven and result.energy.loss < 0.8926  # that of the path of 1.2 s, retimed
+
+
 def test_links_that_are_near_at_an_end_have_constraints() -> None:
     """At the goal, a wrist link is 3.5 mm from the forearm, and its hull 1.2 mm: all searches were blind to both links,
     and the first path's timing took 16.9 J.

@@ -32,7 +32,9 @@ def below_bound(move: Move, limit: str, where: str, least: float, shortest: floa
         shortest: [s] of a valid motion; None if none is known.
     """
     wanted = float(move.longest or least)
-    valid = "" if shortest is None else f"; a duration of {at_least(shortest)} s works"
+    valid = "" if shortest is None else f"; the first path takes {at_least(shortest)} s"
+    if shortest is not None and move.mode == "reshape":
+        valid += ", others may take less: see --objective time"
     return Infeasible(
         f"a duration of {wanted:.6g} s is too short: the {limit} limit of {where} requires at least "
         f"{at_least(least)} s on any path{valid}",

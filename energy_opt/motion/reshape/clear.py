@@ -109,11 +109,14 @@ class Margins:
         return out
 
     def dense(self, u: np.ndarray, pair: np.ndarray) -> np.ndarray:
-        """What pairs of bodies (M,) keep [m] at places u (M,) before a proof: less than `at`."""
+        """What pairs of bodies (M,) keep [m] at places u (M,) before a proof: less than `at`.
+
+        A move leaves rest with the third power of time, so its first places are almost as near as its end.
+        """
         out = self._dense[pair]
         for held, from_end in zip(self._at_ends, (u, 1 - u), strict=True):
             low = np.flatnonzero(held[pair] < out)
-            at_end, share = held[pair[low]], np.clip(from_end[low] / RAMP, 0, 1)
+            at_end, share = held[pair[low]], np.clip(from_end[low] / RAMP, 0, 1) ** 3
             out[low] = np.minimum(out[low], at_end + share * (self.wanted[pair[low]] + MARGIN - at_end))
         return out
 

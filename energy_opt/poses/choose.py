@@ -22,7 +22,7 @@ from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion import Move, Result, Trajectory
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.poses.chosen import Candidate, Chosen, Settle, Settling, Sketched, cost_of
-from energy_opt.poses.distance import kept_by
+from energy_opt.poses.distance import is_free, kept_by
 from energy_opt.poses.estimate import fastest, fastest_straight
 from energy_opt.poses.freedom import has_freedom, improved
 from energy_opt.poses.inverse import ToolKinematics
@@ -287,7 +287,7 @@ class Chooser:
     def _no_goal_error(self, move: Move, goals: Sequence[Target], found: Sequence[Candidate]) -> Infeasible:
         """The error if no goal remains: all are in contact, or those that are not take too long."""
         name = next((goal.name for goal in goals if isinstance(goal, Pose)), "--goal")
-        free = [c for c in found if c.status != "colliding"]
+        free = [c for c in found if c.status != "colliding" and is_free(self.cell, c.goal)]
         if not free and self.cell is not None:
             return touching_error(name, np.array([c.goal for c in found]), self.cell)
         nearest = min(free, key=lambda c: self._distance(move, c.goal))

@@ -78,10 +78,14 @@ def test_joints_are_turned_together_within_their_limits(ur: ToolKinematics) -> N
 
 
 def test_where_all_positions_touch_the_least_deep_contact_is_named(tmp_path: Path) -> None:
-    """It was the first one: the forearm, 102 mm deep. In another position only a wrist touches, 69 mm deep."""
+    """It was the first one: the forearm, 102 mm deep. In another position only a wrist touches, 69 mm deep.
+
+    In a short duration, it was a lack of time: positions that take too long had counted as free.
+    """
     scene = tmp_path / "scene.yaml"
     scene.write_text("objects: [{name: ball, type: sphere, radius: 0.12, position: [0.3, -0.3, 0.35]}]")
-    given = {"goal_pose": [0.4, -0.3, 0.3, 3.14, 0, 0], "duration": 2.0, "scene": scene}
-    for start in ({"start": [0, -1.57, 1.57, -1.57, -1.57, 0]}, {"start_pose": [0.4, 0.3, 0.3, 3.14, 0, 0]}):
+    given = {"goal_pose": [0.4, -0.3, 0.3, 3.14, 0, 0], "scene": scene}
+    joints = {"start": [0, -1.57, 1.57, -1.57, -1.57, 0]}
+    for start, duration in ((joints, 2.0), (joints, 0.2), ({"start_pose": [0.4, 0.3, 0.3, 3.14, 0, 0]}, 2.0)):
         with pytest.raises(Infeasible, match=r"every joint position .* touches something; wrist_2_link touches ball"):
-            eo.optimize("ur5e", "source-method-2", **start, **given)
+            eo.optimize("ur5e", "source-method-2", duration=duration, **start, **given)

@@ -8,6 +8,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from energy_opt.cell.scene import FARTHEST
 from energy_opt.errors import BadInput
 from energy_opt.robot import Robot
 from energy_opt.robot.kinematics import no_degrees, pose_of
@@ -15,7 +16,7 @@ from energy_opt.robot.kinematics import no_degrees, pose_of
 PlannerName = Literal["auto", "none", "ompl"]
 PLANNERS: tuple[PlannerName, ...] = get_args(PlannerName)
 CLEARANCE = 0.002  # [m] default clearance; a pair that is nearer at an end keeps half of its distance there
-FAR = 100.0  # [m] largest length in a cell: larger ones are in another unit
+WIDEST = 100.0  # [m] largest edge of a payload: larger ones are in another unit
 
 
 @dataclass(frozen=True)
@@ -59,16 +60,20 @@ class CellRequest:
     def __post_init__(self) -> None:
         if self.planner not in PLANNERS:
             raise BadInput(f"--planner {self.planner!r}; expected {', '.join(PLANNERS)}")
-        if len(self.base) != 6 or not np.isfinite(self.base).all() or np.abs(self.base[:3]).max() > FAR:
-            raise BadInput(f"--base {','.join(f'{x:g}' for x in self.base)}: expected X,Y,Z [m] and R,P,Y [rad]")
-        no_degrees(f"--base {','.join(f'{x:g}' for x in self.base)}", self.base[3:])
-        if self.floor is not None and not abs(self.floor) <= FAR:
-            raise BadInput(f"--floor {self.floor:g}: not a height; expected metres")
+        base = f"--base {','.join(f'{x:g}' for x in self.base)}"
+        if len(self.base) != 6 or not np.isfinite(self.base).all():
+            raise BadInput(f"{base}: expected X,Y,Z [m] and R,P,Y [rad]")
+        if (far := np.abs(self.base[:3]).max()) > FARTHEST:
+            raise BadInput(f"{base}: {far:g} m is too far; expected X,Y,Z in metres, at most {FARTHEST:g}")
+        no_degrees(base, self.base[3:])
+        if self.floor is not None and not abs(self.floor) <= FARTHEST:
+            raise BadInput(f"--floor {self.floor:g}: not a height; expected metres, at most {FARTHEST:g}")
         if self.clearance is not None and not 0 < self.clearance <= 1:
             raise BadInput(f"--clearance {self.clearance:g}; expected metres above 0, at most 1")
         size = self.payload_size
-        if size is not None and not (len(size) == 3 and all(0 < edge <= FAR for edge in size)):
-            raise BadInput(f"--payload-size {','.join(f'{x:g}' for x in size)}; expected three edges [m] above 0")
+        if size is not None and not (len(size) == 3 and all(0 < edge <= WIDEST for edge in size)):
+            edges = ",".join(f"{x:g}" for x in size)
+            raise BadInput(f"--payload-size {edges}; expected three edges [m] above 0, at most {WIDEST:g}")
 
     @property
     def checks(self) -> bool:

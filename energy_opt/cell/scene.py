@@ -30,6 +30,7 @@ SIZES: Mapping[Kind, tuple[str, ...]] = {
 }
 TOOL = "<tool>"  # means the tool's frame, where a link is named
 FLOOR = "floor"  # the name of the object that means `Scene.floor`
+FARTHEST = 10_000.0  # [m] largest size or position in a cell: larger ones are in another unit
 BEYOND = 30.0  # [reaches of the arm] larger lengths are in another unit; scenes have halls of 40 m
 ON_PLANE = 1e-6  # [m] a base nearer to a plane counts as on it
 

@@ -11,7 +11,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from energy_opt.cell.load import scene_of
-from energy_opt.cell.request import FAR, CellRequest
+from energy_opt.cell.request import CellRequest
+from energy_opt.cell.scene import FARTHEST
 from energy_opt.errors import BadInput
 from energy_opt.files import plain, write_json
 from energy_opt.folders import written_whole
@@ -48,8 +49,8 @@ class PlaceRequest:
     fixture: str | None = None
 
     def __post_init__(self) -> None:
-        if len(self.box) != 6 or not np.isfinite(self.box).all() or np.abs(self.box).max() > FAR:
-            raise BadInput(f"--base-box: expected {FORM}")
+        if len(self.box) != 6 or not np.isfinite(self.box).all() or np.abs(self.box).max() > FARTHEST:
+            raise BadInput(f"--base-box: expected {FORM}, at most {FARTHEST:g} m")
         pairs = [self.box[0:2], self.box[2:4], self.box[4:6], self.yaw or (0.0, 0.0)]
         for axis, (low, high) in zip(AXES, pairs, strict=True):
             if not low <= high:

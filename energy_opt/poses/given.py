@@ -81,10 +81,10 @@ class Given:
             names = [key for key, pose in self._named.items() if isinstance(pose, Pose)]
             raise BadInput(f"{name}: no pose {value!r}{suggest(value, names)}; expected a name of poses, or {FORM}")
         if not isinstance(value, str):
-            return replace(pose_from(_numbers(value, name), free, tolerance, name), frame=frame)
+            return pose_from(_numbers(value, name), free, tolerance, name, frame)
         before, colon, numbers = value.rpartition(":")
         frame = before.strip() if colon else frame
-        return replace(pose_from(numbers.strip(), free, tolerance, name), frame=frame)
+        return pose_from(numbers.strip(), free, tolerance, name, frame)
 
     def _from_pose_stamped(
         self, file: str, name: str, free: Sequence[str], tolerance: str | tuple[float, float] | None
@@ -107,7 +107,7 @@ class Given:
             frame = str(header.get("frame_id") or "").removeprefix("/")
         except (AttributeError, KeyError, TypeError):
             raise BadInput(f"{name}: {path}: expected a PoseStamped with pose: position and orientation") from None
-        return replace(pose_from(_numbers([*place, *turn], f"{name}: {path}"), free, tolerance, name), frame=frame)
+        return pose_from(_numbers([*place, *turn], f"{name}: {path}"), free, tolerance, name, frame)
 
 
 def _words(value: Any, name: str) -> tuple[str, ...]:

@@ -14,13 +14,14 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from energy_opt.cell.scene import FARTHEST
 from energy_opt.errors import BadInput, shown
 from energy_opt.files import finite_number, words_of
 from energy_opt.robot.kinematics import no_degrees, pose_of
 
 TURNS = ("rx", "ry", "rz")
 AXES = ("x", "y", "z", *TURNS)
-FAR = 100.0  # [m] largest length: a longer one is probably in the wrong unit
+FAR = 100.0  # [m] largest length from the base: a longer one is probably in the wrong unit
 LEAST = 1e-9  # [m, rad] least tolerance, for rounding
 EXACT = 1e-6, 1e-6  # [m, rad] tolerance of a pose that is to be reached exactly
 WIDEST = 0.5, np.pi  # [m, rad] largest tolerance: a larger one is probably in another unit
@@ -99,7 +100,8 @@ class Pose:
             if [other.axis for other in free].count(freedom.axis) > 1:
                 raise BadInput(f"{self.name}: an axis is free twice: {', '.join(other.axis for other in free)}")
         allowed = tolerance_of(self.tolerance, self.name)
-        for name, value in (("matrix", matrix_of(self.matrix, self.name)), ("free", free), ("tolerance", allowed)):
+        matrix = matrix_of(self.matrix, self.name, FARTHEST if self.frame else FAR)
+        for name, value in (("matrix", matrix), ("free", free), ("tolerance", allowed)):
             object.__setattr__(self, name, value)
 
     def document(self) -> dict[str, object]:
@@ -139,26 +141,27 @@ def pose_from(
     free: Iterable[str | Freedom] = (),
     tolerance: str | tuple[float, float] | None = None,
     name: str = "--goal-pose",
+    frame: str = "",
 ) -> Pose:
     """A pose from text or from the arguments of `Pose`; a `Pose` is returned unchanged.
 
     Args:
         given: x, y, z [m] and roll, pitch, yaw [rad], or x, y, z and a quaternion x, y, z, w, as numbers or as text
-            with commas; or a matrix (4, 4). All in the robot's base frame.
+            with commas; or a matrix (4, 4).
         free: axes of the tool's frame that are free, such as "rz" or "rz:-30:30" [deg], "z:-5:5" [mm].
         tolerance: "1mm,1deg", or a distance [m] and an angle [rad].
-        name: of the argument, for messages.
+        name: of the argument, for messages. frame: see `Pose`.
 
     Raises:
         BadInput: another count of numbers, or no pose.
     """
     if isinstance(given, Pose):
         return given
-    return Pose(given, free, tolerance or EXACT, name)  # type: ignore[arg-type]
+    return Pose(given, free, tolerance or EXACT, name, frame)  # type: ignore[arg-type]
 
 
-def matrix_of(given: str | Sequence[float] | np.ndarray, name: str) -> np.ndarray:
-    """A pose (4, 4) from six or seven numbers, also as text, or from itself; see `Pose`.
+def matrix_of(given: str | Sequence[float] | np.ndarray, name: str, most: float) -> np.ndarray:
+    """A pose (4, 4), no farther than `most` [m], from six or seven numbers, also as text, or from itself; see `Pose`.
 
     Raises:
         BadInput: no such numbers, or no pose; the line begins with `name`.
@@ -184,7 +187,7 @@ def matrix_of(given: str | Sequence[float] | np.ndarray, name: str) -> np.ndarra
         raise BadInput(f"{name}: {numbers.size} numbers; expected {FORM}")
     if numbers.shape != (4, 4):
         raise BadInput(f"{name}: expected {FORM}")
-    if (far := np.abs(numbers[:3, 3]).max()) > FAR:
+    if (far := np.abs(numbers[:3, 3]).max()) > most:
         raise BadInput(f"{name}: {far:g} m is too far; expected m (are these millimetres? {far / 1000:g} m then)")
     off = max(np.abs(numbers[:3, :3] @ numbers[:3, :3].T - np.eye(3)).max(), np.abs(numbers[3] - np.eye(4)[3]).max())
     if off > 2 * UNIT or np.linalg.det(numbers[:3, :3]) < 0:

@@ -116,6 +116,16 @@ def test_the_frame_world_is_the_scenes_where_a_link_has_this_name(name: str) -> 
     assert np.allclose(in_base(pose, load_robot(name), None, base).matrix[:3, 3], [0.3, 0.1, 0.2])
 
 
+def test_a_base_and_its_poses_may_be_far_from_the_scene_s_origin(ur: ToolKinematics) -> None:
+    """A base 120 m away was refused, in words that were kept to."""
+    asked = CellRequest(base=(120.0, -40.0, 0.0, 0.0, 0.0, 0.0))
+    pose = Given().pose("world: 120.4,-40.2,0.3,0,0,0", "goal")
+    found = in_base(pose, ur.robot, None, asked.base_pose)
+    assert np.allclose(found.matrix[:3, 3], [0.4, -0.2, 0.3])
+    with pytest.raises(BadInput, match=r"400 m is too far.*millimetres"):
+        in_base(Given().pose("world: 400,0,300,0,0,0", "goal"), ur.robot, None, np.eye(4))
+
+
 def test_named_numbers_that_may_be_a_pose_are_remarked(tmp_path: Path, ur: ToolKinematics) -> None:
     path = tmp_path / "job.toml"
     part = 'part = { pose = [0.45, 0.2, 0.1, 3.14159265, 0, 0], free = ["rz:-30:30"] }'

@@ -201,7 +201,7 @@ def test_a_value_of_a_step_that_cannot_be(
     ("table", "says"),
     [
         ({"base": [0, 0, 0, 0, 0, 90]}, "robot arm: --base 0,0,0,0,0,90: R,P,Y in degrees?"),
-        ({"base": [500, 0, 0, 0, 0, 0]}, "robot arm: --base 500,0,0,0,0,0: expected X,Y,Z [m]"),
+        ({"base": [20000, 0, 0, 0, 0, 0]}, "robot arm: --base 20000,0,0,0,0,0: 20000 m is too far"),
         ({"model": "nope"}, "--model nope: neither a model file nor a name"),
         ({"model": "cell.toml"}, "cell.toml: format = 'energy-opt/job/2'; expected 'energy-opt/model/1'"),
         ({"tool": "nowhere"}, "--tool nowhere: no frame 'nowhere'"),

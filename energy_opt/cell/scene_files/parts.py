@@ -18,11 +18,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from energy_opt.cell.scene import SIZES, AllowedPairs, Kind, SceneObject, Shape
+from energy_opt.cell.scene import FARTHEST, SIZES, AllowedPairs, Kind, SceneObject, Shape
 from energy_opt.errors import BadInput, suggest
 from energy_opt.files import inside
 
-FARTHEST = 10_000.0  # [m] largest size or position in a cell: larger ones are in another unit
 MOST_SHAPES = 100_000  # most shapes in a scene
 MOST_TRIANGLES = 1_000_000  # most triangles in all meshes of a scene
 ZERO_QUATERNION = 1e-3  # a quaternion shorter than this has no direction

@@ -147,7 +147,7 @@ class Cell:
         tool = tool_of(robot.body, request.tool)
         frames = {**robot.body.link_frames(), TOOL: (tool.joint, np.array(tool.pose))}
         known: dict[int, Solid] = {}
-        for placed in whole.placed(request.base_pose):
+        for placed in whole.placed(request.base_pose, robot.body.tree()[0].placement[:3, 3]):
             shape = placed.shape
             if id(shape) not in known:
                 whole_mesh = shape.vertices, shape.triangles

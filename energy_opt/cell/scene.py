@@ -32,7 +32,7 @@ TOOL = "<tool>"  # means the tool's frame, where a link is named
 FLOOR = "floor"  # the name of the object that means `Scene.floor`
 FARTHEST = 10_000.0  # [m] largest size or position in a cell: larger ones are in another unit
 BEYOND = 30.0  # [reaches of the arm] larger lengths are in another unit; scenes have halls of 40 m
-ON_PLANE = 1e-6  # [m] a base nearer to a plane counts as on it
+ON_PLANE = 0.05  # [m] an arm whose first joint is nearer to a plane stands on it, or passes through it
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,11 +170,15 @@ class Scene:
             raise BadInput(f"{self.source}: no object {name!r} is fixed in the scene{known}")
         return replace(self, objects=tuple(o.at(place) if o.name == name else o for o in self.objects))
 
-    def placed(self, base: np.ndarray | None = None) -> Iterator[PlacedShape]:
-        """Every shape, the floor last; `base` (4, 4) is the pose of the robot's base in the scene's frame.
+    def placed(self, base: np.ndarray | None = None, joint: np.ndarray | None = None) -> Iterator[PlacedShape]:
+        """Every shape, the floor last.
 
-        A plane is a wall that the arm does not pass: the half-space with the robot's base is free, whatever the
-        direction of its normal.
+        A plane is a wall that the arm does not pass: the half-space with its first joint is free, whatever the
+        direction of the normal. The base itself may be sunk in the plane.
+
+        Args:
+            base: (4, 4) pose of the robot's base in the scene's frame. joint: (3,) [m] the arm's first joint in the
+                frame of its base; None for the base itself.
         """
         into = np.eye(4) if base is None else np.linalg.inv(base)
         for thing in self.objects:
@@ -183,7 +187,7 @@ class Scene:
                 if thing.frame is None:
                     moved = into @ moved
                 if shape.kind == "plane" and thing.attached_to is None:
-                    moved = _facing_base(moved)
+                    moved = _facing(moved, np.zeros(3) if joint is None else joint)
                 yield PlacedShape(thing.name, shape, moved, thing.attached_to, thing.frame, thing.touch_links)
         if self.floor is not None:
             ground = np.eye(4)
@@ -225,8 +229,8 @@ def out_of_scale(scene: Scene, base: np.ndarray | None, reach: float) -> list[st
     return [f"{scene.source}: {word}; {tail}" for word in found.values()]
 
 
-def _facing_base(pose: np.ndarray) -> np.ndarray:
-    """The pose of a plane, turned over if its solid held the origin; if the origin is on it, the upper half is free."""
-    height = -float(pose[:3, 2] @ pose[:3, 3])
-    solid = pose[2, 2] < 0 if abs(height) <= ON_PLANE else height < 0
+def _facing(pose: np.ndarray, joint: np.ndarray) -> np.ndarray:
+    """The pose of a plane, turned over if its solid held the joint (3,); if this is on it, the upper half is free."""
+    height, up = float(pose[:3, 2] @ (joint - pose[:3, 3])), float(pose[2, 2])
+    solid = (up if abs(height) <= ON_PLANE < abs(up) else height) < 0
     return pose @ np.diag([1.0, -1.0, -1.0, 1.0]) if solid else pose

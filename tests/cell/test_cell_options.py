@@ -90,13 +90,26 @@ def test_base_turns_as_urdf_does_and_shapes_come_into_its_frame() -> None:
     assert np.allclose(turned[2], [np.sin(0.2), np.cos(0.2) * np.sin(0.3), np.cos(0.2) * np.cos(0.3)])
 
 
-@pytest.mark.parametrize(("height", "flip", "up"), [(-0.5, 1, 1), (-0.5, -1, 1), (0.5, 1, -1), (0.0, -1, 1)])
+@pytest.mark.parametrize(
+    ("height", "flip", "up"),
+    [(-0.5, 1, 1), (-0.5, -1, 1), (0.5, 1, -1), (0.0, -1, 1), (0.002, 1, 1), (0.002, -1, 1), (-0.002, -1, 1)],
+)
 def test_a_plane_leaves_the_base_s_side_free(height: float, flip: int, up: int) -> None:
     pose = np.diag([1.0, flip, flip, 1.0])
     pose[2, 3] = height
     (plane,) = Scene((SceneObject("wall", (Shape("plane"),), pose),)).placed()
     assert np.allclose(plane.pose[:3, 2], [0, 0, up]) and np.isclose(plane.pose[2, 3], height)
     assert np.isclose(np.linalg.det(plane.pose), 1.0)
+
+
+@pytest.mark.parametrize(("height", "flip"), [(0.002, 1), (0.06, -1), (0.06, 1), (0.5, 1)])
+def test_a_table_top_above_the_base_s_origin_bears_the_arm(panda: Robot, height: float, flip: int) -> None:
+    """The arm touched a plane 2 mm above it, as if it hung below: "690 mm deep"."""
+    pose = np.diag([1.0, flip, flip, 1.0])
+    pose[2, 3] = height
+    cell = Cell(panda, CellRequest(), Scene((SceneObject("top", (Shape("plane"),), pose),)))
+    touches = cell.touching(np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]))  # its first joint is 333 mm up
+    assert (touches is not None) == (height > 0.4)
 
 
 def test_named_pairs_go_before_defaults_and_one_no_is_a_no() -> None:

@@ -32,7 +32,7 @@ TOOL = "<tool>"  # means the tool's frame, where a link is named
 FLOOR = "floor"  # the name of the object that means `Scene.floor`
 FARTHEST = 10_000.0  # [m] largest size or position in a cell: larger ones are in another unit
 BEYOND = 30.0  # [reaches of the arm] larger lengths are in another unit; scenes have halls of 40 m
-ON_PLANE = 0.05  # [m] an arm whose first joint is nearer to a plane stands on it, or passes through it
+ON_PLANE = 0.05  # [m] an arm whose first joint is nearer to a plane is on it, or passes through it
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +187,7 @@ class Scene:
                 if thing.frame is None:
                     moved = into @ moved
                 if shape.kind == "plane" and thing.attached_to is None:
-                    moved = _facing(moved, np.zeros(3) if joint is None else joint)
+                    moved = facing(moved, np.zeros(3) if joint is None else joint)
                 yield PlacedShape(thing.name, shape, moved, thing.attached_to, thing.frame, thing.touch_links)
         if self.floor is not None:
             ground = np.eye(4)
@@ -229,7 +229,7 @@ def out_of_scale(scene: Scene, base: np.ndarray | None, reach: float) -> list[st
     return [f"{scene.source}: {word}; {tail}" for word in found.values()]
 
 
-def _facing(pose: np.ndarray, joint: np.ndarray) -> np.ndarray:
+def facing(pose: np.ndarray, joint: np.ndarray) -> np.ndarray:
     """The pose of a plane, turned over if its solid held the joint (3,); if this is on it, the upper half is free."""
     height, up = float(pose[:3, 2] @ (joint - pose[:3, 3])), float(pose[2, 2])
     solid = (up if abs(height) <= ON_PLANE < abs(up) else height) < 0

@@ -19,29 +19,27 @@ import numpy as np
 from scipy.optimize import minimize
 
 from energy_opt.cell.request import CellRequest
-from energy_opt.errors import BadInput, Infeasible
+from energy_opt.cell.standing import Standing
+from energy_opt.errors import Infeasible
 from energy_opt.jobs.file import Job
 from energy_opt.jobs.legs import pose_in_base
 from energy_opt.jobs.posed import Ends, Posed, run_posed
 from energy_opt.jobs.solve_job import JobResult, RoughCycles
+from energy_opt.jobs.work import Cells
 from energy_opt.motion.move import Settings
-from energy_opt.placement.placement import Looked, Placement, PlaceRequest, Rough, fixture_pose, in_scene
+from energy_opt.placement.placement import Looked, PlaceRequest, Rough, fixture_pose, in_scene
 from energy_opt.poses.inverse import ToolKinematics
-from energy_opt.poses.sets import DETOUR
 from energy_opt.power import PowerModel
+from energy_opt.robot.kinematics import pose_of
 
-TRIES = 2  # times as many seeds are tried if rough cycles fail
-APART = 0.15  # share of the box: least distance of seeds
 FARTHEST = 0.5  # share of the box: longest step of bent motions
 SHORTER = 0.25  # share of a step to try where the whole one leads to contact, or to a higher energy
 BESIDE = 0.2  # share of the box: step to a neighbour
 WORTH = 1e-3  # share of the losses: a step that promises to save less ends the search
 POOL = 48  # positions from which inverse kinematics starts at a placement
-# initial and largest factor of steps: bent motions bound the optimum from above, and overestimate long steps
-RELAXED, MOST_RELAXED = 1.6, 3.0
+MOST_RELAXED = 3.0  # largest factor of steps
 EVALUATIONS = 60  # most evaluations of bent motions in a step, per coordinate
 BRANCHES = 6  # choices of branches to try at the best seed
-ANSWERS = 3  # most placements to solve in full until one is proven
 UNREACHED = 1e9  # [J] assumed cost of a placement from which a pose is out of reach
 
 
@@ -67,6 +65,8 @@ class Search:
         self.free = np.flatnonzero(self.span > 0)
         self.rough = RoughCycles(model, settings, self.job, stopped)
         self.path: list[Looked] = []
+        cells = {id(at): at for at in map(Cells(self.job, cell).of, self.job.steps) if at is not None}
+        self._standing = [Standing(at, request.fixture) for at in cells.values()]
         self._pool: dict[int, np.ndarray] | None = None
         self._tool = ToolKinematics(job.robot, cell.tool)
 
@@ -79,6 +79,12 @@ class Search:
         """x, y, z, roll, pitch, yaw (6,) at x, y, z, yaw (4,)."""
         x, y, z, yaw = (float(value) for value in point)
         return x, y, z, self.given[3], self.given[4], yaw
+
+    def overlap(self, point: np.ndarray) -> str | None:
+        """What fixed bodies overlap at a placement (4,), and not as they are given; None if none do."""
+        base, (old, new) = self.cell.base_pose, (pose_of(at[:3], at[3:]) for at in (self.given, self.place(point)))
+        moved = new @ np.linalg.inv(old)  # in the scene's frame
+        return next(filter(None, (at.overlap(np.linalg.solve(base, moved @ base)) for at in self._standing)), None)
 
     def posed(self, point: np.ndarray, pool: dict[int, np.ndarray] | None = None) -> Posed:
         """The choice of joint positions at a placement `point` (4,).
@@ -101,7 +107,7 @@ class Search:
         return out
 
     def estimates(self) -> list[tuple[np.ndarray, float]]:
-        """Placements (4,) with their estimates [J], the cheapest first; infinite if a pose is out of reach."""
+        """Placements (4,) with their estimates [J], the cheapest first; infinite ones cannot be."""
         out, points = list[tuple[np.ndarray, float]](), self.points()
         for k, point in enumerate(points):
             if self.stopped() and out:
@@ -111,9 +117,12 @@ class Search:
         return sorted(out, key=lambda item: item[1])
 
     def estimate(self, point: np.ndarray) -> float:
-        """The likely energy [J] of the job at a placement (4,); infinite if a pose is out of reach."""
+        """The likely energy [J] of the job at a placement (4,).
+
+        Infinite if a pose is out of reach, or fixed bodies overlap.
+        """
         poses = (pose_in_base(self.job.steps[k], self.job.robot, self.at(point)) for k in self.job.open)
-        if any(map(self._tool.out_of_reach, poses)):
+        if any(map(self._tool.out_of_reach, poses)) or self.overlap(point):
             return float(np.inf)
         try:
             posed = self.posed(point, self._pool)
@@ -207,7 +216,12 @@ class Search:
         return at, before - value
 
     def ends_at(self, point: np.ndarray, ends: Ends) -> Ends | None:
-        """The positions (n,) by step at a placement (4,) nearest to given ones; None if a pose is out of reach."""
+        """The positions (n,) by step at a placement (4,) nearest to given ones.
+
+        None if a pose is out of reach, or fixed bodies overlap.
+        """
+        if self.overlap(point):
+            return None
         try:
             there = self.posed(point, {k: q[None] for k, q in ends.items()})
         except Infeasible:
@@ -252,98 +266,3 @@ class Search:
     def point(place: tuple[float, ...]) -> np.ndarray:
         """x, y, z, yaw (4,) of a pose (6,)."""
         return np.array([*place[:3], place[5]])
-
-
-def place(
-    job: Job,
-    model: PowerModel,
-    request: PlaceRequest,
-    *,
-    settings: Settings | None = None,
-    cell: CellRequest | None = None,
-    stopped: Callable[[], bool] = lambda: False,
-    progress: Callable[[str, float], None] = lambda text, share: None,
-) -> Placement:
-    """The pose of the base, or of a fixture, in a box that makes a job cheapest; other poses stay where they are.
-
-    Args:
-        job: with poses of the tool, in the frame of the given base, of the scene or of its objects.
-        cell: the scene, and the given base.
-
-    Raises:
-        BadInput: no step of the job ends at a pose. Infeasible: no placement was found at which the job can be done.
-        KeyboardInterrupt: stopped before one was found.
-    """
-    cell = cell or CellRequest()
-    if not job.open:
-        raise BadInput(
-            f"{job.name}: no step ends at a pose of the tool; joint positions do not change with the base, so every "
-            "placement takes the same energy (give `pose = [...]` in place of `to`)"
-        )
-    search = Search(job, model, request, settings or Settings(), cell, stopped, progress)
-    given = search.point(search.given)
-    progress("as it is given", 0.0)
-    given_result = search.solve(given, "given")
-    if given_result is None:
-        search.path.clear()
-    looked = search.estimates()
-    inside = bool(((given >= search.bounds[:, 0] - 1e-12) & (given <= search.bounds[:, 1] + 1e-12)).all())
-    done: list[tuple[bool, float, np.ndarray, JobResult]] = []  # (not solved, energy [J], …): a proven one comes first
-    if given_result is not None and inside:
-        done.append((not given_result.solved, given_result.energy, given, given_result))
-    seeds: list[Rough] = []
-    for point, value in looked:
-        found = sum(at.plan is not None for at in seeds)
-        if found >= request.seeds or len(seeds) >= TRIES * request.seeds or not np.isfinite(value) or stopped():
-            break
-        if any((np.abs(point - at.point)[search.free] < APART * search.span[search.free]).all() for at in seeds):
-            continue
-        progress(f"seed {found + 1}/{request.seeds}", 0.4 + 0.2 * found / request.seeds)
-        seeds.append(search.settled(point, "seed"))
-    seeds.sort(key=lambda at: at.energy)
-    if seeds and seeds[0].plan is not None:
-        seeds.insert(0, search.varied(seeds[0]))
-    relax = RELAXED
-    last = len(search.path) + request.steps
-    while (left := last - len(search.path)) > 0 and seeds and seeds[0].plan is not None and not stopped():
-        progress(f"step {request.steps - left + 1}/{request.steps}", 0.7 - 0.1 * left / request.steps)
-        lower, relax = search.step(seeds[0], relax, left)
-        lower = lower or search.beside(seeds[0], last - len(search.path))
-        if lower is None:
-            break
-        seeds.insert(0, lower)
-    for rough in seeds[:ANSWERS]:
-        if done and (stopped() or (not done[-1][0] and done[-1][2] is not given)):
-            break
-        progress("answer", 0.7)
-        result = search.solve(rough.point, "answer", rough.ends or None)
-        if result is not None:
-            done.append((not result.solved, result.energy, rough.point, result))
-    if not done and stopped():
-        raise KeyboardInterrupt
-    if not done:
-        raise _no_placement_error(search, looked)
-    _, _, best, result = min(done, key=lambda item: item[:2])
-    fixed = [step.name for k, step in enumerate(job.steps) if step.wait is None and k not in job.open]
-    warnings = [
-        f"steps with given joint positions do not move with the {request.fixture or 'base'}: {', '.join(fixed)}"
-    ]
-    # estimates with the penalty of a move in contact, or too slow, are no energies
-    known = ((point, value if value < DETOUR else np.inf) for point, value in looked)
-    tried = tuple(Looked(search.place(point), value, "estimate") for point, value in known)
-    return Placement(
-        search.place(best), result, search.given, given_result, tried, tuple(search.path),
-        tuple(warnings if fixed else ()), request.fixture,
-    )  # fmt: skip
-
-
-def _no_placement_error(search: Search, looked: list[tuple[np.ndarray, float]]) -> Infeasible:
-    """The error that no placement works, with the reason at the most promising one, else at the middle of the box."""
-    point = looked[0][0] if looked else search.bounds.mean(axis=1)
-    words = ", ".join(f"{x:.4g}" for x in point)
-    try:
-        search.posed(point)
-        reason, limit = "the job cannot be done at the placements that were tried", "duration"
-    except Infeasible as error:
-        reason, limit = str(error), error.limit or "pose"
-    return Infeasible(f"no placement in the box was found; at x, y, z, yaw = {words}: {reason}", limit=limit)

@@ -1,0 +1,76 @@
+"""Overlaps of bodies that no joint moves: those of an arm's base, or of an object, with what is fixed in the cell.
+
+Fixed bodies may overlap as they are given: a base is bolted to its table. At another place they may not.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from energy_opt.cell.bodies import Body
+from energy_opt.cell.cell import Cell
+from energy_opt.cell.proof import one_inside_the_other
+from energy_opt.cell.scene import FLOOR, Scene, facing
+from energy_opt.cell.solids import Ruler, placement
+
+SUNK = 0.002  # [m] fixed bodies that overlap by no more stand on each other
+
+
+class Standing:
+    """The overlaps of an arm's fixed links, or of an object, with the fixed bodies of a scene.
+
+    Args:
+        cell: with both as they are given. moved: the name of the object; None for the arm's base.
+    """
+
+    def __init__(self, cell: Cell, moved: str | None) -> None:
+        scene = cell.scene or Scene()
+        still = {thing.name for thing in scene.objects if not (thing.frame or thing.attached_to)}
+        fixed = [(body, k < cell.links) for k, body in enumerate(cell.bodies.all) if body.joint < 0]
+        self._base, self._joint = moved is None, cell.robot.body.tree()[0].placement[:3, 3]
+        if moved is not None:
+            still -= {moved}
+            things = [body for body, own in fixed if not own and body.name == moved]
+            around = [body for body, own in fixed if own or body.name in {*still, FLOOR}]
+        else:  # the floor does not concern the base
+            things = [body for body, own in fixed if own]
+            around = [body for body, own in fixed if not own and body.name in still]
+        apart = ((a, b) for a in things for b in around if not scene.allowed.allows(a.name, b.name))
+        self._pairs = [(a, b, Ruler(a.solid, b.solid)) for a, b in apart]
+        self._given = self._depths(np.eye(4))
+
+    def overlap(self, motion: np.ndarray) -> str | None:
+        """Where a body is deeper in another than as given, or than one that rests on it; None if none is.
+
+        Args:
+            motion: (4, 4) from the given place to the new one, in the frame of the given base.
+        """
+        deeper = {pair: depth for pair, depth in self._depths(motion).items() if depth > self._given[pair] + SUNK}
+        if not deeper:
+            return None
+        a, b = max(deeper, key=lambda pair: deeper[pair])
+        how = f"{1e3 * deeper[a, b]:.3g} mm deep in" if np.isfinite(deeper[a, b]) else "inside"
+        return f"{a} would be {how} {b}"
+
+    def _depths(self, motion: np.ndarray) -> dict[tuple[str, str], float]:
+        """How deep [m] the bodies of each pair of names overlap; infinite if one is inside the other's surface."""
+        out: dict[tuple[str, str], float] = {}
+        for a, b, ruler in self._pairs:
+            at, bt = motion @ a.pose, self._faced(b, motion)
+            depth = _depth(ruler, *(placement(pose[:3, :3], pose[:3, 3]) for pose in (at, bt)))
+            out[a.name, b.name] = max(depth, out.get((a.name, b.name), 0.0))
+        return out
+
+    def _faced(self, body: Body, motion: np.ndarray) -> np.ndarray:
+        """The pose of a body; a plane leaves the side of the moved arm free."""
+        if not self._base or body.solid.corners is not None:
+            return body.pose
+        return motion @ facing(np.linalg.inv(motion) @ body.pose, self._joint)
+
+
+def _depth(ruler: Ruler, at: object, bt: object) -> float:
+    """How deep [m] two bodies overlap; infinite if one is inside the other's surface."""
+    near = ruler.near(at, bt)
+    if near >= 0 or ruler.convex:
+        return max(-near, 0.0)
+    return ruler.depth(at, bt) or (np.inf if one_inside_the_other(ruler, at, bt) else 0.0)

@@ -17,12 +17,11 @@ import numpy as np
 
 from energy_opt.cell.bodies import Bodies, Body, Scenery, arm_bodies
 from energy_opt.cell.curve import MotionCurve
-from energy_opt.cell.pairs import POSES, Kept, OwnPairs, kept_apart, neighbours, own_pairs
+from energy_opt.cell.pairs import POSES, Kept, OwnPairs, kept_apart, kept_of, neighbours, own_pairs
 from energy_opt.cell.proof import Proof, Touch, one_inside_the_other, prove
 from energy_opt.cell.request import CLEARANCE, CellRequest
-from energy_opt.cell.scene import TOOL, PlacedShape, Scene, out_of_scale
+from energy_opt.cell.scene import FLOOR, TOOL, Scene, out_of_scale, unknown_names
 from energy_opt.cell.solids import GJK_ERROR, Solid, mesh, primitive
-from energy_opt.errors import BadInput
 from energy_opt.robot import Robot, tool_of
 from energy_opt.robot.kinematics import Kinematics, pose_of
 from energy_opt.robot.srdf import semantics
@@ -93,19 +92,23 @@ class Contact:
 
     Attributes:
         pair: their names. distance: [m], 0 or less if they touch. depth: [m] how deep they overlap. own: whether both
-            are the arm's.
+            are the arm's. listed: whether a scene file can say that they may touch.
     """
 
     pair: tuple[str, str]
     distance: float
     depth: float
     own: bool = False
+    listed: bool = False
 
     @property
     def remedy(self) -> str:
         """Advice on a pose that would work."""
         by_design = "; if these links may touch, list them with --srdf FILE, or use --self-collision off"
-        return f"choose a pose without contact{by_design if self.own else ''}"
+        in_scene = (
+            f"; if these may touch, the scene file lists them: `allow: [[{', '.join(self.pair)}]]`, or `touch_links`"
+        )
+        return f"choose a pose without contact{by_design if self.own else in_scene if self.listed else ''}"
 
     def __str__(self) -> str:
         a, b = self.pair
@@ -146,13 +149,16 @@ class Cell:
         self._whole = whole
         tool = tool_of(robot.body, request.tool)
         frames = {**robot.body.link_frames(), TOOL: (tool.joint, np.array(tool.pose))}
+        self._names = {*frames, FLOOR, PAYLOAD}  # that a scene's pairs may have
+        for _, other, _ in request.beside:
+            self._names |= other.body.link_frames().keys()
         known: dict[int, Solid] = {}
         for placed in whole.placed(request.base_pose, robot.body.tree()[0].placement[:3, 3]):
             shape = placed.shape
             if id(shape) not in known:
                 whole_mesh = shape.vertices, shape.triangles
                 known[id(shape)] = mesh(*whole_mesh) if shape.kind == "mesh" else primitive(shape.kind, shape.size)
-            things.append(_kept(placed, known[id(shape)], frames))
+            things.append(kept_of(placed, known[id(shape)], frames))
         if request.payload_size is not None:
             box = primitive("box", request.payload_size)
             things.append(Kept(Body(PAYLOAD, robot.body.last, pose_of(request.payload_at), box), False))
@@ -191,6 +197,7 @@ class Cell:
     def warnings(self) -> list[str]:
         """Warnings about the checks."""
         out = [*self._whole.warnings, *out_of_scale(self._whole, self.request.base_pose, max(0.1, self.robot.reach))]
+        out += unknown_names(self._whole, self._names)
         if not self.has_body:
             out.append(f"{self.robot.name}: its URDF has no collision geometry; its body is not checked")
         elif self.own is not None and not self.own_checks:
@@ -262,7 +269,7 @@ class Cell:
         scene = Scenery(self.bodies, q[None])
         a, b = self.bodies.pairs[pair].tolist()
         depth = self.bodies.ruler(pair).depth(scene.placed(0, a), scene.placed(0, b))
-        return Contact(self.bodies.names(pair), distance, depth, max(a, b) < self.links)
+        return Contact(self.bodies.names(pair), distance, depth, max(a, b) < self.links, max(a, b) >= self.obstacles)
 
     def wanted(self, ends: np.ndarray, clearance: float | None = None) -> np.ndarray:
         """The clearance (P,) [m] that each pair keeps on a move between the poses `ends` (2, n).
@@ -325,23 +332,3 @@ class Cell:
             source="off" if self.own is None else Path(self.own.source).name,
             touches=tuple(proof.touches),
         )
-
-
-def _kept(placed: PlacedShape, solid: Solid, frames: dict[str, tuple[int, np.ndarray]]) -> Kept:
-    """A scene's shape as a body: on the joint that carries it, or fixed."""
-    link = placed.frame or placed.attached_to
-    if link is None:
-        return Kept(Body(placed.object, -1, placed.pose, solid), False)
-    carrier = placed.attached_to or link
-    for name in (carrier, link):
-        if name not in frames:
-            names = ", ".join(sorted(frames.keys() - {TOOL}))
-            raise BadInput(f"{placed.object}: attached to {name!r}, which is no link; links are {names}")
-    joint, frame = frames[link]
-    if joint != frames[carrier][0]:
-        raise BadInput(
-            f"{placed.object}: {carrier} carries it, but its pose is in the frame of {link}, which does not move with "
-            f"{carrier}; give its pose in the frame of {carrier}"
-        )
-    touch = {carrier, *placed.touch_links}
-    return Kept(Body(placed.object, joint, frame @ placed.pose, solid), False, frozenset(touch))

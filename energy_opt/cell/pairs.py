@@ -14,7 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from energy_opt.cell.bodies import Bodies, Body, Scenery
-from energy_opt.cell.scene import AllowedPairs
+from energy_opt.cell.scene import TOOL, AllowedPairs, PlacedShape
+from energy_opt.cell.solids import Solid
+from energy_opt.errors import BadInput, suggest
 from energy_opt.robot.description import Description
 from energy_opt.robot.kinematics import Kinematics
 from energy_opt.robot.limits import Limits, postures
@@ -123,6 +125,27 @@ class Kept:
     body: Body
     own: bool
     may_touch: frozenset[str] = frozenset()
+
+
+def kept_of(placed: PlacedShape, solid: Solid, frames: dict[str, tuple[int, np.ndarray]]) -> Kept:
+    """A scene's shape as a body: on the joint that carries it, or fixed."""
+    link = placed.frame or placed.attached_to
+    if link is None:
+        return Kept(Body(placed.object, -1, placed.pose, solid), False)
+    carrier = placed.attached_to or link
+    for name in (carrier, link):
+        if name not in frames:
+            names = sorted(frames.keys() - {TOOL})
+            known = f"{suggest(name, names)}; links are {', '.join(names)}"
+            raise BadInput(f"{placed.object}: attached to {name!r}, which is no link{known}")
+    joint, frame = frames[link]
+    if joint != frames[carrier][0]:
+        raise BadInput(
+            f"{placed.object}: {carrier} carries it, but its pose is in the frame of {link}, which does not move with "
+            f"{carrier}; give its pose in the frame of {carrier}"
+        )
+    touch = {carrier, *placed.touch_links}
+    return Kept(Body(placed.object, joint, frame @ placed.pose, solid), False, frozenset(touch))
 
 
 def kept_apart(things: Sequence[Kept], own: OwnPairs | None, allowed: AllowedPairs) -> np.ndarray:

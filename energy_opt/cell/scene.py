@@ -7,7 +7,7 @@ base⁻¹ · object.pose · shape.pose · p, with `base` the pose of the robot's
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -227,6 +227,25 @@ def out_of_scale(scene: Scene, base: np.ndarray | None, reach: float) -> list[st
                 found.setdefault(placed.object, f"object {placed.object} {what}; {length / 1000:g} m if in millimetres")
     tail = f"the arm reaches {reach:.3g} m; lengths of a scene are metres"
     return [f"{scene.source}: {word}; {tail}" for word in found.values()]
+
+
+def unknown_names(scene: Scene, names: Collection[str]) -> list[str]:
+    """Warnings on names in pairs that may touch that are none of `names`, nor of the scene's objects.
+
+    Files of other programs may name what is not there.
+    """
+    allowed, known = scene.allowed, {*names, *(thing.name for thing in scene.objects)}
+    given = [name for pair, may in allowed.entries.items() if may for name in pair]
+    given += [name for name, may in allowed.defaults.items() if may]
+    given += [name for thing in scene.objects for name in thing.touch_links]
+    found: dict[str, list[str]] = {}
+    for name in dict.fromkeys(given):
+        if name not in known and not name.startswith("<"):  # MoveIt's name of its octomap
+            found.setdefault(suggest(name, sorted(known)), []).append(repr(name))
+    return [
+        f"{scene.source}: what may touch is neither a link nor an object: {', '.join(those)}{hint}"
+        for hint, those in found.items()
+    ]
 
 
 def facing(pose: np.ndarray, joint: np.ndarray) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -140,16 +140,25 @@ def _faults(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
 def _document(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
     """A scene, a message with a planned trajectory, or joint limits."""
     if file.suffix == ".scene":
-        return check_scene(file, allow_outside=request.allow_outside, allow_large=request.allow_large)
+        return _scene(file, request, notes)
     documents = [read_json(file)] if file.suffix == ".json" else read_yaml_documents(file)
     if any(True for document in documents for _ in trajectories(document)):
         return _trajectory(file, request, notes)
     if any(map(is_scene, documents)):
-        faults = check_scene(file, allow_outside=request.allow_outside, allow_large=request.allow_large)
-        if not faults:
-            poses_of_scene(read_scene(file, allow_outside=request.allow_outside, allow_large=request.allow_large))
-        return faults
+        return _scene(file, request, notes)
     return _trajectory(file, request, notes) if file.suffix == ".json" else _limits(file, request)
+
+
+def _scene(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
+    """Faults of a scene; with a robot also of the names of its links."""
+    faults = check_scene(file, allow_outside=request.allow_outside, allow_large=request.allow_large)
+    if faults:
+        return faults
+    poses_of_scene(read_scene(file, allow_outside=request.allow_outside, allow_large=request.allow_large))
+    if request.robot is not None:
+        cell = load_cell(robot_of(request), replace(cell_of(request), scene=file))
+        notes += cell.warnings if cell else ()
+    return []
 
 
 def _set(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:

@@ -16,7 +16,8 @@ from energy_opt.cell.request import CellRequest
 from energy_opt.cell.scene import TOOL, Scene
 from energy_opt.cell.scene_files import check_scene, read_scene
 from energy_opt.cli.main import example, main
-from energy_opt.errors import BadInput
+from energy_opt.errors import BadInput, Infeasible
+from energy_opt.motion.plan.first_path import check_free
 from energy_opt.robot import load_robot
 
 EXAMPLE = example("scene")
@@ -281,3 +282,31 @@ def test_a_thousand_objects_are_read_in_linear_time(tmp_path: Path) -> None:
 
     seconds(10)
     assert seconds(4000) < 12 * seconds(1000)  # quadratic would be 16 times
+
+
+def test_a_name_in_a_pair_that_is_no_body_is_remarked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It was accepted without a word, and the contact that it was to allow was refused."""
+    table = {"name": "table", "type": "box", "size": [0.8, 1.2, 0.04], "position": [0.75, 0, 0.1]}
+    part = {
+        "name": "part",
+        "type": "box",
+        "size": [0.06, 0.06, 0.3],
+        "attach": "panda_hand",
+        "touch_links": ["panda_hnd"],
+    }
+    pairs = [["part", "tabel"], ["panda_link0", "table"], ["part", "floor"], ["grip", "wall"]]
+    path = written(tmp_path, "scene.yaml", {"objects": [table, part], "allow": pairs})
+    assert main(["check", str(path), "--robot", "panda"]) == 0
+    said = "what may touch is neither a link nor an object"
+    notes = capsys.readouterr().err
+    for words in ("'tabel'; did you mean 'table'?", "'grip', 'wall'", "'panda_hnd'; did you mean 'panda_hand'?"):
+        assert f"{said}: {words}" in notes
+    cell = load_cell(load_robot("panda"), CellRequest(scene=path))
+    with pytest.raises(Infeasible, match=r"part touches table .*mean 'table'.*`allow: \[\[part, table\]\]`"):
+        check_free(cell, np.array([0, 0.9, 0, -1.6, 0, 2.5, 0.785]), "start")
+    pairs[0][1] = "table"
+    path = written(tmp_path, "scene.yaml", {"objects": [table, {**part, "touch_links": []}], "allow": pairs[:3]})
+    assert main(["check", str(path), "--robot", "panda"]) == 0 and said not in capsys.readouterr().err
+    path = written(tmp_path, "scene.yaml", {"objects": [{**part, "attach": "panda_hnd"}]})
+    assert main(["check", str(path), "--robot", "panda"]) == 2
+    assert "no link; did you mean 'panda_hand'?" in capsys.readouterr().err

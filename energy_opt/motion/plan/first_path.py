@@ -40,9 +40,10 @@ def check_free(cell: Cell, q: np.ndarray, what: str) -> None:
     """Raise Infeasible if the arm touches something at q (n,); `what` names the pose."""
     contact = cell.touching(q)
     if contact is not None:
-        units = [said for said in cell.warnings if any(f"object {name} " in said for name in contact.pair)]
+        hints = [f"object {name} " for name in contact.pair] + [f"{name!r}?" for name in contact.pair]
+        said = [warning for warning in cell.warnings if any(hint in warning for hint in hints)]
         raise Infeasible(
-            "; ".join([f"{what}: {contact}", *units, contact.remedy]), limit="clearance",
+            "; ".join([f"{what}: {contact}", *said, contact.remedy]), limit="clearance",
             position={"start": 0.0, "goal": 1.0}.get(what), excess=contact.depth,
         )  # fmt: skip
 

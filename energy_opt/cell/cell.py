@@ -149,11 +149,13 @@ class Cell:
         self._whole = whole
         tool = tool_of(robot.body, request.tool)
         frames = {**robot.body.link_frames(), TOOL: (tool.joint, np.array(tool.pose))}
-        self._names = {*frames, FLOOR, PAYLOAD}  # that a scene's pairs may have
-        for _, other, _ in request.beside:
-            self._names |= other.body.link_frames().keys()
+        others = {link: at[0] for _, arm, _ in request.beside for link, at in arm.body.link_frames().items()}
+        self._names = {*frames, *others, FLOOR, PAYLOAD}  # that a scene's pairs may have
+        elsewhere = {link for link, joint in others.items() if joint >= 0 and link not in frames}
         known: dict[int, Solid] = {}
         for placed in whole.placed(request.base_pose, robot.body.tree()[0].placement[:3, 3]):
+            if elsewhere & {placed.attached_to, placed.frame}:  # another arm carries it
+                continue
             shape = placed.shape
             if id(shape) not in known:
                 whole_mesh = shape.vertices, shape.triangles

@@ -43,6 +43,7 @@ from energy_opt.robot import Robot
 UNCHECKED = "self-collision is off: whether the arm touches itself was not checked"
 FORMAT = "energy-opt/result/1"
 ANSWER = "result.json"
+STILL = 1e-6  # [rad, m] a joint whose ends are nearer to each other stays where it is
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
@@ -192,9 +193,12 @@ def table(result: Result, out: Path, robot: Robot, year: str = "") -> str:
     certificate = result.certificate.document()
     lines.append(limits_words(certificate, robot.unit))
     for row in result.travel:
-        units = robot.unit("position", str(row["joint"]))
+        joint, units = str(row["joint"]), robot.unit("position", str(row["joint"]))
+        k = robot.joints.index(joint)
+        at = float(result.trajectory.position[0, k])
+        remedy = f"; --lock {joint}={at:.6g} holds it" if abs(result.trajectory.position[-1, k] - at) < STILL else ""
         lines.append(
-            f"{row['joint']} travels {row['path']:.3g} {units}, its goal is only {row['straight']:.3g} {units} away"
+            f"{joint} travels {row['path']:.3g} {units}, its goal is only {row['straight']:.3g} {units} away{remedy}"
         )
     if result.certificate.clearance is not None:
         lines.append(clearance_words(result.certificate.clearance.document()))

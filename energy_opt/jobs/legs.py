@@ -84,6 +84,11 @@ class Job:
         """The steps whose joint positions are still to be chosen."""
         return tuple(k for k, step in enumerate(self.steps) if np.isnan(step.goal).any() and step.wait is None)
 
+    def given_before(self, k: int) -> np.ndarray | None:
+        """Positions (n,) at the end of the last step before step `k` of the cycle that has given ones; None if none."""
+        before = (step.goal for step in (*self.steps[:k][::-1], *self.steps[k:][::-1]))
+        return next((goal for goal in before if not np.isnan(goal).any()), None)
+
     def at(self, ends: Mapping[int, np.ndarray]) -> Job:
         """The job whose steps k end at positions `ends[k]` (n,) [rad]."""
         goals = {k: ends.get(k, step.goal) for k, step in enumerate(self.steps) if step.wait is None}

@@ -84,11 +84,12 @@ class Posed:
         for k in self.moving:
             step = job.steps[k]
             target = self.poses.get(k, step.goal)
-            key = (str(target.document()), step.scene) if isinstance(target, Pose) else k
+            zero, held = job.robot.limits.near_zero, job.given_before(k)
+            near = zero if held is None else np.where(self.tool.moving, zero, held)
+            key = (str(target.document()), step.scene, near.tobytes()) if isinstance(target, Pose) else k
             if starts is not None and k in starts and isinstance(target, Pose):
                 known[key] = positions_near(self.tool, target, starts[k])
             elif key not in known:
-                near = job.robot.limits.near_zero
                 cell_of = None if starts is not None else self.cells.of(step)
                 known[key] = positions_of(self.tool, target, cell_of, near=near, seed=settings.seed)
             self.sets[k] = known[key]
@@ -120,7 +121,7 @@ class Posed:
             if energy > costly:
                 return
             chain = [at.positions[c] for at, c in zip(ring.layers, chosen, strict=True)]
-            yield self._by_step(unwound(self.job.robot, chain, self._turning, True)), energy
+            yield self._by_step(unwound(self.tool, chain, self._turning, True)), energy
             costly = min(costly, energy + DETOUR / 2)
             ring.avoid(chosen)
 
@@ -128,7 +129,7 @@ class Posed:
         """The ring through positions at the ends of all moving steps."""
         order = [*self.moving[1:], self.moving[0]]  # the move from one layer ends the next moving step
         bounds = [(self.job.steps[k].least, self.job.steps[k].most) for k in order]
-        return Ring(layers, [self._models(k) for k in order], bounds)
+        return Ring(self.tool, layers, [self._models(k) for k in order], bounds)
 
     def _cheapest(self, ring: Ring) -> tuple[list[int], float]:
         """The cheapest ring in the cycle's time without its waits, its straight moves clear; see `Ring.cheapest`."""
@@ -143,7 +144,7 @@ class Posed:
         def cheapest(sets: Sequence[np.ndarray]) -> list[int]:
             return self._cheapest(self._ring(list(map(self._layer, self.moving, sets))))[0]
 
-        return self._by_step(turned(self.job.robot, [ends[k] for k in self.moving], self._turning, cheapest))
+        return self._by_step(turned(self.tool, [ends[k] for k in self.moving], self._turning, cheapest))
 
     def _by_step(self, chain: Sequence[np.ndarray]) -> Ends:
         return dict(zip(self.moving, chain, strict=True))
@@ -216,7 +217,9 @@ class Posed:
         first = self._turning.index(False) if False in self._turning else -1
         q = robot.limits.near_zero
         for k in [*self.moving[first:], *self.moving[:first]]:
-            q = out[k] = quickest(robot, q, turned_near(self.sets[k], q, robot) if k in self.poses else self.sets[k])
+            q = out[k] = quickest(
+                robot, q, turned_near(self.sets[k], q, self.tool) if k in self.poses else self.sets[k]
+            )
         return out
 
     def _bent_legs(self, plan: Plan) -> dict[int, Bent]:

@@ -97,7 +97,8 @@ def solve_to(
     ends = ends.changed(lambda pose: as_reached(tool, pose))
     said: tuple[str, ...] = ()
     if len(ends.goals) > 1:
-        goals, said = left_out(tool, ends.goals, cell if ends.start is not None or ends.via else None, settings.seed)
+        around = cell if ends.start is not None or ends.via else None
+        goals, said = left_out(tool, ends.goals, around, _near(ends, move, robot), settings.seed)
         ends = replace(ends, goals=goals)
     scorers = [Scorer(robot, model) for model in models]
     search = _Search(planner, settings.deadline)
@@ -139,7 +140,7 @@ def _moves_between_branches(
         Infeasible: no positions reach one of them, or all touch something.
     """
     start: Target = move.start if ends.start is None else ends.start
-    near = move.start if ends.start is None else _near(ends, tool.robot)
+    near = _near(ends, move, tool.robot)
     sets = [positions_of(tool, each, cell, near=near, seed=settings.seed) for each in (start, *ends.via)]
     goals = [positions_of(tool, each, cell, near=near, seed=settings.seed) for each in ends.goals]
     sets.append(np.vstack(goals))
@@ -153,7 +154,7 @@ def _moves_between_branches(
     def cheapest(sets: Sequence[np.ndarray], exact: bool = False) -> list[int]:
         layers = [layer(scorers, q, False if exact else turning(q)) for q in sets]
         alone = move.duration if len(layers) == 2 else None  # a single part lasts as long as the move
-        chain = Ring(layers, [scorers] * (len(layers) - 1), [(alone or 0.0, alone or np.inf)] * len(layers))
+        chain = Ring(tool, layers, [scorers] * (len(layers) - 1), [(alone or 0.0, alone or np.inf)] * len(layers))
         waiting = 0.0 if move.duration is None else min(float(each.standing.min()) for each in layers)
         return chain.cheapest(move.duration or move.max_duration or np.inf, waiting)[0]
 
@@ -162,8 +163,8 @@ def _moves_between_branches(
     def add(sets: Sequence[np.ndarray]) -> None:
         chain = [q[k] for q, k in zip(sets, cheapest(sets), strict=True)]
         may = turning(np.array(chain)).tolist()
-        short = unwound(tool.robot, chain, may, False)
-        further = turned(tool.robot, short, may, partial(cheapest, exact=True))
+        short = unwound(tool, chain, may, False)
+        further = turned(tool, short, may, partial(cheapest, exact=True))
         found.append((chain, short))
         if not all(map(np.array_equal, further, short)):
             found.append((chain, further))
@@ -178,8 +179,10 @@ def _moves_between_branches(
     return [replace(move, start=q[0], via=tuple(q[1:-1]), goal=q[-1]) for _, q in found]
 
 
-def _near(ends: Ends, robot: Robot) -> np.ndarray:
-    """Positions (n,) near which those of a start pose are searched: a goal that is given by joints, else near zero."""
+def _near(ends: Ends, move: Move, robot: Robot) -> np.ndarray:
+    """Positions (n,) near which those of poses are searched: the start, a goal given by joints, or near zero."""
+    if ends.start is None:
+        return move.start
     return next((goal for goal in ends.goals if not isinstance(goal, Pose)), robot.limits.near_zero)
 
 
@@ -195,10 +198,9 @@ def nearest_move(ends: Ends, move: Move, robot: Robot, cell: Cell | None, settin
     """
     tool = ToolKinematics(robot, settings.tool)
     ends = ends.changed(lambda pose: as_reached(tool, pose))
-    ends = replace(ends, goals=left_out(tool, ends.goals, cell, settings.seed)[0])
-    q = move.start
+    q = near = _near(ends, move, robot)
+    ends = replace(ends, goals=left_out(tool, ends.goals, cell, near, settings.seed)[0])
     if ends.start is not None:
-        near = _near(ends, robot)
         found = positions_of(tool, ends.start, cell, near=near, seed=settings.seed)
         q = found[np.argmin(np.abs(found - near).sum(axis=1))]
     at = [q]

@@ -44,7 +44,7 @@ BINDING = 0.98  # share of a limit from which it counts as binding
 
 def has_freedom(tool: ToolKinematics, pose: Pose) -> bool:
     """True if a pose leaves a continuum of joint positions."""
-    return bool(pose.free) or tool.robot.n > 6 or max(pose.tolerance) > WIDE
+    return bool(pose.free) or tool.moving.sum() > 6 or max(pose.tolerance) > WIDE
 
 
 def jacobian(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> np.ndarray:
@@ -58,9 +58,17 @@ def opened(pose: Pose) -> Pose:
     return replace(pose, free=tuple(Freedom(f.axis) for f in pose.free))
 
 
+def _changes(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Singular values of the pose's Jacobian at q (n,), and unit directions (K, n) of the joints that move the tool."""
+    _, s, vt = np.linalg.svd(jacobian(tool, pose, q)[:, tool.moving])
+    out = np.zeros((len(vt), len(q)))
+    out[:, tool.moving] = vt
+    return s, out
+
+
 def directions(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> np.ndarray:
     """Unit directions (K, n) at q (n,) along which the pose is kept."""
-    _, s, vt = np.linalg.svd(jacobian(tool, pose, q))
+    s, vt = _changes(tool, pose, q)
     rank = int(np.sum(s > FLAT * max(s.max(), 1e-12) + 1e-5))
     return np.asarray(vt[rank:])
 
@@ -82,8 +90,8 @@ class PosedGoal:
 
     def along(self, q: np.ndarray) -> np.ndarray:
         """Orthonormal tangents (count, n) at q (n,): those at the first positions, turned onto the surface there."""
-        _, _, vt = np.linalg.svd(jacobian(self._tool, self._pose, q))
-        kept = vt[len(q) - self.count :]
+        vt = _changes(self._tool, self._pose, q)[1]
+        kept = vt[len(vt) - self.count :]
         left, _, right = np.linalg.svd(self._first @ kept.T)
         return np.asarray(left @ right @ kept)
 

@@ -54,7 +54,12 @@ class Reached:
 
 
 class ToolKinematics:
-    """The tool of a robot at many configurations."""
+    """The tool of a robot at many configurations.
+
+    Attributes:
+        moving: (n,) which joints move the tool, by themselves or by a follower. A pose leaves the others alone.
+        turning: (n,) which of them turn.
+    """
 
     def __init__(self, robot: Robot, tool: str | None = None) -> None:
         self.robot = robot
@@ -62,6 +67,9 @@ class ToolKinematics:
         frame = tool_of(robot.body, tool)
         self._joint, pose = frame.joint, np.array(frame.pose)
         self._turn, self._shift = pose[:3, :3], pose[:3, 3]
+        carrying = self._kinematics.moves[self._joint].astype(float)
+        self.moving = self._kinematics.coupling.reach_back(carrying) > 0
+        self.turning = self.moving & ~np.array(robot.slides, dtype=bool)
 
     def __call__(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rotation (N, 3, 3) and origin (N, 3) [m] of the tool in the base frame at q (N, n)."""
@@ -111,7 +119,8 @@ def reach(
     """Joint positions that reach a pose, from many seeded starts.
 
     Args:
-        near: (n,) positions to try first, towards which joints are shifted by whole turns.
+        near: (n,) positions to try first, towards which joints are shifted by whole turns; joints that do not move the
+            tool keep theirs.
     """
     limits = tool.robot.limits
     low, high = (np.where(np.isfinite(x), x, s * np.pi) for x, s in ((limits.lower, -1), (limits.upper, 1)))
@@ -119,6 +128,7 @@ def reach(
     q = rng.uniform(low, high, size=(starts, len(low)))
     if near is not None:
         q[0] = np.clip(near, limits.lower, limits.upper)
+        q[:, ~tool.moving] = q[0, ~tool.moving]
     at_first = q
     q, error = solve(tool, pose, at_first)
     good = error < SMALL
@@ -126,7 +136,7 @@ def reach(
         q, distance, angle = _nearest(tool, pose, q)
         beyond = _limiting_joint(tool, pose, at_first)
         return Reached(np.zeros((0, len(low))), q, distance, angle, beyond)
-    found = distinct(turned_near(q[good], near, tool.robot))
+    found = distinct(turned_near(q[good], near, tool))
     return Reached(found, found[0], 0.0, 0.0)
 
 
@@ -209,7 +219,7 @@ def jacobian_of(tool: ToolKinematics, pose: Pose, q: np.ndarray, e: np.ndarray) 
     if len(turns) > 1 or not tool.differentiable:
         steps = q[:, None] + DIFFERENCE * np.eye(q.shape[1])
         there = tool.pose_error(pose, steps.reshape(-1, q.shape[1])).reshape(*steps.shape[:2], 6)
-        return np.asarray((there - e[:, None]).transpose(0, 2, 1) / DIFFERENCE)
+        return np.asarray((there - e[:, None]).transpose(0, 2, 1) / DIFFERENCE * tool.moving)
     wanted = pose.matrix[:3, :3]
     rotation, origin = tool(q)
     twists = tool.twists(q)
@@ -245,34 +255,36 @@ def _log_derivative(vector: np.ndarray) -> np.ndarray:
     return np.asarray(np.eye(3) - cross / 2 + factor[:, None, None] * (cross @ cross))
 
 
-def turned_near(q: np.ndarray, near: np.ndarray | None, robot: Robot) -> np.ndarray:
+def turned_near(q: np.ndarray, near: np.ndarray | None, tool: ToolKinematics) -> np.ndarray:
     """Positions with revolute joints shifted by whole turns, within the limits, towards other positions.
 
     Args:
-        q: (K, n) [rad, m]. near: (n,); None changes nothing. robot: for its limits.
+        q: (K, n) [rad, m]. near: (n,); None changes nothing. tool: its joints turn, within their limits.
     """
     if near is None:
         return q
-    out = q.copy()
-    for j in np.flatnonzero(~np.array(robot.slides, dtype=bool)):
+    out, limits = q.copy(), tool.robot.limits
+    for j in np.flatnonzero(tool.turning):
         whole = np.round((near[j] - q[:, j]) / TURN)
         for turns in (whole, whole - np.sign(whole)):
             moved = q[:, j] + TURN * turns
-            inside = (moved >= robot.limits.lower[j]) & (moved <= robot.limits.upper[j])
+            inside = (moved >= limits.lower[j]) & (moved <= limits.upper[j])
             nearer = np.abs(moved - near[j]) < np.abs(out[:, j] - near[j])
             out[:, j] = np.where(inside & nearer, moved, out[:, j])
     return out
 
 
-def other_turns(q: np.ndarray, near: np.ndarray | None, robot: Robot) -> np.ndarray:
+def other_turns(q: np.ndarray, near: np.ndarray | None, tool: ToolKinematics) -> np.ndarray:
     """Positions (K, n) that differ from q (n,) by a whole turn of one revolute joint.
 
     Args:
-        near: (n,) each turn is to the other side of these; None: to both sides. robot: for its limits, which they keep.
+        near: (n,) each turn is to the other side of these; None: to both sides.
+        tool: its joints turn, within their limits.
     """
+    limits = tool.robot.limits
     signs = (-1, 1) if near is None else (np.where(q > near, -1, 1),)
-    out = np.vstack([q + np.diag(np.where(robot.slides, 0.0, TURN * sign)) for sign in signs])
-    inside = ((out >= robot.limits.lower) & (out <= robot.limits.upper)).all(axis=1) & (out != q).any(axis=1)
+    out = np.vstack([q + np.diag(TURN * tool.turning * sign) for sign in signs])
+    inside = ((out >= limits.lower) & (out <= limits.upper)).all(axis=1) & (out != q).any(axis=1)
     return np.asarray(out[inside])
 
 

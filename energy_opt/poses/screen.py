@@ -146,7 +146,7 @@ class Screen:
         out: list[Candidate] = list(goals)
         for goal in goals:
             if goal.pose is not None:
-                q = with_turns(self.tool.robot, goal.goal, last_leg(move))[1:]
+                q = with_turns(self.tool, goal.goal, last_leg(move))[1:]
                 can, energy = self.estimates(move, q)
                 out += [replace(goal, goal=q[k], estimate=float(energy[k])) for k in np.flatnonzero(can)]
         return sorted(out, key=lambda c: c.estimate)

@@ -122,7 +122,7 @@ def touching_error(name: str, positions: np.ndarray, cell: Cell) -> Infeasible:
 
 
 def left_out(
-    tool: ToolKinematics, goals: Sequence[Target], cell: Cell | None, seed: int
+    tool: ToolKinematics, goals: Sequence[Target], cell: Cell | None, near: np.ndarray, seed: int
 ) -> tuple[tuple[Target, ...], tuple[str, ...]]:
     """The goals of which any positions are found, see `positions_of`, and what is said of the others.
 
@@ -133,7 +133,7 @@ def left_out(
     errors: dict[int, Infeasible] = {}
     for k, goal in enumerate(goals, start=1):
         try:
-            positions_of(tool, goal, cell, near=tool.robot.limits.near_zero, seed=seed)
+            positions_of(tool, goal, cell, near=near, seed=seed)
             kept.append(goal)
         except Infeasible as error:
             errors[k] = error
@@ -151,7 +151,7 @@ def positions_near(tool: ToolKinematics, pose: Pose, starts: np.ndarray) -> np.n
     q, error = solve(tool, pose, starts)
     if (error < SMALL).any():
         return q[error < SMALL]
-    found = reach(tool, pose, starts=FURTHER)
+    found = reach(tool, pose, near=starts[0], starts=FURTHER)
     if not len(found.positions):
         raise unreachable_error(pose, found)
     return found.positions
@@ -191,13 +191,17 @@ class Ring:
     """Layers in a ring, and the likely costs of the moves between neighbours.
 
     Args:
-        layers: L of them; move k goes from layer k to layer k + 1, the last back to the first.
+        tool: its joints turn. layers: L of them; move k goes from layer k to layer k + 1, the last back to the first.
         scorers: of the models, for each move; if one less is given, there is no last move back, and it costs nothing.
         bounds: shortest and longest duration [s] of each move.
     """
 
     def __init__(
-        self, layers: Sequence[Layer], scorers: Sequence[Sequence[Scorer]], bounds: Sequence[tuple[float, float]]
+        self,
+        tool: ToolKinematics,
+        layers: Sequence[Layer],
+        scorers: Sequence[Sequence[Scorer]],
+        bounds: Sequence[tuple[float, float]],
     ) -> None:
         self.layers, self.bounds = list(layers), list(bounds)
         self._curves: list[Curves | None] = [None] * len(layers)
@@ -207,7 +211,7 @@ class Ring:
             shape = len(here.positions), len(there.positions), -1
             i, j = np.indices(shape[:2]).reshape(2, -1)
             may = [np.broadcast_to(at.turning, len(at.positions))[pick] for at, pick in ((here, i), (there, j))]
-            ends = nearest_pairs(models[0].robot, here.positions[i], there.positions[j], *may)
+            ends = nearest_pairs(tool, here.positions[i], there.positions[j], *may)
             self._curves[k] = curves(models, *ends)
             self._pairs.append((ends[0].reshape(shape), ends[1].reshape(shape)))
         self._looked: set[tuple[int, int, int]] = set()  # moves that were checked for contact

@@ -11,8 +11,7 @@ from itertools import combinations, product
 
 import numpy as np
 
-from energy_opt.poses.inverse import TURN, other_turns
-from energy_opt.robot import Robot
+from energy_opt.poses.inverse import TURN, ToolKinematics, other_turns
 
 TURNS = (0, -1, 1)  # whole turns to try
 TURNED = 3  # most joints that are turned together: both turns of joints that travel about half a turn are alike
@@ -22,15 +21,15 @@ HIGHER = 1e-6  # among chains of equal travel that nearer to zero is taken
 
 
 def nearest_pairs(
-    robot: Robot, a: np.ndarray, b: np.ndarray, a_turns: np.ndarray, b_turns: np.ndarray
+    tool: ToolKinematics, a: np.ndarray, b: np.ndarray, a_turns: np.ndarray, b_turns: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Pairs of positions (P, n), each joint turned within its limits to where both are nearest to each other.
 
     Args:
-        robot: for its limits. a, b: (P, n) [rad, m]. a_turns, b_turns: (P,) which of them may be turned.
+        tool: for its joints. a, b: (P, n) [rad, m]. a_turns, b_turns: (P,) which of them may be turned.
     """
     shifted = [
-        [(k == 0 or may[:, None], _shifted(robot, q, k)) for k in TURNS] for q, may in ((a, a_turns), (b, b_turns))
+        [(k == 0 or may[:, None], _shifted(tool, q, k)) for k in TURNS] for q, may in ((a, a_turns), (b, b_turns))
     ]
     for (may, at), (may_too, there) in product(*shifted):
         nearer = may & may_too & (np.abs(at - there) < np.abs(a - b) - HIGHER)
@@ -38,15 +37,17 @@ def nearest_pairs(
     return a, b
 
 
-def unwound(robot: Robot, chain: Sequence[np.ndarray], turning: Sequence[bool], closed: bool) -> list[np.ndarray]:
+def unwound(
+    tool: ToolKinematics, chain: Sequence[np.ndarray], turning: Sequence[bool], closed: bool
+) -> list[np.ndarray]:
     """The positions (n,) of a chain, each joint turned within its limits to where it travels least in total.
 
     Args:
-        robot: for its limits. chain: positions. turning: which of them may be turned. closed: the last leads to the
+        tool: for its joints. chain: positions. turning: which of them may be turned. closed: the last leads to the
             first.
     """
     sets = [
-        np.array([_shifted(robot, q, k) for k in (TURNS if may else TURNS[:1])])
+        np.array([_shifted(tool, q, k) for k in (TURNS if may else TURNS[:1])])
         for q, may in zip(chain, turning, strict=True)
     ]
     out = np.array(chain, dtype=float)
@@ -64,7 +65,7 @@ def unwound(robot: Robot, chain: Sequence[np.ndarray], turning: Sequence[bool], 
 
 
 def turned(
-    robot: Robot,
+    tool: ToolKinematics,
     chain: Sequence[np.ndarray],
     turning: Sequence[bool],
     cheapest: Callable[[list[np.ndarray]], Sequence[int]],
@@ -72,12 +73,12 @@ def turned(
     """The positions (n,) of a chain, turned as long as that costs less: in a round one joint of each by a whole turn.
 
     Args:
-        robot: for its limits. chain: positions. turning: which of them may be turned.
+        tool: for its joints. chain: positions. turning: which of them may be turned.
         cheapest: the choice of one of several positions (K, n) for each of the chain.
     """
     best = list(chain)
     for _ in range(ROUNDS):
-        sets = [np.vstack([q, other_turns(q, None, robot)]) if may else q[None]
+        sets = [np.vstack([q, other_turns(q, None, tool)]) if may else q[None]
                 for q, may in zip(best, turning, strict=True)]  # fmt: skip
         chosen = cheapest(sets) if max(map(len, sets)) > 1 else ()
         if not any(chosen):
@@ -86,18 +87,18 @@ def turned(
     return best
 
 
-def with_turns(robot: Robot, q: np.ndarray, near: np.ndarray) -> np.ndarray:
+def with_turns(tool: ToolKinematics, q: np.ndarray, near: np.ndarray) -> np.ndarray:
     """Positions (K, n) within the limits: q (n,) first, then with up to `TURNED` joints turned to the other side.
 
     Args:
-        robot: for its limits. q: the turns of its joints are those nearest to `near` (n,), whose other side it is.
+        tool: for its joints. q: the turns of its joints are those nearest to `near` (n,), whose other side it is.
     """
-    one = other_turns(q, near, robot) - q
+    one = other_turns(q, near, tool) - q
     return np.array([q + sum(some) for count in range(TURNED + 1) for some in combinations(one, count)])
 
 
-def _shifted(robot: Robot, q: np.ndarray, turns: int) -> np.ndarray:
+def _shifted(tool: ToolKinematics, q: np.ndarray, turns: int) -> np.ndarray:
     """Positions (..., n) after whole turns of revolute joints; not a number where a joint leaves its limits."""
-    at = q + np.where(robot.slides, 0.0, TURN * turns)
-    inside = (at >= robot.limits.lower) & (at <= robot.limits.upper)
+    at = q + TURN * turns * tool.turning
+    inside = (at >= tool.robot.limits.lower) & (at <= tool.robot.limits.upper)
     return np.where(inside | (turns == 0), at, np.nan)

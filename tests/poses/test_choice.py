@@ -317,7 +317,7 @@ def test_a_goal_out_of_reach_is_left_out_where_others_are_not(tmp_path: Path, ur
     scene.write_text("objects: [{name: ball, type: sphere, radius: 0.1, position: [0.4, -0.3, 0.3]}]")
     cell = load_cell(ur.robot, CellRequest(scene=scene))
     goals = [pose_from(numbers) for numbers in (inside, free)]
-    kept, said = left_out(ur, goals, cell, 0)
+    kept, said = left_out(ur, goals, cell, ur.robot.limits.near_zero, 0)
     assert kept == (goals[1],) and "ball" in said[0]
 
 

@@ -22,7 +22,7 @@ def test_the_ring_is_the_cheapest_of_all(ur: ToolKinematics) -> None:
     rng = np.random.default_rng(1)
     sizes = ((3, 0.5), (2, 0.0), (3, 1.0))
     layers = [replace(layer(scorer, rng.uniform(-1, 1, (count, 6))), wait=wait) for count, wait in sizes]
-    ring = Ring(layers, [scorer] * 3, [(0.0, np.inf)] * 3)
+    ring = Ring(ur, layers, [scorer] * 3, [(0.0, np.inf)] * 3)
     chosen, energy = ring.cheapest(1e3, 0.0)
 
     def cost(picked: tuple[int, ...]) -> float:
@@ -43,7 +43,7 @@ def test_a_ring_with_a_move_that_takes_too_long_comes_after_all_others(ur: ToolK
     bounds = [(0.0, 0.5), (0.0, np.inf)]
 
     def ring(*second: np.ndarray) -> tuple[list[int], float]:
-        return Ring([layer(scorer, near), layer(scorer, np.vstack(second))], [scorer] * 2, bounds).cheapest(
+        return Ring(ur, [layer(scorer, near), layer(scorer, np.vstack(second))], [scorer] * 2, bounds).cheapest(
             seconds, 0.0
         )
 

@@ -66,7 +66,7 @@ def test_a_turn_whose_motion_is_clear_is_chosen_over_turns_that_lead_around_the_
 def test_joints_are_turned_together_within_their_limits(ur: ToolKinematics) -> None:
     limits, near = ur.robot.limits, np.zeros(6)
     q = np.array([2.0, -2.5, 1.0, 3.0, -0.5, -3.1])
-    found = {tuple(np.round((row - q) / TURN).astype(int)) for row in with_turns(ur.robot, q, near)}
+    found = {tuple(np.round((row - q) / TURN).astype(int)) for row in with_turns(ur, q, near)}
     expected = set()
     for turns in product((-1, 0, 1), repeat=6):
         there = q + TURN * np.array(turns)
@@ -74,7 +74,7 @@ def test_joints_are_turned_together_within_their_limits(ur: ToolKinematics) -> N
         if inside and np.count_nonzero(turns) <= 3:
             expected.add(turns)
     assert found == expected and len(found) > 20
-    assert np.array_equal(with_turns(ur.robot, q, near)[0], q)
+    assert np.array_equal(with_turns(ur, q, near)[0], q)
 
 
 def test_where_all_positions_touch_the_least_deep_contact_is_named(tmp_path: Path) -> None:

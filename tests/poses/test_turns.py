@@ -35,7 +35,7 @@ def test_a_chain_is_unwound_to_the_least_travel_of_all_turns(ur: ToolKinematics,
     limits, rng = ur.robot.limits, np.random.default_rng(2)
     chain, turning = [*rng.uniform(-np.pi, np.pi, (4, 6))], [True, False, True, True]
     chain[1][5] = 5.0
-    found = np.array(unwound(ur.robot, chain, turning, closed))
+    found = np.array(unwound(ur, chain, turning, closed))
     assert np.array_equal(found[1], chain[1])
     turns = (found - chain) / TURN
     assert np.allclose(turns, np.round(turns))
@@ -53,9 +53,9 @@ def test_a_chain_is_unwound_to_the_least_travel_of_all_turns(ur: ToolKinematics,
 def test_branches_are_compared_at_their_nearest_turns_within_the_limits(ur: ToolKinematics) -> None:
     a, b = np.array([[3.0, 3.0, 3.0, 0.1, 0.2, 4.2]]), np.array([[-3.0, -3.0, -3.0, 0.0, 0.3, -2.0]])
     may, not_ = np.array([True]), np.array([False])
-    one, two = nearest_pairs(ur.robot, a, b, may, may)
+    one, two = nearest_pairs(ur, a, b, may, may)
     assert np.abs(one - two)[0] == pytest.approx([TURN - 6, TURN - 6, 6.0, 0.1, 0.1, TURN - 6.2])  # the elbow cannot
-    one, two = nearest_pairs(ur.robot, a, b, not_, not_)
+    one, two = nearest_pairs(ur, a, b, not_, not_)
     assert np.array_equal(one, a) and np.array_equal(two, b)
 
 

@@ -117,20 +117,51 @@ def pseudo_inertia(mass: float, lever: np.ndarray, inertia: np.ndarray) -> np.nd
 BRANCH = 3  # independent joints from which a branch is named, not taken for a finger or the rod of a linkage
 
 
+def fingers(links: Sequence[Link]) -> frozenset[int]:
+    """Indices of the links of grippers: short branches side by side at the end of an arm, the longest of equal length.
+
+    They have less than `BRANCH` independent joints each, the arm before them has more. Their followers follow one of
+    them; the rods of a linkage follow joints of the arm.
+    """
+    behind = [_behind(links, k) for k in range(len(links))]
+    out: set[int] = set()
+    for k, arm in enumerate(behind):
+        beyond = {i: path[: path.index(k)] for i, path in enumerate(behind) if k in path and i != k}
+        branches: dict[int, list[int]] = {}
+        for i, path in beyond.items():
+            branches.setdefault(path[-1], []).append(i)
+        lengths = sorted(max(len(beyond[i]) for i in branch) for branch in branches.values())
+        if (
+            len(lengths) > 1
+            and lengths[-1] == lengths[-2]
+            and _independent(links, arm) >= BRANCH
+            and all(_independent(links, branch) < BRANCH for branch in branches.values())
+            and all(law is None or law.leader in beyond for law in (links[i].follows for i in beyond))
+        ):
+            out.update(beyond)
+    return frozenset(out)
+
+
+def _independent(links: Sequence[Link], some: Sequence[int]) -> int:
+    """How many of some joints follow no other."""
+    return sum(links[k].follows is None for k in some)
+
+
 def outermost(links: Sequence[Link]) -> int:
     """Index of the link with most joints between it and the base, the last of several: this is "the last joint".
 
-    On a chain it is the last one; rods of a linkage besides the chain are not chosen.
+    On a chain it is the last one; rods of a linkage besides the chain and fingers are not chosen.
     """
-    return max(range(len(links)), key=lambda k: (len(_behind(links, k)), k))
+    held = fingers(links)
+    return max((k for k in range(len(links)) if k not in held), key=lambda k: (len(_behind(links, k)), k))
 
 
 def other_ends(links: Sequence[Link]) -> list[str]:
     """The last joint of each branch that leaves the chain of "the last joint"."""
     chosen, ends = set(_behind(links, outermost(links))), dict[int, list[int]]()
-    for k in range(len(links)):
+    for k in sorted(set(range(len(links))) - fingers(links)):
         own = [i for i in _behind(links, k) if i not in chosen]
-        if sum(links[i].follows is None for i in own) >= BRANCH:
+        if _independent(links, own) >= BRANCH:
             ends[own[-1]] = max(ends.get(own[-1], []), own, key=len)
     return [links[own[0]].name for own in ends.values()]
 

@@ -17,7 +17,7 @@ import pinocchio as pin
 from energy_opt.errors import BadInput, suggest
 from energy_opt.robot.checks import NOISE, inertia_matrix, placed
 from energy_opt.robot.description import MOVING, Description
-from energy_opt.robot.kinematics import Coupling, Follows, Link, PointMass, outermost
+from energy_opt.robot.kinematics import Coupling, Follows, Link, PointMass, fingers, outermost
 
 FEW = 50  # [states] from this number on, Pinocchio's own loop over many is worth its setup
 
@@ -92,8 +92,9 @@ class RigidBody:
         follows: the laws of followers by name: leader, ratio and offset.
 
     Attributes:
-        joints: names of the n independent joints. slides: which of them slide. last: index of the joint that carries a
-            payload. gravity: (3,) [m/s^2] in the base frame. plain: the body with the URDF's links.
+        joints: names of the n independent joints. slides: which of them slide. fingers: which of them are a gripper's.
+        last: index of the joint that carries a payload. gravity: (3,) [m/s^2] in the base frame. plain: the body with
+            the URDF's links.
     """
 
     def __init__(self, model: pin.Model, follows: Mapping[str, tuple[str, float, float]] | None = None) -> None:
@@ -107,7 +108,8 @@ class RigidBody:
         self.joints: tuple[str, ...] = tuple(link.name for link in self.own_links())
         self.slides: tuple[bool, ...] = tuple(link.prismatic for link in self.own_links())
         self.n: int = len(self.joints)
-        self.last = outermost(self.tree())  # the joint that carries a payload
+        self.last, held = outermost(self.tree()), fingers(self.tree())
+        self.fingers: tuple[bool, ...] = tuple(k in held for k in self.coupling.own.tolist())
 
     @classmethod
     def of(

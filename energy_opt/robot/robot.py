@@ -245,12 +245,16 @@ def load_robot(
     links = body.tree()
     merged = _stated(description, links)
     doubtful = check_masses(description, locked, links)
+    end = links[body.last].name
     if ends := other_ends(links):
-        end = links[body.last].name
         doubtful.append(
             f"branches end at {', '.join((end, *ends))}: payload and default --tool are at {end}; "
             "--lock the joints of this branch to use another"
         )
+    elif end != body.joints[-1]:
+        held = ", ".join(joint for joint, finger in zip(body.joints, body.fingers, strict=True) if finger)
+        why = f"before the fingers {held}" if held else "at the end of the longest chain"
+        doubtful.append(f"payload and default --tool are at {end}, {why}")
     steps, factors, scaled = [merged], UNSCALED, []
     for file, before in ((published, ""), (limits, prefix)):
         warned: list[str] = []

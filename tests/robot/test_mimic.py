@@ -83,7 +83,7 @@ def test_the_palletizer_is_pinocchios_own(palletizer: Robot, files: Path) -> Non
     c = np.column_stack([q[:, :3], np.cos(q[:, 3]), np.sin(q[:, 3]), q[:, 4]])  # j4 has no end
     assert palletizer.joints == ("j1", "j2", "j3", "j4", "tip_a")
     assert tuple(link.name for link in body.tree()) == PALLETIZER_ALL
-    assert body.tree()[body.last].name == "tip_b"  # not the rod, which comes last in the file
+    assert body.tree()[body.last].name == "j4"  # neither the rod, which comes last in the file, nor a finger
     expected = [pin.rnea(model, data, *row) for row in zip(c, v, a, strict=True)]
     assert np.allclose(body.torque(q, v, a), expected, rtol=1e-10, atol=1e-9)
     h = 1e-6
@@ -219,7 +219,7 @@ def test_the_page_plays_all_joints(cell: Cell) -> None:
     assert shown is not None and len(shown["tree"]) == 9
     first, last = shown["motions"][0]["position"][0], shown["motions"][0]["position"][-1]
     assert first == [0.0] * 9 and last == [1.2, 0.5, -0.5, 0.4, -0.4, 1.0, 0.03, -0.03, 0.5]
-    placed = cell.bodies.kinematics(GOAL[None]).origin[0, list(PALLETIZER_ALL).index("tip_b")]
+    placed = cell.bodies.kinematics(GOAL[None]).origin[0, list(PALLETIZER_ALL).index("j4")]
     assert np.allclose(shown["motions"][0]["tools"][0][-1], placed, atol=1e-4)
 
 

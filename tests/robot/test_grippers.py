@@ -1,0 +1,58 @@
+"""The joints of a gripper: payload and tool are before them, and assumptions on the arm leave them out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from energy_opt.robot import Robot, load_robot, tool_of
+
+ARM = [(f"a{k}", "revolute", k - 1, "") for k in range(4)]
+SLIDE, LEAD = ("f1", "prismatic", 3, ""), '<mimic joint="f1" multiplier="-1"/>'
+HANDS = {
+    "two slides": [SLIDE, ("f2", "prismatic", 3, "")],
+    "a follower": [SLIDE, ("f2", "prismatic", 3, LEAD)],
+    "knuckles": [("f1", "revolute", 3, ""), ("g1", "revolute", 4, LEAD), ("f2", "revolute", 3, LEAD),
+                 ("g2", "revolute", 6, LEAD), ("h", "revolute", 3, LEAD)],
+}  # fmt: skip
+NO_HANDS = {
+    "a slide": ([SLIDE], "f1"),
+    "a wrist beside a rod": ([("w", "revolute", 3, ""), ("r", "revolute", 3, '<mimic joint="a2"/>')], "w"),
+    "a wrist with a turning tool beside a lamp": (
+        [("w", "revolute", 3, ""), ("t", "revolute", 4, ""), ("lamp", "revolute", 3, "")], "t",
+    ),
+}  # fmt: skip
+
+
+def arm(folder: Path, hand: list[tuple[str, str, int, str]], effort: float = 50, of_hand: float = 20) -> Robot:
+    """Level hinges in a row, and a hand behind them; joints as name, kind, parent and mimic."""
+    joints = [*ARM, *hand]
+    parts = ['<robot name="arm"><link name="base"/>']
+    for k, (name, kind, parent, mimic) in enumerate(joints):
+        parts.append(
+            f'<link name="l{k}"><inertial><mass value="{1 if k < len(ARM) else 0.05}"/><origin xyz="0.1 0 0"/>'
+            '<inertia ixx="1e-2" ixy="0" ixz="0" iyy="1e-2" iyz="0" izz="1e-2"/></inertial></link>'
+            f'<joint name="{name}" type="{kind}"><parent link="{"base" if parent < 0 else f"l{parent}"}"/>'
+            f'<child link="l{k}"/><origin xyz="0.2 0 0"/><axis xyz="0 1 0"/>{mimic}'
+            f'<limit lower="-1" upper="1" velocity="2" effort="{effort if k < len(ARM) else of_hand}"/></joint>'
+        )
+    path = folder / "arm.urdf"
+    path.write_text("".join(parts) + "</robot>")
+    return load_robot(path)
+
+
+@pytest.mark.parametrize("hand", HANDS)
+def test_payload_and_tool_are_before_the_fingers(tmp_path: Path, hand: str) -> None:
+    robot = arm(tmp_path, HANDS[hand])
+    assert tool_of(robot.body).name == robot.body.tree()[robot.body.last].name == "a3"
+    fingers = ", ".join(robot.joints[4:])
+    assert f"payload and default --tool are at a3, before the fingers {fingers}" in robot.warnings
+
+
+@pytest.mark.parametrize("end", NO_HANDS)
+def test_other_ends_are_no_fingers(tmp_path: Path, end: str) -> None:
+    joints, last = NO_HANDS[end]
+    robot = arm(tmp_path, joints)
+    assert tool_of(robot.body).name == last and not any(robot.body.fingers)
+    assert any(f"default --tool are at {last}" in w for w in robot.warnings) == (last != robot.joints[-1])

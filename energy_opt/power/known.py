@@ -5,7 +5,7 @@ Scaled values, with effort and speed that the drives are rated for (`Robot.rated
 
 - copper loss at the effort limit is 10 % of effort times full speed: r_j = 0.1 v_j / effort_j. A Panda gets 0.0025 to
 0.022 W/(N m)^2, where 0.0036 was measured; a UR5e gets 0.0021 and 0.0112, where 0.0018 and 0.0155 were.
-- standby is 3 sqrt(sum of effort v [W]) W. A Panda gets 87 W, where 88 W were measured.
+- standby is 3 sqrt(sum of effort v [W]) W, without fingers of a gripper. A Panda gets 87 W, where 88 W were measured.
 - dry friction is 4 % of the effort limit, viscous friction at full speed 8 % of it. Measured friction is 1 % (a Panda)
 to 5 % (UR arms) of the effort limit when creeping, and 2 to 15 % at full speed.
 

@@ -11,7 +11,7 @@ from energy_opt.robot import Robot
 
 def size_of(robot: Robot) -> ArmSize:
     """The size of a robot's drives."""
-    return ArmSize.of(float(robot.rated.effort.max()), robot.rated.power)
+    return ArmSize.of(robot.rated.strongest, robot.rated.power)
 
 
 @dataclass(frozen=True, eq=False)

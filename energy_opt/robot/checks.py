@@ -190,7 +190,7 @@ REMEDY = "--limits with max_effort gives the real one"
 
 def believed_efforts(
     effort: np.ndarray, given: np.ndarray, gravity: np.ndarray, holding: float, joints: Sequence[str],
-    slides: Sequence[bool],
+    slides: Sequence[bool], fingers: Sequence[bool],
 ) -> tuple[np.ndarray, list[str]]:  # fmt: skip
     """Effort limits (n,) with inf in place of placeholders, and a line for each that is replaced or doubtful.
 
@@ -199,40 +199,40 @@ def believed_efforts(
         given: (n,) True for limits of a limits file, which are never replaced.
         gravity: (N, n) torque that holds the arm in postures all over its range.
         holding: torque that holds the whole arm out straight [N m].
+        slides, fingers: the joints that slide, and those of a gripper.
     """
     out, said = effort.copy(), []
     most = float(np.abs(gravity).max()) or holding
-    turning = ~np.asarray(slides, dtype=bool) & ~given & np.isfinite(effort) & (effort >= SMALLEST)
-    far = (EQUAL if turning.sum() < MANY else EQUAL_OF_MANY) * most
-    same = turning.sum() > 1 and bool((effort[turning] == effort[turning][0]).all())
+    stated = ~given & np.isfinite(effort) & (effort >= SMALLEST)
+    alike = _alike(effort, stated, np.asarray(slides, dtype=bool), np.asarray(fingers, dtype=bool))
+    far = (EQUAL if alike.sum() < MANY else EQUAL_OF_MANY) * most
     short = np.mean(np.abs(gravity) > effort, axis=0)  # share of postures that each joint cannot hold
-    one_for_all = same and bool((short[turning] > MOST).any())
+    one_for_all = bool((short[alike] > MOST).any())
     for j, joint in enumerate(joints):
         unit = unit_of("effort", slides[j])
-        stated, times = f"{joint}: effort limit {effort[j]:g} {unit}", effort[j] / max(holding, SMALLEST)
-        large = f"{stated}, {times:.4g} times what holds the arm out straight"
-        alike = same and bool(turning[j]) and effort[j] >= far
+        text, times = f"{joint}: effort limit {effort[j]:g} {unit}", effort[j] / max(holding, SMALLEST)
+        large = f"{text}, {times:.4g} times what holds the arm out straight"
         weak = float(short[j])
         if not np.isfinite(effort[j]) or effort[j] < SMALLEST:
             said.append(f"{joint}: no effort limit; assumed: none")
         elif given[j]:
             continue
-        elif alike:
+        elif alike[j] and effort[j] >= far:
             said.append(
-                f"{stated}, the same on all joints and {effort[j] / most:.4g} times what gravity takes at most: a "
+                f"{text}, the same on all joints and {effort[j] / most:.4g} times what gravity takes at most: a "
                 f"placeholder; assumed: none; {REMEDY}"
             )
         elif holding > 0 and times >= ABSURD:
             said.append(f"{large}: a placeholder; assumed: none; {REMEDY}")
         elif weak > MOST:
             said.append(
-                f"{stated} does not hold the arm in {100 * weak:.0f} % of its postures (up to "
+                f"{text} does not hold the arm in {100 * weak:.0f} % of its postures (up to "
                 f"{np.abs(gravity[:, j]).max():.3g} {unit}): a placeholder, or masses that are wrong; assumed: none; "
                 f"{REMEDY}"
             )
-        elif one_for_all and turning[j]:
+        elif one_for_all and alike[j]:
             said.append(
-                f"{stated}, the same on all joints and too little for some: a placeholder; assumed: none; {REMEDY}"
+                f"{text}, the same on all joints and too little for some: a placeholder; assumed: none; {REMEDY}"
             )
         else:
             if holding > 0 and times >= DOUBTFUL:
@@ -240,6 +240,14 @@ def believed_efforts(
             continue
         out[j] = np.inf
     return out, said
+
+
+def _alike(effort: np.ndarray, stated: np.ndarray, slides: np.ndarray, fingers: np.ndarray) -> np.ndarray:
+    """The joints (n,) with one limit for all of the arm, or for all of it that turns, and the fingers with the same."""
+    for arm in (stated & ~fingers, stated & ~fingers & ~slides):
+        if arm.sum() > 1 and np.ptp(effort[arm]) == 0:
+            return arm | (stated & fingers & (effort == effort[arm][0]))
+    return np.zeros_like(stated)
 
 
 def doubtful_masses(effort: np.ndarray, gravity: np.ndarray, mass: float, reach: float, length: float) -> list[str]:

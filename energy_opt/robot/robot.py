@@ -51,17 +51,23 @@ class Rating:
 
     Attributes:
         velocity: (n,) [rad/s, m/s]. effort: (n,) [N m, N]. estimated: (n,) efforts that no file states and that are
-            estimated from the arm's own weight.
+            estimated from the arm's own weight. fingers: (n,) the joints of a gripper, which do not measure the arm.
     """
 
     velocity: np.ndarray
     effort: np.ndarray
     estimated: np.ndarray
+    fingers: np.ndarray
 
     @property
     def power(self) -> float:
-        """The sum of effort times speed, W: no arm's drives give more."""
-        return float(self.effort @ self.velocity)
+        """The sum of effort times speed of the arm's joints, W: no arm's drives give more."""
+        return float((self.effort * self.velocity)[~self.fingers].sum())
+
+    @property
+    def strongest(self) -> float:
+        """The largest effort [N m, N] of the arm's joints."""
+        return float(self.effort[~self.fingers].max())
 
 
 def rating_of(own: Limits, known: np.ndarray, held: Limits, body: RigidBody) -> Rating:
@@ -83,7 +89,7 @@ def rating_of(own: Limits, known: np.ndarray, held: Limits, body: RigidBody) -> 
             alike = np.array(body.slides) == slides
             if alike.any():
                 effort[alike & missing] = np.maximum(effort, WEAKEST * effort[alike].max())[alike & missing]
-    return Rating(velocity, effort, missing)
+    return Rating(velocity, effort, missing, np.array(body.fingers))
 
 
 def _estimated(body: RigidBody, limits: Limits) -> np.ndarray:
@@ -252,8 +258,8 @@ def load_robot(
             "--lock the joints of this branch to use another"
         )
     elif end != body.joints[-1]:
-        held = ", ".join(joint for joint, finger in zip(body.joints, body.fingers, strict=True) if finger)
-        why = f"before the fingers {held}" if held else "at the end of the longest chain"
+        gripper = ", ".join(joint for joint, finger in zip(body.joints, body.fingers, strict=True) if finger)
+        why = f"before the fingers {gripper}" if gripper else "at the end of the longest chain"
         doubtful.append(f"payload and default --tool are at {end}, {why}")
     steps, factors, scaled = [merged], UNSCALED, []
     for file, before in ((published, ""), (limits, prefix)):
@@ -334,6 +340,7 @@ def _completed(limits: Limits, stated: np.ndarray, body: RigidBody) -> tuple[Lim
     mass = sum(link.mass for link in links)
     gravity = body.torque(q, np.zeros_like(q), np.zeros_like(q))
     holding = 9.81 * mass * max(reach, 1.0)
-    effort, said = believed_efforts(limits.effort, limits.effort != stated, gravity, holding, body.joints, body.slides)
+    given, kinds = limits.effort != stated, (body.slides, body.fingers)
+    effort, said = believed_efforts(limits.effort, given, gravity, holding, body.joints, *kinds)
     completed, warnings = with_assumptions(limits.replace(effort=effort), body.joints, body.slides)
     return completed, [*warnings, *said, *doubtful_masses(limits.effort, gravity, mass, reach, length)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from energy_opt.robot import Robot, load_robot, tool_of
@@ -56,3 +57,14 @@ def test_other_ends_are_no_fingers(tmp_path: Path, end: str) -> None:
     robot = arm(tmp_path, joints)
     assert tool_of(robot.body).name == last and not any(robot.body.fingers)
     assert any(f"default --tool are at {last}" in w for w in robot.warnings) == (last != robot.joints[-1])
+
+
+def test_a_gripper_does_not_measure_the_arm(tmp_path: Path) -> None:
+    """The slides of a Piper as shipped have 100 N as its hinges have 100 N m, and more than doubled its standby."""
+    hand = HANDS["two slides"]
+    alone, with_hand = (arm(tmp_path, joints, effort=70, of_hand=30) for joints in ([], hand))
+    assert with_hand.rated.power == pytest.approx(alone.rated.power) and with_hand.rated.strongest == 70
+    placeholder = arm(tmp_path, hand, effort=500, of_hand=500)
+    said = [w for w in placeholder.warnings if "the same on all joints" in w]
+    assert [w.split(":")[0] for w in said] == list(placeholder.joints) and "500 N," in said[-1]
+    assert not any(map(np.isfinite, placeholder.limits.effort))

@@ -107,6 +107,17 @@ def test_one_effort_for_all_joints_that_is_too_little_for_some_is_a_placeholder(
     assert any(w.startswith("second:") and "too little for some" in w for w in found.warnings)
 
 
+def test_one_effort_for_slides_and_hinges_that_is_too_little_for_a_slide_is_a_placeholder(tmp_path: Path) -> None:
+    """A SCARA as shipped has 1 on all joints: the vertical hinges need nothing to be held, its slide carries 20 N."""
+    text = re.sub(r'effort="[0-9.]+"', 'effort="1"', Path(two_joints(tmp_path)).read_text())
+    upright = re.sub(r'<axis xyz="[^"]*"/>', '<axis xyz="0 0 1"/>', text)
+    path = tmp_path / "scara.urdf"
+    path.write_text(upright.replace('name="second" type="revolute"', 'name="second" type="prismatic"'))
+    robot = load_robot(path)
+    assert robot.slides == (False, True) and np.isinf(robot.limits.effort).all()
+    assert any(w.startswith("first: effort limit 1 N m, the same") for w in robot.warnings)
+
+
 def test_an_arm_that_is_too_heavy_for_its_size_or_drives_is_named(tmp_path: Path) -> None:
     heavy = load_robot(two_joints(tmp_path, effort="50", mass="3300", inertia="100"))
     assert any("more than every effort limit" in w for w in heavy.warnings)

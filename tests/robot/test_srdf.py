@@ -95,5 +95,9 @@ def test_package_paths_are_found_above_the_file_and_in_given_folders(tmp_path: P
     said = read_description(urdf)
     found = mesh_files(said, [tmp_path / "elsewhere"] if where.startswith("elsewhere") else [])
     assert found == {"package://pkg/meshes/a.stl": mesh}
-    if where.startswith("elsewhere"):  # a folder that is the package itself
+    if where.startswith("elsewhere"):  # a folder that is the package itself, and one some levels above it
         assert list(mesh_files(said, [mesh.parents[1]]).values()) == [mesh]
+        assert mesh_files(said, [tmp_path]) == found
+        mesh.unlink()
+        with pytest.raises(BadInput, match=r"not found, also not 4 levels below .*, first"):
+            mesh_files(said, [tmp_path])

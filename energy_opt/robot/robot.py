@@ -236,6 +236,8 @@ def load_robot(
     if entry is None:
         path = Path(name_or_urdf)
         if not path.is_file():
+            if path.is_fifo():
+                raise BadInput(f"{name_or_urdf}: a pipe, which is read only once; write the URDF into a file first")
             hint = suggest(name_or_urdf, CATALOG)
             raise BadInput(
                 f"{name_or_urdf!r} is neither a URDF file nor the name of a robot ({', '.join(CATALOG)}){hint}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -103,3 +104,9 @@ def test_a_misspelt_place_at_its_default_changes_nothing(tmp_path: Path) -> None
     assert read_description(files[1]).links == read_description(files[0]).links
     with pytest.raises(BadInput, match="<origins> is not read here; expected <origin>"):
         read_description(files[2])
+
+
+def test_a_piped_urdf_is_refused_as_such(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(BadInput, match="a pipe, which is read only once; write the URDF into a file"):
+        load_robot(tmp_path / "pipe")

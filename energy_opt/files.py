@@ -151,7 +151,9 @@ def read_toml(path: Path, *kinds: str) -> dict[str, Any]:
     example = kinds[0] if len(kinds) == 1 else "KIND"
     wanted = f"; expected TOML, format = {', '.join(forms)}: see `energy-opt --example {example}`" if kinds else ""
     if text.lstrip().startswith("<"):
-        raise BadInput(f"{path}: {'a URDF' if '<robot' in text else 'XML'}, not TOML{wanted}")
+        robot = "xacro" if Path(path).suffix.lower() == ".xacro" else "a URDF"
+        kind = robot if "<robot" in text else "XML"
+        raise BadInput(f"{path}: {kind}, not TOML{wanted}")
     if LONG_KEY.search(text):
         raise BadInput(f"{path}: not valid TOML: a key of more than {DEEPEST} parts")
     try:

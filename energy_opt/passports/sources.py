@@ -228,7 +228,7 @@ class Arm:
 def read_arm(
     word: str, robot: Robot | None = None, limits: Path | None = None, lock: Mapping[str, float] | None = None
 ) -> Arm:
-    """The arm of a model file, of a model's name, or of a robot's name: its published values, else assumed ones.
+    """The arm of a model file, of a model's name, or of a robot's name or URDF: its values, published or assumed.
 
     Args:
         word: a file or a name. robot: if loaded already. limits: a joint_limits.yaml. lock: positions of joints that do
@@ -243,6 +243,9 @@ def read_arm(
         if robot is None:
             raise BadInput(f"{word}: which robot's? give --robot")
         return Arm(word, robot, named_model(word, robot), "", {})
+    if file.is_file() and file.suffix.lower() == ".urdf":
+        arm = load_robot(word, limits=limits, lock=lock)
+        return Arm(word, arm, careful(arm), "", {})
     if not file.is_file():
         if file.suffix or word not in known_robots():
             raise BadInput(f"{word}: neither a model file nor a robot's name{suggest(word, known_robots())}")

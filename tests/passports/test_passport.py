@@ -265,3 +265,12 @@ def test_a_value_that_equals_a_published_one_is_not_called_published(tmp_path):
     text = (tmp_path / "own.toml").read_text()
     assert "source" not in text
     assert read_arm(str(tmp_path / "own.toml")).status(friction) == "declared"
+
+
+def test_a_urdf_is_taken_as_the_name_of_a_robot_is(tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_text(PALLETIZER)
+    assert read_arm(str(path)).model == eo.load_model("careful", eo.load_robot(path))
+    path.rename(tmp_path / "arm.urdf.xacro")
+    with pytest.raises(eo.BadInput, match="xacro, not TOML"):
+        read_arm(f"{path}.xacro")

@@ -1,10 +1,18 @@
-"""Names of joints, links and poses: readers accept only characters that every written format can hold."""
+"""Names of joints, links and poses: readers accept only characters that every written format can hold.
+
+Values that carry the names of joints are matched by these.
+"""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
+from numbers import Integral
+from typing import Any
 
-from energy_opt.errors import BadInput
+import numpy as np
+
+from energy_opt.errors import BadInput, suggest
 
 LONGEST = 128  # most characters of a name
 _NAME = re.compile(rf"[\w\-./]{{1,{LONGEST}}}")
@@ -27,3 +35,33 @@ def check_name(name: str, where: str) -> str:
 def commented(name: str) -> str:
     """The name without line breaks, quotes and control characters, for a comment or a word of a program."""
     return "".join(c if c.isprintable() and c not in "\"'`\\" else "_" for c in name)
+
+
+def labels_of(values: Any) -> list[Any]:
+    """Labels of a mapping or a pandas Series, or of a table's columns; empty where it has none, or only numbers."""
+    names = getattr(values, "columns", None)
+    names = values.keys() if names is None and hasattr(values, "keys") else names
+    labels = [] if names is None else list(names)
+    return [] if all(isinstance(label, Integral) for label in labels) else labels
+
+
+def in_order(values: Any, joints: Sequence[str], what: str) -> Any:
+    """Labelled values, or a table's columns, in the order of `joints`; values without labels as they are.
+
+    Args:
+        values: one per joint, or a column per joint. what: they are, for messages.
+
+    Raises:
+        BadInput: a label that is no joint, or is there twice, or a joint without a value.
+    """
+    labels = labels_of(values)
+    if not labels:
+        return values
+    for label in labels:
+        if label not in joints:
+            raise BadInput(f"{what}: unknown joint {label!r}{suggest(str(label), joints)}; joints: {', '.join(joints)}")
+        if labels.count(label) > 1:
+            raise BadInput(f"{what}: joint {label} is given twice")
+    if missing := [joint for joint in joints if joint not in labels]:
+        raise BadInput(f"{what}: no value for {', '.join(missing)}")
+    return np.stack([values[joint] for joint in joints], axis=-1)

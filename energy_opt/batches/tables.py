@@ -17,7 +17,7 @@ from pydantic import BeforeValidator, Field, StrictBool, StrictStr, field_valida
 from energy_opt.batches.task import MODES, OBJECTIVES, Duration, Surroundings
 from energy_opt.cell.scene import Scene
 from energy_opt.effects import Payload as PointLoad
-from energy_opt.errors import BadInput, suggest
+from energy_opt.errors import BadInput, shown, suggest
 from energy_opt.files import is_number
 from energy_opt.motion import Settings
 from energy_opt.poses.given import Ends, Given, in_base, poses_of_scene
@@ -200,7 +200,7 @@ def joint_values(value: Any, robot: Robot, say: Callable[[str], None] = lambda _
             raise BadInput(f"joint {missing[0]!r} is missing")
         value = [value[name] for name in joints]
     if not isinstance(value, list):
-        raise BadInput(f"{value!r} is not a list of joint positions")
+        raise BadInput(f"{shown(value)} is not a list of joint positions")
     if len(value) != len(joints):
         raise BadInput(f"{len(value)} values; the robot has {len(joints)} joints")
     for name, item in zip(joints, value, strict=True):

@@ -17,6 +17,7 @@ import casadi as ca
 import numpy as np
 
 from energy_opt.errors import BadInput
+from energy_opt.names import labels_of
 
 Size = str | int | tuple[str | int, ...]
 
@@ -100,6 +101,10 @@ class Parameter:
         Raises:
             BadInput: not finite numbers, outside the bounds, or of another shape; the message says what would be right.
         """
+        if self.per_joint and labels_of(value):
+            raise BadInput(
+                f"effect {effect}: {self.name} has labels; expected a list in the robot's order [{self.unit}]"
+            )
         try:
             number = np.atleast_1d(np.asarray(value, dtype=float))
         except (TypeError, ValueError, OverflowError):

@@ -16,12 +16,13 @@ import numpy as np
 
 from energy_opt.cell.request import CellRequest
 from energy_opt.effects import Payload
-from energy_opt.errors import BadInput, shown, suggest
+from energy_opt.errors import BadInput, shown
 from energy_opt.evaluations.source import is_set, joints_in, robot_named
 from energy_opt.files import finite_number, words_of
 from energy_opt.measured import read_log
 from energy_opt.measured.sets import robot_of as robot_of_log
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.names import in_order
 from energy_opt.power import PowerModel
 from energy_opt.power.drive_law import body_of
 from energy_opt.power.known import is_named, load_model, named_model
@@ -259,6 +260,8 @@ def cell_of(request: CellGroup) -> CellRequest:
 def positions(given: Any, robot: Robot, name: str, srdf: Path | None = None) -> np.ndarray:
     """Joint positions (n,) [rad] from any sequence in the robot's order, by joint names in any order, or as words.
 
+    A mapping has joint names, and so have the labels of a pandas Series that are not numbers.
+
     Args:
         given: also `"0.1,0.2"`, `"0.1 0.2"`, `"joint=0.1,…"`, or the name of a pose of the SRDF (`srdf`, or its own).
         name: of the argument, for messages.
@@ -274,10 +277,8 @@ def positions(given: Any, robot: Robot, name: str, srdf: Path | None = None) -> 
             return semantics(robot, srdf).pose(word, robot.joints)
         except BadInput as error:
             raise BadInput(f"--{name} {word}: {error}") from None
-    if isinstance(given, Mapping):
-        given = _by_name(given, robot.joints, f"--{name}")
     try:
-        q = np.array(given, dtype=float)
+        q = np.array(in_order(given, robot.joints, f"--{name}"), dtype=float)
     except (TypeError, ValueError):
         raise BadInput(f"--{name}: {shown(given)} is not {robot.n} numbers [rad]") from None
     if q.shape != (robot.n,):
@@ -287,17 +288,6 @@ def positions(given: Any, robot: Robot, name: str, srdf: Path | None = None) -> 
     if not np.isfinite(q).all():
         raise BadInput(f"--{name}: expected finite joint positions [rad]")
     return q
-
-
-def _by_name(given: Mapping[str, float], joints: Sequence[str], flag: str) -> list[float]:
-    """Values in the order of `joints`."""
-    for joint in given:
-        if joint not in joints:
-            raise BadInput(f"{flag}: unknown joint {joint!r}{suggest(joint, joints)}; joints: {', '.join(joints)}")
-    missing = [joint for joint in joints if joint not in given]
-    if missing:
-        raise BadInput(f"{flag}: no value for {', '.join(missing)}")
-    return [given[joint] for joint in joints]
 
 
 def _in_words(text: str, joints: Sequence[str], flag: str) -> np.ndarray:
@@ -313,7 +303,7 @@ def _in_words(text: str, joints: Sequence[str], flag: str) -> np.ndarray:
                 raise BadInput(f"{flag}: joint {name.strip()} is given twice")
             known = name.strip() in joints
             named[name.strip()] = finite_number(value, f"{flag} {part}", "name=value") if known else 0.0
-        return np.array(_by_name(named, joints, flag))
+        return np.asarray(in_order(named, joints, flag))
     if len(parts) != len(joints):
         raise BadInput(f"{flag}: {len(parts)} positions; the robot has {len(joints)} joints: {', '.join(joints)}")
     return np.array([finite_number(part, f"{flag} {text}", "numbers [rad, m]") for part in parts])

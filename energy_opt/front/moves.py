@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import fields, replace
+from functools import partial
 from numbers import Real
 from os import PathLike
 from pathlib import Path
@@ -24,6 +25,7 @@ from energy_opt.motion.path import JointPath, of_trajectory
 from energy_opt.motion.plan.robust import Kind
 from energy_opt.motion.plan.robust_models import Rival
 from energy_opt.motion.standstills import check_moves_on
+from energy_opt.names import in_order
 from energy_opt.poses.given import Ends, Given, poses_of_request
 from energy_opt.poses.pose import EXACT, AnyOf, Freedom, Pose
 from energy_opt.requests.moves import MoveRequest
@@ -66,7 +68,7 @@ def path_from(given: Any, robot: Robot, prefix: str = "", say: Say = lambda _: N
         path = given
     else:
         try:
-            points = _sampled(given, robot.n) if callable(given) else np.asarray(given, dtype=float)
+            points = _waypoints(given, robot)
         except (ValueError, TypeError):
             raise BadInput(
                 f"--path: expected waypoints (K, {robot.n}) [rad], or a function of s in [0, 1] that gives positions "
@@ -95,14 +97,21 @@ def _in_order(given: Trajectory, robot: Robot) -> Trajectory:
     return Trajectory(robot.joints, given.time, *columns)
 
 
-def _sampled(function: Callable[[Any], Any], n: int) -> np.ndarray:
-    """Positions (SAMPLED, n) along a function of s in [0, 1] that takes arrays (M,), or single numbers only."""
+def _waypoints(given: Any, robot: Robot) -> np.ndarray:
+    """Positions (K, n) of an array, a table, a sequence of positions, or a function of s in [0, 1].
+
+    The function takes arrays (M,), or single numbers only.
+    """
+    ordered = partial(in_order, joints=robot.joints, what="--path")
+    if not callable(given):
+        rows = [ordered(row) for row in given] if isinstance(given, (list, tuple)) else ordered(given)
+        return np.asarray(rows, dtype=float)
     s = np.linspace(0.0, 1.0, SAMPLED)
     with suppress(ValueError, TypeError, IndexError):
-        points = np.asarray(function(s), dtype=float)
-        if points.shape == (SAMPLED, n):
+        points = np.asarray(ordered(given(s)), dtype=float)
+        if points.shape == (SAMPLED, robot.n):
             return points
-    return np.asarray([function(each) for each in s.tolist()], dtype=float)
+    return np.asarray([ordered(given(each)) for each in s.tolist()], dtype=float)
 
 
 def move_of(

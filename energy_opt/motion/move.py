@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from energy_opt.arguments import check_fields, expect
-from energy_opt.errors import BadInput
+from energy_opt.errors import BadInput, shown
 from energy_opt.motion.conditions import BOUNDS, check_bound, kept, tube_of
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.trajectory import Trajectory, whole
+from energy_opt.names import labels_of
 from energy_opt.numerics.compile import POLICIES
 from energy_opt.robot import Robot
 
@@ -112,6 +113,8 @@ class Move:
 
 def _vector(values: Any, name: str) -> np.ndarray:
     """A copy as floats: the caller may change its array later."""
+    if labels_of(values):
+        raise BadInput(f"--{name}: {shown(values)} has labels; a Move takes joint positions [rad] in the robot's order")
     try:
         return np.array(values, dtype=float)
     except (TypeError, ValueError):

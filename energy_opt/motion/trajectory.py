@@ -14,6 +14,7 @@ import numpy as np
 
 from energy_opt.arguments import expect
 from energy_opt.errors import BadInput, shown
+from energy_opt.names import in_order
 
 # Quintic on x in [0, 1] from (q0, q1, h v0, h v1, h^2 a0, h^2 a1); each line has the coefficients of one of x^0 ... x^5
 _HERMITE = np.array(
@@ -74,7 +75,8 @@ class Trajectory:
     """Samples of a motion: time (N,) [s]; position, velocity, acceleration (N, n) [rad, rad/s, rad/s^2].
 
     The columns are in the order of `joints`; joints that slide have m in place of rad. effort (N, n) [N m] (the motors'
-    torque) and power (N,) [W] are set once a model has been applied; until then they are None. Sequences are accepted.
+    torque) and power (N,) [W] are set once a model has been applied; until then they are None. Sequences are accepted,
+    and tables whose columns have the names of `joints`, in any order.
 
     Raises:
         BadInput: an array does not consist of numbers, has another shape, or there are fewer than two samples.
@@ -98,6 +100,7 @@ class Trajectory:
             if given is None and name in ("effort", "power"):
                 continue
             try:
+                given = given if len(shape) == 1 else in_order(given, self.joints, f"trajectory: {name}")
                 array = np.asarray(given, dtype=float)
             except (TypeError, ValueError):
                 array = np.zeros(())

@@ -69,7 +69,7 @@ class RobotGroup(Request):
     )
 
     def __post_init__(self) -> None:
-        if isinstance(self.lock, Mapping):
+        if hasattr(self.lock, "items"):
             words = tuple(f"{joint}={value}" for joint, value in self.lock.items())
             object.__setattr__(self, "lock", words)
         super().__post_init__()

@@ -10,6 +10,7 @@ import sys
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from errno import ENAMETOOLONG
 from pathlib import Path
 from secrets import token_hex
 from typing import Any, TypeGuard
@@ -110,8 +111,13 @@ def inside(folder: Path, name: str, allow_outside: bool = False) -> Path:
 
 
 def path_of(given: object, what: str) -> Path:
-    """The path of a `what`, such as "model"; BadInput where it is none."""
+    """The path of a `what`, such as "model"; BadInput where it is none, or no name of a file, such as a file's text."""
     if isinstance(given, (str, os.PathLike)):
+        try:
+            os.stat(given)
+        except (OSError, ValueError) as error:
+            if getattr(error, "errno", None) == ENAMETOOLONG:
+                raise BadInput(f"{what} {shown(given)}: too long; expected the name of a file, not its text") from None
         return Path(given)
     raise BadInput(f"{what} {shown(given)}: expected the name of a file")
 

@@ -32,7 +32,7 @@ FORMS = {
     "payload": "a mass, (mass, x, y, z), or an `effects.Payload`",
     "start": "a sequence (n,) in the robot's order, a mapping from joint names, or a pose (`pose_from`)",
     "goal": "as `start`; alternatives as `AnyOf([...])`",
-    "path": "an array (K, n), a `Trajectory`, a function q(s) on [0, 1] that returns (n,), or a file",
+    "path": "an array (K, n), a table with joint names, a `Trajectory` or result, a function q(s) on [0, 1], or a file",
     "via": "each as `start`",
     "start_pose": "as `pose_from` takes it",
     "goal_pose": "as `start_pose`",
@@ -40,7 +40,7 @@ FORMS = {
     "conditions": "objects of `energy_opt.conditions`, your own limits, or names of files that define them",
     "durations": "a sequence, or text FIRST:LAST:COUNT",
     "job": "a file, or its content as a mapping",
-    "files": "names of files (`evaluate` also takes each `Trajectory`)",
+    "files": "names of files (`evaluate` also takes each `Trajectory` and result of `optimize` or `job`)",
     "request": "a file, or its content as a mapping",
 }
 

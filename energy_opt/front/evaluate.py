@@ -8,25 +8,21 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from energy_opt.cell.load import load_cell
 from energy_opt.errors import BadInput
 from energy_opt.evaluations.evaluated import Evaluation
 from energy_opt.evaluations.evaluated import evaluate as evaluated
-from energy_opt.evaluations.source import Recorded, Stretch, is_set, load, load_set, stated
+from energy_opt.evaluations.source import Recorded, is_set, load, load_set, stated
 from energy_opt.files import plain, write_json
 from energy_opt.folders import written_whole
 from energy_opt.formats.controller_files import Written, files_from, warnings_on
 from energy_opt.formats.cycle_file import write_cycle
-from energy_opt.formats.waypoints import Samples
 from energy_opt.front.controllers import check_written
 from energy_opt.front.desk import Answered, Desk, verb, warn_of
-from energy_opt.front.given import AnyMotion, as_loaded, cell_of, payload_document, robot_of, robot_of_files
+from energy_opt.front.given import as_loaded, cell_of, payload_document, robot_of, robot_of_files
 from energy_opt.front.models import rivals_of
+from energy_opt.front.motion_files import motion_files, put_motions
 from energy_opt.front.moves import documents
-from energy_opt.motion.standstills import standstills
-from energy_opt.motion.trajectory import Trajectory
 from energy_opt.requests.verbs import EvaluateRequest
 from energy_opt.results import exit_of
 from energy_opt.robot import Robot
@@ -43,12 +39,14 @@ class Answers(Answered):
     """Evaluations of all motions, with the robot and the request.
 
     Attributes:
+        given: the motions as given; `save` writes those that are no files, so that the request can be repeated.
         files: those for controllers, made, read back and judged in the call; `save` writes them.
     """
 
     robot: Robot
     request: EvaluateRequest
     found: tuple[Evaluation, ...]
+    given: tuple[Any, ...] = ()
     files: tuple[Written, ...] = ()
 
     @property
@@ -95,9 +93,10 @@ class Answers(Answered):
     def kept(self, out: Path) -> Answers:
         """Write evaluate.json, and every motion in the formats that the request asks for, into the folder `out`."""
         with written_whole(out, ANSWER) as aside:
+            names = put_motions(self.given, aside, self.request.joint_prefix)
             for row in self.files:
                 row.put(aside)
-            write_json(aside / ANSWER, self.document())
+            write_json(aside / ANSWER, replace(self, request=replace(self.request, files=names)).document())
         return self
 
 
@@ -123,26 +122,26 @@ def run(request: EvaluateRequest, desk: Desk) -> Answers:
         BadInput: a file holds no motion, or the robot is not known from it.
     """
     given: Any = request.files
-    files = [each if isinstance(each, Trajectory) else Path(str(each)) for each in given]
-    if not files:
+    if not given:
         raise BadInput("no FILE; give a trajectory, a cycle or a recording")
-    request = _as_stated(request, files, desk)
-    robot = robot_of(request, None if request.robot is not None else robot_of_files(files, request.joint_prefix))
-    check_written(request, robot)
+    with motion_files(given, request.joint_prefix) as (folder, names, files):
+        request = _as_stated(request, files, desk)
+        robot = robot_of(request, None if request.robot is not None else robot_of_files(files, request.joint_prefix))
+        check_written(request, robot)
+        read = [_motions(path, robot, request.joint_prefix) for path in files]
+        motions = [_of_caller(motion, folder) for of_file in read for motion in of_file]
     rivals, _ = rivals_of(request, robot, desk)
     cell = load_cell(robot, cell_of(request))
     cell = cell if cell is not None and cell.checks else None
-    read = [_motions(given, robot, request.joint_prefix) for given in files]
-    motions = [_on_base(motion, cell_of(request).base) for of_file in read for motion in of_file]
+    motions = [_on_base(motion, cell_of(request).base) for motion in motions]
     found = tuple(evaluated(robot, motion, rivals, cell, request.payload is not None) for motion in motions)
-    names = tuple("trajectory" if isinstance(each, Trajectory) else str(each) for each in files)
     asked = replace(
         request, files=names, model=documents(rivals), payload=payload_document(request.payload),
         **as_loaded(robot, request.robot),
     )  # fmt: skip
     desk.take(ANSWER, asked)
     written = files_of(asked, robot, found)
-    answers = desk.keep(Answers(robot=robot, request=asked, stamp=desk.stamp, found=found, files=written))
+    answers = desk.keep(Answers(robot=robot, request=asked, stamp=desk.stamp, found=found, given=given, files=written))
     for evaluation in answers.found:
         for note in evaluation.motion.notes:
             desk.say(f"note: {note}")
@@ -153,13 +152,13 @@ def run(request: EvaluateRequest, desk: Desk) -> Answers:
 evaluate = verb(EvaluateRequest, run)
 
 
-def _as_stated(request: EvaluateRequest, files: Sequence[AnyMotion], desk: Desk) -> EvaluateRequest:
+def _as_stated(request: EvaluateRequest, files: Sequence[Path], desk: Desk) -> EvaluateRequest:
     """The request with limits, locked joints and cell that the results state, where it does not state other ones.
 
     A value is taken only if all files belong to results that state the same one: all motions are in one cell. A `Robot`
     has its own limits and locked joints.
     """
-    found = [({}, []) if isinstance(each, Trajectory) else stated(Path(each)) for each in files]
+    found = [stated(path) for path in files]
     same = {name: value for name, value in found[0][0].items() if all(values.get(name) == value for values, _ in found)}
     names = IN_CELL if isinstance(request.robot, Robot) else ("limits", "lock", *IN_CELL)
     taken = {name: same[name] for name in names if name in same and getattr(request, name) in (None, ())}
@@ -172,22 +171,21 @@ def _as_stated(request: EvaluateRequest, files: Sequence[AnyMotion], desk: Desk)
     return replace(request, **taken)
 
 
-def _motions(given: AnyMotion, robot: Robot, prefix: str) -> list[Recorded]:
-    """The motion of a file, those of a measured set, or a trajectory with its columns in the robot's order."""
-    if not isinstance(given, Trajectory):
-        path = Path(given)
-        if is_set(path):
-            return load_set(path, robot)
-        found = load(path, robot.joints, prefix, robot.followers)
-        t = found.trajectory
-        warnings = doubted_units(robot, None if found.timed else t.time, t.position, found.name)
-        return [replace(found, notes=(*found.notes, *warnings))]
-    q, v, a = (np.asarray(x) for x in (given.position, given.velocity, given.acceleration))
-    samples = Samples("the trajectory", given.joints, q, given.time - given.time[0], v, a)
-    samples = samples.of(robot.joints, following=robot.followers)
-    trajectory = samples.trajectory().on_nanoseconds()
-    whole = (Stretch(0.0, trajectory.duration),)
-    return [Recorded("trajectory", trajectory, whole, standstills(trajectory), samples.notes)]
+def _motions(path: Path, robot: Robot, prefix: str) -> list[Recorded]:
+    """The motion of a file, or those of a measured set."""
+    if is_set(path):
+        return load_set(path, robot)
+    found = load(path, robot.joints, prefix, robot.followers)
+    t = found.trajectory
+    warnings = doubted_units(robot, None if found.timed else t.time, t.position, found.name)
+    return [replace(found, notes=(*found.notes, *warnings))]
+
+
+def _of_caller(motion: Recorded, folder: Path) -> Recorded:
+    """The motion, named without the `folder` where it was written for the call."""
+    name, *said = (text.replace(f"{folder}/", "") for text in (motion.name, *motion.notes, *motion.warnings))
+    count = len(motion.notes)
+    return replace(motion, name=name, notes=tuple(said[:count]), warnings=tuple(said[count:]))
 
 
 def _on_base(motion: Recorded, base: Sequence[float] | None) -> Recorded:

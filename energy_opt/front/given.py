@@ -21,7 +21,6 @@ from energy_opt.evaluations.source import is_set, joints_in, robot_named
 from energy_opt.files import finite_number, words_of
 from energy_opt.measured import read_log
 from energy_opt.measured.sets import robot_of as robot_of_log
-from energy_opt.motion.trajectory import Trajectory
 from energy_opt.names import in_order
 from energy_opt.power import PowerModel
 from energy_opt.power.drive_law import body_of
@@ -37,7 +36,6 @@ if TYPE_CHECKING:
     from energy_opt.batches.task import RobotSource
     from energy_opt.requests.groups import AnyModel, AnyRobot
 
-AnyMotion = Trajectory | str | PathLike[str]
 DEFAULT = "source-method-2"
 HEAVIEST = 5.0  # largest payload over an arm's own moving mass: no arm carries twice its weight
 FARTHEST = 2.0  # [m] a payload's centre may be as far from the last joint, or as the arm reaches
@@ -69,32 +67,30 @@ def named_robot(robot: Robot) -> str:
     return robot.name if robot.name in known_robots() else str(robot.urdf)
 
 
-def robot_of_files(files: Sequence[AnyMotion], prefix: str = "") -> str:
+def robot_of_files(paths: Sequence[Path], prefix: str = "") -> str:
     """The robot of some files, by name or URDF: the one that they name, or the only known one with their joints.
 
     Args:
-        files: motions. prefix: of the joint names in the files.
+        paths: of motions. prefix: of the joint names in the files.
 
     Raises:
         BadInput: neither; names the known robots if there are several.
     """
-    paths = [Path(given) for given in files if not isinstance(given, Trajectory)]
     for path in paths:
         if is_set(path):
             return named_robot(robot_of_log(read_log(path)))
         named = robot_named(path)
         if named is not None and (named in known_robots() or Path(named).is_file()):
             return named
-    names = joints_in(paths[0]) if paths else files[0].joints if isinstance(files[0], Trajectory) else ()
+    names = joints_in(paths[0])
     held = {name.removeprefix(prefix) for name in names}
     arms = {name: set(load_robot(name).joints) for name in known_robots()}
     most = max((len(joints) for joints in arms.values() if joints <= held), default=0)
     fitting = [name for name, joints in arms.items() if joints <= held and len(joints) == most]
-    where = f"{paths[0]}: " if paths else ""
     if not fitting:
-        raise BadInput(f"{where}joints {', '.join(names)} are not those of a known robot; give --robot")
+        raise BadInput(f"{paths[0]}: joints {', '.join(names)} are not those of a known robot; give --robot")
     if len(fitting) > 1:
-        raise BadInput(f"{where}give --robot; {', '.join(fitting)} have the same joints")
+        raise BadInput(f"{paths[0]}: give --robot; {', '.join(fitting)} have the same joints")
     return fitting[0]
 
 

@@ -25,7 +25,7 @@ from energy_opt.jobs.models import efforts_held, mean_of, stated, warned
 from energy_opt.jobs.over_time import document, over_time, page, text
 from energy_opt.jobs.solve_job import JobResult
 from energy_opt.jobs.work import Answers
-from energy_opt.motion import Settings
+from energy_opt.motion import Settings, Trajectory
 from energy_opt.motion.plan.planner import Shares
 from energy_opt.motion.plan.robust import Kind
 from energy_opt.motion.plan.robust_models import Rival
@@ -134,6 +134,17 @@ class JobAnswer(Answered):
     def exit_code(self) -> int:
         """Exit code of the command line."""
         return exit_of(self.result.interrupted, self.result.solved and all(row.valid for row in self.files))
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The cycle of one robot as one motion.
+
+        Raises:
+            BadInput: the job has several robots.
+        """
+        if not isinstance(self.result, JobResult):
+            raise BadInput("a job of several robots: save it, and give cycle_<robot>.csv of one of them")
+        return job_files.whole_cycle(self.result)[0]
 
     def document(self) -> dict[str, Any]:
         """Content of job.json."""

@@ -15,11 +15,13 @@ import numpy as np
 
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput
+from energy_opt.files import path_of as path_named
 from energy_opt.formats import read
 from energy_opt.formats.close_waypoints import past
 from energy_opt.formats.recording import path_of
 from energy_opt.formats.waypoints import Samples
 from energy_opt.front.given import as_loaded, payload_document, positions
+from energy_opt.front.motion_files import trajectory_of
 from energy_opt.motion import Move, Settings, Trajectory
 from energy_opt.motion.path import JointPath, of_trajectory
 from energy_opt.motion.plan.robust import Kind
@@ -40,7 +42,7 @@ Say = Callable[[str], None]
 
 
 def path_from(given: Any, robot: Robot, prefix: str = "", say: Say = lambda _: None) -> JointPath:
-    """A path from waypoints (K, n) [rad], a trajectory, a file of either, or any function q(s) on [0, 1].
+    """A path from waypoints (K, n) [rad], a trajectory or a result, a file, or any function q(s) on [0, 1].
 
     Args:
         prefix: of the joints' names in a file. say: receives the notes of its reader.
@@ -48,8 +50,9 @@ def path_from(given: Any, robot: Robot, prefix: str = "", say: Say = lambda _: N
     Raises:
         BadInput: of another number of joints, or not finite.
     """
+    given = trajectory_of(given)
     if isinstance(given, (str, PathLike)):
-        table = read(Path(given)).of(robot.joints, prefix, robot.followers)
+        table = read(path_named(given, "--path")).of(robot.joints, prefix, robot.followers)
         warnings = doubted_units(robot, table.doubtful, table.position, table.where)
         inside, moved = onto_limits(robot, table.position, table.where)
         given, more = path_of(replace(table, position=inside))
@@ -104,8 +107,8 @@ def _waypoints(given: Any, robot: Robot) -> np.ndarray:
     """
     ordered = partial(in_order, joints=robot.joints, what="--path")
     if not callable(given):
-        rows = [ordered(row) for row in given] if isinstance(given, (list, tuple)) else ordered(given)
-        return np.asarray(rows, dtype=float)
+        points = [ordered(point) for point in given] if isinstance(given, (list, tuple)) else ordered(given)
+        return np.asarray(points, dtype=float)
     s = np.linspace(0.0, 1.0, SAMPLED)
     with suppress(ValueError, TypeError, IndexError):
         points = np.asarray(ordered(given(s)), dtype=float)

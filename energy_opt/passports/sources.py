@@ -17,7 +17,7 @@ import numpy as np
 
 from energy_opt.effects.parameter import Parameter
 from energy_opt.errors import BadInput, suggest
-from energy_opt.files import read_toml
+from energy_opt.files import path_of, read_toml
 from energy_opt.power import PowerModel, drive_function, load_model
 from energy_opt.power.known import Known, careful, electrical, is_named, named_model, published_file
 from energy_opt.power.known import friction as friction_of
@@ -238,7 +238,7 @@ def read_arm(
         BadInput: none of these; the file is at fault; its robot is not known and none was given; or its lists do not
             fit the robot.
     """
-    file = Path(word)
+    file = path_of(word, "MODEL")
     if is_named(word):
         if robot is None:
             raise BadInput(f"{word}: which robot's? give --robot")

@@ -34,7 +34,7 @@ from energy_opt.effects import (
     ViscousFriction,
 )
 from energy_opt.errors import BadInput, shown, suggest
-from energy_opt.files import read_toml
+from energy_opt.files import path_of, read_toml
 from energy_opt.power.model import PowerModel, read_model
 from energy_opt.power.variants import of_some_joints
 from energy_opt.robot import Robot, load_robot
@@ -225,7 +225,7 @@ def load_model(word: str | PathLike[str], robot: Robot | str | None = None) -> P
         if robot is None:
             raise BadInput(f"model {word}: depends on the robot; expected load_model({str(word)!r}, robot)")
         return named_model(str(word), robot)
-    if not Path(word).is_file() and not Path(word).suffix:
+    if not path_of(word, "--model").is_file() and not Path(word).suffix:
         hint = suggest(str(word).replace("_", "-"), NAMED)
         raise BadInput(f"--model {word}: neither a model file nor a name ({', '.join(NAMED)}){hint}")
     return read_model(Path(word))

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from energy_opt.conditions import Condition, Limit
     from energy_opt.effects import Payload
     from energy_opt.motion.path import Curve, JointPath
+    from energy_opt.motion.result import Result
     from energy_opt.motion.trajectory import Trajectory
     from energy_opt.poses.pose import AnyOf, Pose
     from energy_opt.power import PowerModel
@@ -32,7 +33,8 @@ if TYPE_CHECKING:
     Vector = Sequence[float] | np.ndarray
     Positions = Vector | Mapping[str, float] | str
     AnyPayload = float | Sequence[float] | Payload | Mapping[str, Any] | str
-    AnyPath = JointPath | Trajectory | Curve | Sequence[Vector] | np.ndarray | Mapping[str, Any] | str | PathLike[str]
+    Motion = Trajectory | Result
+    AnyPath = JointPath | Motion | Curve | Sequence[Vector] | np.ndarray | Mapping[str, Any] | str | PathLike[str]
     AnyPose = Pose | Vector | Sequence[Vector] | Mapping[str, Any] | str
 
 ROBOT = "a name (`energy-opt robots`) or a URDF"

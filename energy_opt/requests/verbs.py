@@ -12,8 +12,10 @@ from energy_opt.requests.groups import MODEL, ROBOT
 from energy_opt.requests.option import Request, option
 
 if TYPE_CHECKING:
-    from energy_opt.motion.trajectory import Trajectory
-    from energy_opt.requests.groups import AnyModel, AnyRobot
+    from energy_opt.requests.groups import AnyModel, AnyRobot, Motion
+    from energy_opt.results import Found
+
+    AnyMotion = Motion | Found | str | PathLike[str]  # results of optimize and job
 
 
 @dataclass(frozen=True)
@@ -153,7 +155,7 @@ class EvaluateRequest(
     results = "energy_opt_evaluation"
     always: ClassVar[tuple[str, ...]] = ("files", "robot", "payload", "limits")
 
-    files: Trajectory | str | PathLike[str] | Sequence[Trajectory | str | PathLike[str]] = option(
+    files: AnyMotion | Sequence[AnyMotion] = option(
         ..., "a trajectory, a program, a bag, a recording, a measured set, or a result of optimize or job "
         "(folder, JSON or table)", "FILE", place="+",
     )  # fmt: skip

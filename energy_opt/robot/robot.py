@@ -234,7 +234,7 @@ def load_robot(
     name_or_urdf, limits = str(name_or_urdf), None if limits is None else path_of(limits, "--limits")
     entry = CATALOG.get(name_or_urdf)
     if entry is None:
-        path = Path(name_or_urdf)
+        path = path_of(name_or_urdf, "--robot")
         if not path.is_file():
             if path.is_fifo():
                 raise BadInput(f"{name_or_urdf}: a pipe, which is read only once; write the URDF into a file first")

@@ -131,14 +131,14 @@ def test_rates_of_each_joint_are_compared_in_files_and_from_python(tmp_path: Pat
     """A joint with small changes had been hidden by the others, and a trajectory from Python had not been compared."""
     found = motion(Z1)
     velocity = found.velocity * np.where(np.arange(6) == 1, 2.0, 1.0)
-    with pytest.raises(BadInput, match="the trajectory: velocity of joint2 is 2 times"):
+    with pytest.raises(BadInput, match="trajectory 01: velocity of joint2 is 2 times"):
         evaluate(replace(found, velocity=velocity), robot=Z1, self_collision=False)
 
 
 def test_a_trajectory_from_python_has_finite_rows_of_one_shape() -> None:
     """These had ended in errors of libraries."""
     found = motion(Z1)
-    with pytest.raises(BadInput, match="the trajectory: velocity has values that are not finite"):
+    with pytest.raises(BadInput, match=r"trajectory 01: row 2, column joint1.velocity: 'nan' is not finite"):
         evaluate(replace(found, velocity=np.nan * found.velocity), robot=Z1)
     with pytest.raises(BadInput, match=r"trajectory: velocity has shape \(\d+, 6\); expected numbers of shape"):
         evaluate(replace(found, velocity=found.velocity[1:]), robot=Z1)

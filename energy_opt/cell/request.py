@@ -26,7 +26,7 @@ class CellRequest:
     Attributes:
         self_collision: whether the arm's own body is kept clear of itself.
         srdf: the file of disabled pairs; None for the one beside a known robot, if any.
-        scene: the file of the scene; None without one.
+        scene: the file of the scene, or a `Scene` that was read from one; None without one.
         base: x, y, z [m], roll, pitch, yaw [rad] of the robot's base in the scene's frame.
         floor: everything below this height of the scene's frame is solid [m].
         clearance: required clearance [m]; None for `CLEARANCE`, or half of an end's clearance if that is less.

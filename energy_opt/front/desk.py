@@ -32,6 +32,7 @@ FORMS = {
     "payload": "a mass, (mass, x, y, z), or an `effects.Payload`",
     "start": "a sequence (n,) in the robot's order, a mapping from joint names, or a pose (`pose_from`)",
     "goal": "as `start`; alternatives as `AnyOf([...])`",
+    "scene": "also the unchanged `Scene` of `load_scene(FILE)`",
     "path": "an array (K, n), a table with joint names, a `Trajectory` or result, a function q(s) on [0, 1], or a file",
     "via": "each as `start`",
     "start_pose": "as `pose_from` takes it",

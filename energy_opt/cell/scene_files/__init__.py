@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from os import PathLike
+from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +17,25 @@ from energy_opt.files import path_of, read_json, read_text, read_yaml_documents
 SUFFIXES = (".scene", ".yaml", ".yml", ".json")
 
 
+class FileScene(Scene):
+    """A scene from a file, taken wherever the file's name is: requests name the file."""
+
+    def __fspath__(self) -> str:
+        """The file.
+
+        Raises:
+            BadInput: the scene or the file was changed since, or the scene has a floor, which is an option of its own.
+        """
+        if self.floor is not None:
+            raise BadInput("--scene: has a floor; expected a scene without floor, and --floor")
+        if read_scene(self.source, allow_outside=True, allow_large=True).to_text() != self.to_text():
+            raise BadInput(f"--scene: differs from its file {self.source}; expected what load_scene(FILE) returned")
+        return self.source
+
+
 def read_scene(
     path: str | PathLike[str], *, floor: float | None = None, allow_outside: bool = False, allow_large: bool = False
-) -> Scene:
+) -> FileScene:
     """Read a scene from a file: MoveIt's PlanningScene (YAML, JSON), `.scene` text, or the short YAML form.
 
     Args:
@@ -36,7 +52,7 @@ def read_scene(
         tail = f" (and {more} more faults: energy-opt check {path})" if more else ""
         raise BadInput(reading.faults[0] + tail)
     objects, warnings = tuple(reading.objects.values()), tuple(reading.warnings)
-    return Scene(objects, reading.allowed, str(path), floor, warnings, reading.poses)
+    return FileScene(objects, reading.allowed, fspath(path), floor, warnings, reading.poses)
 
 
 def check_scene(path: Path, *, allow_outside: bool = False, allow_large: bool = False) -> list[str]:

@@ -43,6 +43,9 @@ def run(request: TradeoffRequest, desk: Desk) -> Tradeoff:
         BadInput: an argument is not usable; the message names it and what is expected.
         Infeasible: no duration works, or none that is within the cycle.
     """
+    first: Any = request.robot
+    if request.job is None and (isinstance(first, Mapping) or str(first).endswith(".toml")):
+        request = replace(request, job=first, robot=None)  # from Python, a job as the first argument
     if request.objective != "energy":
         raise BadInput(f"--objective {request.objective}: tradeoff minimises energy only; leave --objective out")
     durations, worth = durations_of(request), request.worth

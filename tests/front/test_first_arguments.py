@@ -15,6 +15,19 @@ from energy_opt.cell.scene import Scene
 START = [0, -0.785, 0, -2.356, 0, 1.571, 0.785]
 GOAL = [0.6, -0.3, 0.2, -1.9, 0, 1.7, 0.785]
 SCENE = "objects:\n  - {name: shelf, type: box, size: [0.1, 0.1, 0.1], position: [0.6, 0, 1.2]}\n"
+JOB = {
+    "format": "energy-opt/job/1", "robot": "panda", "cycle_time": 6.0, "mode": "retime",
+    "step": [{"to": GOAL}, {"to": START}],
+}  # fmt: skip
+JOB_TOML = f"""format = "energy-opt/job/1"
+robot = "panda"
+cycle_time = 6.0
+mode = "retime"
+[[step]]
+to = {GOAL}
+[[step]]
+to = {START}
+"""
 
 
 def test_a_scene_is_named_by_its_file_in_the_request(tmp_path: Path):
@@ -35,3 +48,11 @@ def test_a_scene_is_named_by_its_file_in_the_request(tmp_path: Path):
     with pytest.raises(eo.BadInput, match=changed):
         eo.evaluate(result, scene=scene)
 
+
+def test_a_job_may_be_the_first_argument_of_tradeoff(tmp_path: Path):
+    file = tmp_path / "job.toml"
+    file.write_text(JOB_TOML)
+    more = {"durations": [6.0], "self_collision": False}
+    named = eo.tradeoff(job=file, model="source-method-2", **more)
+    for first in (str(file), JOB):
+        assert eo.tradeoff(first, "source-method-2", **more)["points"] == named["points"]

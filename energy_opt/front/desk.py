@@ -27,7 +27,9 @@ from energy_opt.results import Found
 FORMS = {
     "robot": "also a `Robot`",
     "model": "also a `PowerModel`",
-    "models": "also a `PowerModel`",
+    "models": "also a `PowerModel` or a `Robot`",
+    "plant": "also a `PowerModel`",
+    "trajectories": "also each `Trajectory` or result of `optimize` or `job`",
     "lock": "a mapping from joint names to positions",
     "payload": "a mass, (mass, x, y, z), or an `effects.Payload`",
     "start": "a sequence (n,) in the robot's order, a mapping from joint names, or a pose (`pose_from`)",

@@ -10,13 +10,15 @@ import numpy as np
 
 from energy_opt.cell.load import load_cell
 from energy_opt.errors import BadInput, Infeasible
-from energy_opt.files import read_toml, to_json
+from energy_opt.files import path_of, read_toml, to_json
 from energy_opt.folders import no_other_verb, take_folder, written_whole
 from energy_opt.formats import read
 from energy_opt.formats.recording import motion_of
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import as_loaded, cell_of, model_from, of_another_arm, on_arm, payload_document, robot_of
+from energy_opt.front.motion_files import motion_files, trajectory_of
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.power import PowerModel
 from energy_opt.power.variants import of_joints
 from energy_opt.requests.verbs import SimulateRequest
 from energy_opt.results import FoundSet
@@ -76,18 +78,23 @@ def run(request: SimulateRequest, desk: Desk) -> Simulation:
             raise BadInput(f"--{name} {getattr(request, name)}: expected a number above 0")
     if request.seed < 0:
         raise BadInput(f"--seed {request.seed}: expected 0 or more")
-    file, out = Path(request.plant), Path(request.out)
-    plant = load_plant(file)
+    out, given = Path(request.out), request.plant
+    file = Path("plant") if isinstance(given, PowerModel) else path_of(given, "--plant")
+    plant = Plant(given) if isinstance(given, PowerModel) else load_plant(file)
     named = None if request.robot is not None else robot_named(plant.model.robot, file.parent, request.allow_outside)
     robot = robot_of(request, named)
-    if said := of_another_arm(str(request.plant), plant.model, robot):
+    if said := of_another_arm(str(file), plant.model, robot):
         desk.say(f"warning: {said}")
     plant = replace(plant, model=on_arm(of_joints(plant.model, robot), request, robot))
     declared = None if request.model is None else model_from(request.model, robot)
     same = {name: getattr(request, name) for name in ("rate", "meter_rate", "noise", "jitter", "rest")}
     resolutions = {"power_resolution": request.resolution, "position_resolution": request.encoder}
     instruments = Instruments(**same, **resolutions, extra=tuple(request.log))
-    references, sources = _references(request, robot, desk)
+    motions: Any = request.trajectories
+    with motion_files(map(trajectory_of, motions), request.joint_prefix) as (_, names, files):
+        played = [_played(path, robot, request.joint_prefix, desk) for path in files]
+    request = replace(request, trajectories=names)
+    references, sources = _references(request, robot, list(zip(played, map(Path, names), strict=True)), desk)
     asked = replace(
         request, **as_loaded(robot, request.robot), payload=payload_document(request.payload),
         model=None if declared is None else declared.to_document(),
@@ -141,11 +148,12 @@ def _guard(request: SimulateRequest, asked: str, force: bool) -> None:
         raise BadInput(f"{out} holds {held}; choose another --out, or overwrite it with --force")
 
 
-def _references(request: SimulateRequest, robot: Robot, desk: Desk) -> tuple[list[Reference], list[str]]:
+def _references(
+    request: SimulateRequest, robot: Robot, files: list[tuple[Trajectory, Path]], desk: Desk
+) -> tuple[list[Reference], list[str]]:
     """References to play, in order, named run01, run02, ..., and the file that each comes from."""
     if request.static != 0 and not BRIEFEST <= request.static < np.inf:
         raise BadInput(f"--static {request.static:g}: expected 0, or {BRIEFEST:g} s and more")
-    files = [(_played(path, robot, request.joint_prefix, desk), path) for path in map(Path, request.trajectories)]
     _check_clear(request, robot, files, desk)
     given = [(Reference(path.stem, t.time, t.position, t.velocity), str(path)) for t, path in files]
     out: list[Reference] = []

@@ -12,8 +12,10 @@ from energy_opt.requests.groups import MODEL, ROBOT
 from energy_opt.requests.option import Request, option
 
 if TYPE_CHECKING:
+    from energy_opt.power import PowerModel
     from energy_opt.requests.groups import AnyModel, AnyRobot, Motion
     from energy_opt.results import Found
+    from energy_opt.robot import Robot
 
     AnyMotion = Motion | Found | str | PathLike[str]  # results of optimize and job
 
@@ -119,10 +121,12 @@ class SimulateRequest(groups.CellGroup, groups.SeedGroup, groups.PayloadGroup, g
     verb = "simulate"
     summary = "play trajectories on a virtual arm and write a measured set"
 
-    trajectories: Sequence[str | PathLike[str]] | str = option(
+    trajectories: AnyMotion | Sequence[AnyMotion] = option(
         ..., "trajectories to play, in this order", "TRAJECTORY", place="+"
     )
-    plant: str | PathLike[str] = option(..., "model file: the true effects of the virtual arm", "MODEL.toml", main=True)
+    plant: PowerModel | str | PathLike[str] = option(
+        ..., "model file: the true effects of the virtual arm", "MODEL.toml", main=True
+    )
     out: str | PathLike[str] = option("simulated", "folder of the measured set (simulated)", "DIR", main=True)
     robot: AnyRobot | None = option(None, f"{ROBOT} (the plant file's)", "NAME_OR_URDF", main=True)
     model: AnyModel | None = option(
@@ -184,7 +188,7 @@ class PassportRequest(groups.RobotGroup):
     summary = "the electrical passport of an arm: values, intervals, sources; compare several"
     results, report = "passport", True
 
-    models: AnyModel | Sequence[AnyModel] = option(
+    models: AnyModel | Robot | Sequence[AnyModel | Robot] = option(
         ...,
         "model files, or names of robots (published values, else assumed ones); the first is compared with the others",
         "MODEL", place="+",

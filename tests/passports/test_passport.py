@@ -274,3 +274,9 @@ def test_a_urdf_is_taken_as_the_name_of_a_robot_is(tmp_path):
     path.rename(tmp_path / "arm.urdf.xacro")
     with pytest.raises(eo.BadInput, match="xacro, not TOML"):
         read_arm(f"{path}.xacro")
+
+
+def test_a_loaded_robot_is_taken_as_its_name() -> None:
+    found = eo.passport(eo.load_robot("panda"))
+    assert str(found) == str(eo.passport("panda"))
+    assert str(eo.repeat(found.request)) == str(found)

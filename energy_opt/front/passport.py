@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from energy_opt.front.desk import Desk, verb
-from energy_opt.front.given import as_loaded, of_another_arm, robot_of, several
+from energy_opt.front.given import as_loaded, named_robot, of_another_arm, robot_of, several
 from energy_opt.passports.sheet import Passport
 from energy_opt.passports.sheet import passport as passport_of
 from energy_opt.power.model import model_from_document
@@ -28,7 +28,7 @@ def run(request: PassportRequest, desk: Desk) -> Passport:
     given: list[Any] = several(models)
     if len(given) == 1 and isinstance(given[0], Robot) and request.robot is None:
         request = replace(request, **as_loaded(given[0], given[0]))
-    given = [one.name if isinstance(one, Robot) else one for one in given]
+    given = [named_robot(one) if isinstance(one, Robot) else one for one in given]
     models = [model_from_document(dict(one), "model") if isinstance(one, Mapping) else one for one in given]
     named = None if request.robot is None else robot_of(request)
     found = passport_of(models, named, request.limits, request.locked or None)

@@ -35,6 +35,7 @@ import numpy as np
 
 from energy_opt.cell.bodies import Bodies, Scenery
 from energy_opt.cell.curve import MotionCurve
+from energy_opt.cell.shells import enclosed
 from energy_opt.cell.solids import GJK_ERROR, Ruler, Solid
 from energy_opt.robot.kinematics import cross, into
 
@@ -90,36 +91,10 @@ def one_inside_the_other(ruler: Ruler, at: Any, bt: Any) -> bool:
         ruler: measures the distance of the two bodies. at, bt: their poses, as coal's transforms.
     """
     a, b = ruler.a, ruler.b
-    if ruler.exact(at, bt) <= 0:
+    around = [(*each, walls) for each in ((a, at, b, bt), (b, bt, a, at)) if len(walls := each[2].inside)]
+    if not around or ruler.exact(at, bt) <= 0:
         return False  # surfaces meet, which the distance shows
-    return any(
-        not (outer.convex or outer.shell) and enclosed(_moved(_probes(inner), its, other), *outer.surface)
-        for inner, outer, its, other in ((a, b, at, bt), (b, a, bt, at))
-    )
-
-
-def enclosed(points: np.ndarray, vertices: np.ndarray, triangles: np.ndarray) -> bool:
-    """Whether a point is within a surface: it sees more than half of the sphere around it covered.
-
-    The solid angle of a triangle after van Oosterom and Strackee (1983); gaps in a surface do no harm.
-
-    Args:
-        points: (M, 3) [m]. vertices: (V, 3) [m]. triangles: (T, 3) indices of vertices.
-    """
-    corners = vertices[triangles]
-    for point in points:
-        a, b, c = np.moveaxis(corners - point, 1, 0)
-        la, lb, lc = (np.linalg.norm(x, axis=1) for x in (a, b, c))
-        triple = np.einsum("ti,ti->t", a, np.cross(b, c))
-        below = (
-            la * lb * lc
-            + np.einsum("ti,ti->t", a, b) * lc
-            + np.einsum("ti,ti->t", b, c) * la
-            + np.einsum("ti,ti->t", c, a) * lb
-        )
-        if abs(np.sum(np.arctan2(triple, below))) > np.pi:  # half of the solid angle; 2 pi inside, 0 outside
-            return True
-    return False
+    return any(enclosed(_moved(_probes(inner), its, other), walls) for inner, its, _, other, walls in around)
 
 
 def _probes(solid: Solid) -> np.ndarray:

@@ -19,17 +19,17 @@ import coal
 import numpy as np
 
 from energy_opt.cell.cutting import MOST_TRIANGLES, cut
-from energy_opt.cell.shells import flat_faces, is_open
+from energy_opt.cell.shells import fills, flat_faces, tidy, walls
 from energy_opt.errors import BadInput
 
 # [m] a computed distance may be too large by this much; observed errors of GJK are 2e-6 of the distance
 GJK_ERROR = 1e-5
-SAME_VOLUME = 1.001  # a mesh is convex if its hull has at most this multiple of its own volume
-FAT = 1.1  # volume of a hull over that of its mesh from which cutting pays
+SAME_VOLUME = 1.001  # a link's mesh is convex if its hull has at most this multiple of its own volume
+FAT = 1.1  # volume of a hull over that of its mesh or pieces from which cutting pays
 SLABS = 6  # pieces that such a part is cut into, along its longest side
 ROUND = 12  # corners of the polygons that replace circles if vertices are needed
 THIN = 1e-6  # share of their largest extent below which points are flat
-SHEET = 1e-6  # [m] a mesh without volume is thickened by this much for its hull
+SHEET = 1e-6  # [m] a mesh without volume is thickened by at least this much for its hull
 SIGNS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])  # corners of a cube
 FILES = 100  # most mesh files that a process keeps
 LARGE = 10.0  # [m] half the edge of the box that replaces a half-space if a bounded body is needed
@@ -57,14 +57,14 @@ class Solid:
         pieces: convex pieces that cover it, `hull` alone where cutting does not pay.
         mesh: coal's mesh of its surface; None where it is convex.
         corners: (8, 3) corners of a box around it [m]; None for a half-space.
-        shell: its surface has a large opening, so that nothing is within it.
+        walls: (W, 3, 3) [m] triangles of the mesh that bound its inside, maybe none; None: all do.
     """
 
     hull: Piece
     pieces: tuple[Piece, ...]
     mesh: Any = None
     corners: np.ndarray | None = None
-    shell: bool = False
+    walls: np.ndarray | None = None
 
     @property
     def convex(self) -> bool:
@@ -77,6 +77,13 @@ class Solid:
         count = self.mesh.num_tris
         triangles = np.array([[t[0], t[1], t[2]] for t in (self.mesh.tri_indices(i) for i in range(count))])
         return vertices_of(self.mesh), triangles
+
+    @cached_property
+    def inside(self) -> np.ndarray:
+        """Triangles (W, 3, 3) [m] of the mesh that bound its inside; none where it is convex or an open surface."""
+        if self.convex:
+            return np.zeros((0, 3, 3))
+        return self.surface[0][self.surface[1]] if self.walls is None else self.walls
 
 
 def vertices_of(mesh: Any) -> np.ndarray:
@@ -112,13 +119,25 @@ def primitive(kind: str, size: Sequence[float]) -> Solid:
 
 
 def mesh(vertices: np.ndarray, triangles: np.ndarray) -> Solid:
-    """The solid within a surface of triangles: vertices (V, 3) [m], indices (T, 3)."""
+    """A scene's body, such as a bin: the surface of triangles, and what it bounds; cut along its hollows.
+
+    Args:
+        vertices: (V, 3) [m]. triangles: (T, 3) indices.
+    """
+    vertices, triangles = tidy(vertices, triangles)
     model = coal.BVHModelOBBRSS()
     model.beginModel(len(triangles), len(vertices))
     model.addVertices(np.ascontiguousarray(vertices, dtype=float))
     model.addTriangles(np.ascontiguousarray(triangles, dtype=np.int64))
     model.endModel()
-    return _of_mesh(model, scene=True)
+    whole, corners = _uncut(model), vertices[triangles]
+    if fills(corners, whole.hull.points):
+        return replace(whole, mesh=None)
+    bounds = walls(vertices, triangles)
+    pieces = _hulls((cut(corners) if len(corners) <= MOST_TRIANGLES else []) if len(bounds) else flat_faces(corners))
+    pieces = pieces or _slabs(vertices, triangles)
+    pays = sum(piece.geometry.computeVolume() for piece in pieces) * FAT < whole.hull.geometry.computeVolume()
+    return replace(whole, pieces=pieces if pieces and pays else whole.pieces, walls=bounds)
 
 
 def mesh_file(path: Path, scale: tuple[float, ...], most: int) -> Solid:
@@ -157,7 +176,7 @@ def _read(path: Path, scale: tuple[float, ...], most: int, state: tuple[int, int
             f"{path}: {model.num_tris:,} triangles; expected a collision mesh of at most {most:,} "
             "(--allow-large reads it)"
         )
-    return _of_mesh(model)
+    return _of_link(model)
 
 
 def _alone(geometry: Any, points: np.ndarray, radius: float = 0.0, exact: bool = True) -> Solid:
@@ -173,32 +192,26 @@ def _box(geometry: Any) -> np.ndarray:
     return (low + high) / 2 + SIGNS * (high - low) / 2
 
 
-def _of_mesh(model: Any, scene: bool = False) -> Solid:
-    """A solid from coal's mesh: convex if its hull has the same volume, cut into pieces if the hull is much larger.
-
-    Args:
-        scene: a body of a scene, such as a bin, which is cut along its hollows; else a link, which is cut into slabs.
-    """
+def _uncut(model: Any) -> Solid:
+    """The solid of coal's mesh with nothing but its hull, or a thin box around a sheet."""
     points = vertices_of(model)
     hull = _hull(points)
-    if hull is None:  # a sheet: a thin box around it has a hull
-        low, high = points.min(axis=0) - SHEET, points.max(axis=0) + SHEET
+    if hull is None:
+        low, high = points.min(axis=0), points.max(axis=0)
+        beside = max(SHEET, 2 * THIN * float((high - low).max()))
+        low, high = low - beside, high + beside
         hull = _hull((low + high) / 2 + SIGNS * (high - low) / 2)
         assert hull is not None
-        return Solid(hull, (hull,), model, _box(hull.geometry))
-    ratio = hull.geometry.computeVolume() / max(abs(model.computeVolume()), 1e-12)
-    corners = _box(hull.geometry)
-    whole = Solid(hull, (hull,), model, corners)
-    small = scene and model.num_tris <= MOST_TRIANGLES
-    triangles = whole.surface[0][whole.surface[1]] if small else np.zeros((0, 3, 3))
-    if small and is_open(triangles):
-        return replace(whole, pieces=_hulls(flat_faces(triangles)) or (hull,), shell=True)
+    return Solid(hull, (hull,), model, _box(hull.geometry))
+
+
+def _of_link(model: Any) -> Solid:
+    """A link from coal's mesh: convex if its hull has the same volume, cut into slabs if the hull is much larger."""
+    whole = _uncut(model)
+    ratio = whole.hull.geometry.computeVolume() / max(abs(model.computeVolume()), 1e-12)
     if ratio <= SAME_VOLUME:
-        return Solid(hull, (hull,), None, corners)
-    if ratio < FAT:
-        return whole
-    pieces = _hulls(cut(triangles)) if small else ()
-    return replace(whole, pieces=pieces or _slabs(*whole.surface) or (hull,))
+        return replace(whole, mesh=None)
+    return whole if ratio < FAT else replace(whole, pieces=_slabs(*whole.surface) or whole.pieces)
 
 
 def _hulls(parts: Sequence[np.ndarray]) -> tuple[Piece, ...]:

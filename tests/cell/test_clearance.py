@@ -159,6 +159,7 @@ def test_vertices_that_no_triangle_takes_are_no_part_of_a_mesh() -> None:
     fold = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0.1], [0, 1, 0], [5.0, 5.0, 5.0]])
     two = np.array([[0, 1, 2], [0, 2, 3]])
     hollow = np.array([[x, y, z] for x in (4.0, 6.0) for y in (4.0, 6.0) for z in (4.0, 6.0)] + [[9.0, 9.0, 9.0]])
+    hollow[7] = 5.6  # a dent, so that it is not its hull
     faces = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6],
                       [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]])  # fmt: skip
     sheet, box, inner = solids.mesh(fold, two), solids.mesh(hollow, faces), solids.mesh(fold + 4.5, two)

@@ -37,7 +37,7 @@ AT_REST = 1e-6  # [rad/s] slower waits may be left to the servo by a program
 class Baseline:
     """The same paths in another timing, waits kept: "toppra", each motion at its fastest, or "scaled", slowed evenly.
 
-    `energies`: J by model; `valid`: within all limits.
+    `energies`: J by model; `valid`: within all limits, and the motion, whose paths it has, is clear of all bodies.
     """
 
     name: str
@@ -92,7 +92,8 @@ def evaluate(
     kept = (certificate.max_violation["position"] or 0.0) <= ALLOWED
     timed = tuple(limit for limit in limits if not (kept and limit.name == "position"))
     try:
-        baselines, remark = _baselines(robot, motion, intervals, scorers, timed), ""
+        found = _baselines(robot, motion, intervals, scorers, timed)
+        baselines, remark = tuple(replace(b, valid=b.valid and certificate.clear) for b in found), ""
     except Infeasible as error:
         baselines, remark = (), str(error)
     return Evaluation(motion, energies, certificate, baselines, remark, _parts(motion, intervals), judge)

@@ -249,7 +249,7 @@ def table(found: Sequence[Evaluation]) -> str:
             )
     line("peak power [W]", [e.certificate.peak_power for e in found], 1)
     if not all(b.valid for e in found for b in e.baselines):
-        lines.append("* breaks a limit: no energy to compare with")
+        lines.append("* breaks a limit or is not clear of bodies: no energy to compare with")
     for evaluation in found:
         lines.append(f"{evaluation.motion.name}: {_judged(evaluation)}")
     return "\n".join(lines)

@@ -79,6 +79,15 @@ def test_a_changed_motion_of_a_result_is_remarked(result: Path, capsys: pytest.C
         assert "SHA-256" in document["motions"][0]["notes"][0]
 
 
+def test_timings_of_a_path_touch_what_it_touches(result: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """They counted as valid within their limits."""
+    (result.parent / "other.yaml").write_text(SCENE.replace("2.2", "1.8"))
+    for words, free in (((), True), (("--scene", "other.yaml"), False)):
+        document, _ = evaluated(result, capsys, *words)
+        motion = document["motions"][0]
+        assert motion["valid"] is free and [row["valid"] for row in motion["baselines"]] == [free, free]
+
+
 LIMITS = "joint_limits:\n  j0: {max_velocity: 0.8, max_acceleration: 2.0}\n"
 
 

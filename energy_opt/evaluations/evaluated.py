@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
@@ -67,13 +68,14 @@ class Evaluation:
 
 
 def evaluate(
-    robot: Robot, motion: Recorded, rivals: Sequence[Rival], cell: Cell | None = None, payload: bool = False
-) -> Evaluation:
+    robot: Robot, motion: Recorded, rivals: Sequence[Rival], cells: Callable[[Path | None], Cell | None],
+    payload: bool = False,
+) -> Evaluation:  # fmt: skip
     """Energy of a given motion by effect, under every model; limits, clearance and baselines.
 
     Args:
         rivals: the models, with the payload that holds if the motion's file states none.
-        cell: obstacles that must not be touched; None to check nothing.
+        cells: obstacles that must not be touched in the scene of a file, or of the request; None to check nothing.
         payload: True to use the models' payload, whatever the file states.
     """
     limits = joint_limits(robot.limits)
@@ -84,10 +86,12 @@ def evaluate(
     first = scorers[rivals[0].name]
     ends = [0.0, *(i.end for i in intervals)]
     judge = CycleJudging.of(
-        (end - start, first(i), cell) for i, start, end in zip(intervals, ends, ends[1:], strict=False)
+        (end - start, first(i), cells(i.scene)) for i, start, end in zip(intervals, ends, ends[1:], strict=False)
     )
     steps = motion.steps
     certificate = judge.of_motions(motion.trajectory) if steps is None else judge.at_steps(motion.trajectory, steps)
+    if motion.unseen and certificate.clear:
+        certificate = replace(certificate, clearance=None)
     # the motion's samples keep the position limits; the spline through them may exceed a limit that they only touch
     kept = (certificate.max_violation["position"] or 0.0) <= ALLOWED
     timed = tuple(limit for limit in limits if not (kept and limit.name == "position"))
@@ -144,7 +148,7 @@ def _intervals(motion: Recorded, payload: bool) -> list[Stretch]:
     for before, after in zip(motion.stretches, motion.stretches[1:], strict=False):
         near = np.clip(after.start + np.linspace(-BESIDE, BESIDE, LOOKS), 0.0, end)
         speed = np.abs(motion.trajectory(motion.trajectory.time[0] + near, 1)).max(axis=1).min()
-        if (before.load, before.brakes) != (after.load, after.brakes) or speed <= SPREAD * top:
+        if replace(before, start=after.start, end=after.end) != after or speed <= SPREAD * top:
             marks.add(after.start)
     points = [0.0]
     for mark in sorted(mark for mark in marks if mark < end - SHORT):
@@ -154,7 +158,7 @@ def _intervals(motion: Recorded, payload: bool) -> list[Stretch]:
         middle = (a + b) / 2
         stretch = next((s for s in motion.stretches if s.start <= middle <= s.end), motion.stretches[-1])
         resting = bool(((motion.waits[:, 0] < middle) & (middle < motion.waits[:, 1])).any())
-        out.append(Stretch(a, b, None if payload else stretch.load, stretch.brakes and resting, resting))
+        out.append(Stretch(a, b, None if payload else stretch.load, stretch.brakes and resting, resting, stretch.scene))
     return out
 
 

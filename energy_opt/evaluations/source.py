@@ -25,18 +25,23 @@ from energy_opt.robot import Robot
 
 ANSWERS = {"result.json": "trajectory.csv", "job.json": "cycle.csv"}
 CONDITIONS = ("max_power", "tool_speed", "tool_acceleration", "keep", "tube", "conditions")  # of a result's request
+CYCLE = "cycle_{}.csv"  # the motion of one robot in the folder of a job of several
 STEP = re.compile(r"step_(\d+)\.csv")  # a step's own file in the folder of a job
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """From `start` to `end` [s]: the load (None: as in the request), whether brakes hold, and whether the arm rests."""
+    """From `start` to `end` [s]: the load (None: as in the request), whether brakes hold, and whether the arm rests.
+
+    `scene`: the file of its own scene; None: the request's.
+    """
 
     start: float
     end: float
     load: Load | None = None
     brakes: bool = False
     resting: bool = False
+    scene: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -52,6 +57,7 @@ class Recorded:
         timed: the unit of its times is sure.
         warnings: that it is not the motion which its result describes.
         base: pose of the robot's base that the motion was planned for, as `--base` takes it; None if none is stated.
+        unseen: which scenes of its result could not be taken; empty if none.
         steps: [Hz] of a controller that takes the positions one by one; None: it moves on between them.
     """
 
@@ -64,12 +70,13 @@ class Recorded:
     timed: bool = True
     warnings: tuple[str, ...] = ()
     steps: float | None = None
+    unseen: str = ""
 
 
 def robot_named(path: Path) -> str | None:
     """The robot in a result's request, where the file is one, or lies beside it: its name, or its file if found."""
     answer = _result_json(path)
-    name = None if answer is None else _request(read_json(answer)).get("robot")
+    name = None if answer is None else _stating(answer, path).get("robot")
     return (found_beside(name, answer) or name) if answer is not None and isinstance(name, str) else None
 
 
@@ -81,7 +88,7 @@ def stated(path: Path) -> tuple[dict[str, Any], list[str]]:
         and notes.
     """
     answer = _result_json(path)
-    request = {} if answer is None else _request(read_json(answer))
+    request = {} if answer is None else _stating(answer, path)
     found = {name: request[name] for name in ("lock", "base", "tool", "floor") if request.get(name) is not None}
     notes = []
     if answer is not None and (limits := request.get("limits")) is not None:
@@ -91,21 +98,60 @@ def stated(path: Path) -> tuple[dict[str, Any], list[str]]:
     if conditions := [name for name in CONDITIONS if request.get(name)]:
         flags = ", ".join(f"--{name.replace('_', '-')}" for name in conditions)
         notes.append(f"{answer}: its conditions are not judged: {flags}")
+    if answer is None:
+        return found, notes
+    scenes, missing = _scenes(answer, path)
+    if len(set(scenes)) > 1:
+        missing = "each step is judged in its own scene"
+    elif scenes:
+        found["scene"] = str(scenes[0])
+    return found, [*notes, f"{answer}: {missing}"] if missing else notes
+
+
+def _scenes(answer: Path, path: Path) -> tuple[list[Path | None], str]:
+    """The scene files of a result's motions, one for each step of a job, and what of its scenes is not taken.
+
+    Args:
+        answer: the JSON result. path: a file of its folder.
+    """
+    request, document = _stating(answer, path), read_json(answer)
+    job = _job(request)
+    names = [job.get("scene") or request.get("scene")]
+    for step in (each for each in job.get("step") or () if isinstance(each, Mapping)):
+        names.append(step.get("scene") or names[-1])  # it holds from this step on
+    names = names[1:] or names
+    if not any(names):
+        return [], ""
+    if "fixture" in request:
+        return [], f"its scene is not taken, because {request['fixture']} was moved in it"
+    robots = _robots(answer)
+    if robots and path.name not in map(CYCLE.format, robots):
+        return [], f"its scene is not taken, because {path.name} does not say which robot moves"
+    if len(set(names)) > 1 and len(names) != len(document.get("steps") or ()):
+        return [], "the scenes of its steps are not taken"
+    folder = str(request.get("folder") or ".")
+    found = {
+        name: found_beside(str(name), Path(folder) / "job.toml") or found_beside(str(name), answer)
+        for name in names if name
+    }  # fmt: skip
+    if lost := [str(name) for name, file in found.items() if file is None]:
+        return [], f"its scene {', '.join(lost)} was not found and is not taken"
+    return [Path(str(found[name])) if name else None for name in names], ""
+
+
+def _stating(answer: Path, path: Path) -> Mapping[str, Any]:
+    """The request of a result, with robot, base and tool of the one whose motion a file is, in a job of several."""
+    request = _request(read_json(answer))
+    robots = [each for each in _job(request).get("robot") or () if isinstance(each, Mapping)]
+    own = next((each for each in robots if path.name == CYCLE.format(each.get("name"))), {})
+    return {**request, **{name: own[name] for name in ("robot", "base", "tool") if own.get(name) is not None}}
+
+
+def _job(request: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The job in a request; empty if it has none. One of a single robot names it, others have a list."""
     job = request.get("job")
     job = job if isinstance(job, Mapping) else {}
-    scene = request.get("scene") or job.get("scene")
-    of_steps = any(isinstance(step, Mapping) and step.get("scene") for step in job.get("step") or ())
-    if answer is None or not (scene or of_steps):
-        return found, notes
-    if of_steps:
-        return found, [*notes, f"{answer}: the scenes of its steps are not taken"]
-    if "fixture" in request:
-        return found, [*notes, f"{answer}: its scene is not taken, because {request['fixture']} was moved in it"]
-    folder = str(request.get("folder") or ".")
-    file = found_beside(str(scene), Path(folder) / "job.toml") or found_beside(str(scene), answer)
-    if file is None:
-        return found, [*notes, f"{answer}: its scene {scene} was not found and is not taken"]
-    return found | {"scene": file}, notes
+    return job if isinstance(job.get("robot"), list) else {**job, "robot": []}
 
 
 def _request(document: Any) -> Mapping[str, Any]:
@@ -176,14 +222,19 @@ def load(path: Path, joints: Sequence[str], prefix: str = "", following: Iterabl
         notes += [f"{path}: not written by the {name} beside it, whose payload is not taken" for name in beside]
         return replace(motion, notes=(*motion.notes, *notes))
     if _robots(answer):
-        notes.append(f"{path}: of a job of several robots, whose payloads, modes of waits and bases are not taken")
+        note = f"{path}: of a job of several robots, whose payloads and modes of waits are not taken"
+        notes.append(f"{note}; contact between the robots is not judged")
     document, step = read_json(answer), STEP.fullmatch(table.name)
-    stretches = _stretches(document, motion.trajectory, int(step[1]) if step else None) or motion.stretches
-    base = _request(document).get("base")
+    scenes, unseen = _scenes(answer, table)
+    in_own = scenes if len(set(scenes)) > 1 else []  # else the request has the scene
+    stretches = _stretches(document, motion.trajectory, int(step[1]) if step else None, in_own) or motion.stretches
+    base = _stating(answer, table).get("base")
     on = tuple(base) if isinstance(base, list) else None
     changed = f"{table}: not the file that was written with {answer.name} (by its SHA-256), which states its payloads"
     warnings = () if wrote(answer, table) else (changed,)
-    return replace(motion, stretches=stretches, notes=(*motion.notes, *notes), base=on, warnings=warnings)
+    return replace(
+        motion, stretches=stretches, notes=(*motion.notes, *notes), base=on, warnings=warnings, unseen=unseen
+    )
 
 
 def _table(path: Path) -> Path:
@@ -197,7 +248,7 @@ def _table(path: Path) -> Path:
         return path
     robots = _robots(answer)
     if robots:
-        files = ", ".join(f"{answer.parent / f'cycle_{name}.csv'}" for name in robots)
+        files = ", ".join(str(answer.parent / CYCLE.format(name)) for name in robots)
         raise BadInput(f"{path}: a job of several robots; expected the motion of one of them, such as {files}")
     return answer.parent / ANSWERS[answer.name]
 
@@ -218,23 +269,27 @@ def _result_json(path: Path) -> Path | None:
     return None
 
 
-def _stretches(document: Any, trajectory: Trajectory, number: int | None) -> tuple[Stretch, ...]:
+def _stretches(
+    document: Any, trajectory: Trajectory, number: int | None, scenes: Sequence[Path | None]
+) -> tuple[Stretch, ...]:
     """Loads over time as a result states them; empty if it states none.
 
     Args:
         number: of the step of a job whose motion this is, from 1 on; None for the whole motion.
+        scenes: of the steps of a job.
     """
     request = document.get("request") if isinstance(document, dict) else None
     if not isinstance(request, dict):
         return ()
     end = trajectory.duration
     if "steps" in document:
-        steps = document["steps"] if number is None else document["steps"][number - 1 : number]
+        own = slice(None) if number is None else slice(number - 1, number)
+        steps, in_scenes = document["steps"][own], scenes[own] or [None] * len(document["steps"][own])
         starts = [float(step["start"] if number is None else 0.0) for step in steps]
         ends = [*starts[1:], end]
         loads = [_payload(s["payload"], s.get("centre") or (0.0, 0.0, 0.0)) for s in steps]
-        records = zip(starts, ends, loads, steps, strict=True)
-        return tuple(Stretch(a, b, load, bool(step.get("brakes"))) for a, b, load, step in records)
+        records = zip(starts, ends, loads, steps, in_scenes, strict=True)
+        return tuple(Stretch(a, b, load, bool(step.get("brakes")), scene=s) for a, b, load, step, s in records)
     payload = request.get("payload")
     if not isinstance(payload, dict):
         return ()

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from energy_opt.cell.cell import Cell
 from energy_opt.cell.load import load_cell
 from energy_opt.errors import BadInput
 from energy_opt.evaluations.evaluated import Evaluation
@@ -131,10 +133,17 @@ def run(request: EvaluateRequest, desk: Desk) -> Answers:
         read = [_motions(path, robot, request.joint_prefix) for path in files]
         motions = [_of_caller(motion, folder) for of_file in read for motion in of_file]
     rivals, _ = rivals_of(request, robot, desk)
-    cell = load_cell(robot, cell_of(request))
-    cell = cell if cell is not None and cell.checks else None
-    motions = [_on_base(motion, cell_of(request).base) for motion in motions]
-    found = tuple(evaluated(robot, motion, rivals, cell, request.payload is not None) for motion in motions)
+    surroundings = cell_of(request)
+
+    @cache
+    def cells(scene: Path | None) -> Cell | None:
+        """The robot in the request's scene, else in one that a result states for a step; None to check nothing."""
+        cell = load_cell(robot, replace(surroundings, scene=surroundings.scene or scene))
+        return cell if cell is not None and cell.checks else None
+
+    motions = [_on_base(motion, surroundings.base) for motion in motions]
+    motions = motions if surroundings.scene is None else [replace(motion, unseen="") for motion in motions]
+    found = tuple(evaluated(robot, motion, rivals, cells, request.payload is not None) for motion in motions)
     asked = replace(
         request, files=names, model=documents(rivals), payload=payload_document(request.payload),
         **as_loaded(robot, request.robot),
@@ -264,4 +273,6 @@ def _judged(evaluation: Evaluation) -> str:
     text = f"all limits kept; tightest: {what}" if certificate.within_limits else f"breaks a limit: {what}"
     if certificate.clearance is not None:
         text += f"; {certificate.clearance}"
+    elif evaluation.motion.unseen:
+        text += f"; contact is not judged: {evaluation.motion.unseen}"
     return f"{text}; no baselines: {evaluation.remark}" if evaluation.remark else text

@@ -104,7 +104,7 @@ def test_a_job_of_several_robots_names_its_motions(tmp_path: Path) -> None:
         with pytest.raises(BadInput, match=r"a job of several robots; .*such as .*cycle_a\.csv$"):
             load(given, Z1.joints)
     (note,) = load(tmp_path / "cycle_a.csv", Z1.joints).notes
-    assert "whose payloads, modes of waits and bases are not taken" in note
+    assert "whose payloads and modes of waits are not taken; contact between" in note
 
 
 def test_a_users_own_file_in_a_results_folder_has_no_payload(tmp_path: Path) -> None:

@@ -9,9 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 from plane_arm import arm
+from swings import swing
 
 import energy_opt as eo
 from energy_opt.cli.main import main
+from energy_opt.formats import write
+from energy_opt.motion.trajectory import Trajectory
 
 SCENE = "objects:\n  - {name: shelf, type: box, size: [0.1, 0.1, 0.1], position: [0.6, 0, 2.2]}\n"
 
@@ -120,3 +123,64 @@ def test_limits_and_locked_joints_are_those_of_the_result(
         assert words in said
     (tmp_path / "limits.yaml").unlink()
     assert "its limits limits.yaml were not found" in evaluated(tmp_path / "out", capsys)[1]
+
+
+HERE, AWAY = np.array([0.3, -0.6]), np.array([-0.7, 0.5])  # the outer link reaches (0.6, 0, 0.8) in AWAY alone
+
+
+def of_job(folder: Path, job: dict[str, Any], table: str, **document: Any) -> Path:
+    """A motion from HERE to AWAY and back, 2 s each, as a table in the folder of a job."""
+    arm(folder, 2)
+    out = folder / "job"
+    out.mkdir()
+    there, back = swing(("j0", "j1"), HERE, AWAY, 2.0, 201), swing(("j0", "j1"), AWAY, HERE, 2.0, 201)
+    rows = (np.vstack([getattr(there, x), getattr(back, x)[1:]]) for x in ("position", "velocity", "acceleration"))
+    write(Trajectory(there.joints, np.append(there.time, 2.0 + back.time[1:]), *rows), out / table)
+    request = {"verb": "job", "robot": "arm.urdf", "job": job, "folder": str(folder)}
+    (out / "job.json").write_text(json.dumps({**document, "request": request}))
+    return out / table
+
+
+def clearance(found: Any) -> dict[str, Any] | None:
+    row: dict[str, Any] = found["motions"][0]["certificate"]["clearance"]
+    return row
+
+
+def test_a_robot_of_several_stands_where_the_job_has_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its scene was taken without its base. Where the robot is not known, contact is not judged."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scene.yaml").write_text(SCENE.replace("2.2", "1.8"))
+    robots = [{"name": name, "robot": "arm.urdf", "base": [0, 0, z, 0, 0, 0]} for name, z in (("a", 1), ("b", 5))]
+    job = {"robot": robots, "scene": "scene.yaml"}
+    table = of_job(tmp_path, job, "cycle_b.csv", robots=[{"name": "a"}, {"name": "b"}])
+    for name, verdict in (("cycle_b.csv", "proven"), ("cycle_a.csv", "colliding")):
+        table = table.rename(table.parent / name)
+        found, _ = evaluated(table, capsys)
+        held = clearance(found)
+        assert held is not None and held["verdict"] == verdict
+        assert found["request"]["robot"].endswith("arm.urdf")
+    table = table.rename(table.parent / "cycle_c.csv")
+    found, said = evaluated(table, capsys, "--robot", "arm.urdf")
+    assert clearance(found) is None and "does not say which robot moves" in said
+
+
+@pytest.mark.parametrize(("scenes", "verdict"), [(("full", "empty"), "colliding"), (("empty", None), "proven")])
+def test_each_step_of_a_job_is_judged_in_its_own_scene(
+    scenes: tuple[str, str | None], verdict: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    """They were judged in none, with the verdict "no contact"."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "full.yaml").write_text(SCENE.replace("2.2", "0.8"))
+    (tmp_path / "empty.yaml").write_text(SCENE.replace("2.2", "9.2"))
+    steps = [{"name": str(k)} | ({"scene": f"{name}.yaml"} if name else {}) for k, name in enumerate(scenes)]
+    held = [{"name": str(k), "start": 2.0 * k, "duration": 2.0, "payload": 0.0} for k in range(2)]
+    table = of_job(tmp_path, {"robot": "arm.urdf", "step": steps, "scene": "full.yaml"}, "cycle.csv", steps=held)
+    found, _ = evaluated(table, capsys)
+    judged = clearance(found)
+    assert judged is not None and judged["verdict"] == verdict
+    (tmp_path / "empty.yaml").unlink()
+    found, said = evaluated(table, capsys)
+    assert clearance(found) is None and "empty.yaml was not found" in said

@@ -35,4 +35,4 @@ def smaller(share: np.ndarray, use: np.ndarray, own: np.ndarray) -> np.ndarray:
         share: (n,) of the last solve.
         use, own: shares (n,) that its motion uses under the other models, and under the one whose limits are held.
     """
-    return np.where(use > HELD, np.minimum(share, own) / (use * (1 + BELOW)), share)
+    return np.divide(np.minimum(share, own), use * (1 + BELOW), out=np.array(share), where=use > HELD)

@@ -22,6 +22,7 @@ class Baseline:
         max_violation: largest excess over a limit, as a share of its bound; below 0 inside.
         valid: inside all limits, and clear of bodies.
         peak_power: of the whole arm [W].
+        remark: why it is not valid although it is inside all limits under the first of several models.
     """
 
     name: str
@@ -30,6 +31,7 @@ class Baseline:
     max_violation: float
     valid: bool
     peak_power: float | None = None
+    remark: str = ""
 
     @property
     def duration(self) -> float:

@@ -35,7 +35,7 @@ from energy_opt.motion.plan.efforts import ROUNDS as EFFORT_ROUNDS
 from energy_opt.motion.plan.planner import Planner, Shares
 from energy_opt.motion.plan.retimed import retimed
 from energy_opt.motion.plan.robust_models import SAME, Rival, UnderJudges, exceeds, judges_of, record_of
-from energy_opt.motion.plan.robust_warnings import effort_warnings, power_warnings
+from energy_opt.motion.plan.robust_warnings import effort_warnings, power_warnings, without_overloads
 from energy_opt.motion.plan.sketch import Settled
 from energy_opt.motion.reshape.open import FIXED, Open
 from energy_opt.motion.result import Baseline, Optimality, Result
@@ -87,6 +87,7 @@ class RobustPlanner:
         self._judges = [judge for _, judge in judges]
         self._places = np.array([place for place, _ in judges])
         self._scorers = [Scorer(robot, judge.model) for judge in self._judges]
+        self._named = [(judge.name, s) for judge, s in zip(self._judges, self._scorers, strict=True)]
         self.stopped = stopped
 
     @property
@@ -112,8 +113,8 @@ class RobustPlanner:
     def compared(self, trajectory: Trajectory, slowed: Trajectory | None) -> list[dict[str, object]]:
         """Each model's energies of a motion and of the evenly slowed one: records as in `Result.models`."""
         return [
-            record_of(judge.name, scorer.energy(trajectory), None if slowed is None else scorer.energy(slowed))
-            for judge, scorer in zip(self._judges, self._scorers, strict=True)
+            record_of(name, scorer.energy(trajectory), None if slowed is None else scorer.energy(slowed))
+            for name, scorer in self._named
         ]
 
     def solve(
@@ -135,11 +136,16 @@ class RobustPlanner:
                 found = self.within({Effort.name: share})._solve(move, warm, progress, confirm=False).result
             except Infeasible:
                 break
-            answer = self._answer(self._planner.with_trajectory(found, move, found.trajectory))
+            answer = self._beside_held(self._planner.with_trajectory(found, move, found.trajectory))
             even = self._or_evenly_slowed(move, answer)
-            answer = answer if self.overloads(even.result.trajectory) else even
+            answer = answer if self.overloads(even.result.trajectory) else self._beside_held(even.result)
             own, use = self._efforts(answer.result.trajectory)
         return self._stated(first if use.max() > HELD else replace(answer, bound=first.bound))
+
+    def _beside_held(self, result: Result) -> UnderJudges:
+        """A result that holds the torque limits under every model; its baselines are valid only if they hold them."""
+        others = self._named[1 : len(self.rivals)]
+        return self._answer(without_overloads(self.robot, result, others, self._planner.limits()))
 
     def overloads(self, trajectory: Trajectory) -> bool:
         """Does a motor's torque exceed its limit under another model than the first?"""
@@ -318,7 +324,6 @@ class RobustPlanner:
             for k, (rival, energy) in enumerate(zip(self._judges, answer.energies, strict=True))
         ]
         several = len(self.rivals if self.kind == "mean" else self._judges) > 1
-        named = [(judge.name, s) for judge, s in zip(self._judges, self._scorers, strict=True)]
         peak, _, filled = certify_and_score(result.trajectory, scorer, ())
 
         def stated(baseline: Baseline) -> Baseline:
@@ -335,8 +340,9 @@ class RobustPlanner:
             models=tuple(records),
             warnings=(
                 *result.warnings,
-                *effort_warnings(self.robot, result.trajectory, named, self._planner.limits()),
-                *power_warnings(result.trajectory, named, self._planner.settings.max_power),
+                *(baseline.remark for baseline in result.baselines if baseline.remark),
+                *effort_warnings(self.robot, result.trajectory, self._named, self._planner.limits()),
+                *power_warnings(result.trajectory, self._named, self._planner.settings.max_power),
             ),
         )
 

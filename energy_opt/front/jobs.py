@@ -27,8 +27,8 @@ from energy_opt.jobs.solve_job import JobResult
 from energy_opt.jobs.work import Answers
 from energy_opt.motion import Settings, Trajectory
 from energy_opt.motion.plan.planner import Shares
-from energy_opt.motion.plan.robust import Kind
 from energy_opt.motion.plan.robust_models import Rival
+from energy_opt.motion.plan.robust_weights import Kind
 from energy_opt.poses.given import poses_of_request
 from energy_opt.power.assumptions import assumptions, assumptions_line
 from energy_opt.requests.moves import JobRequest, PlaceRequest, TradeoffRequest

@@ -14,8 +14,8 @@ from energy_opt.front.desk import Desk
 from energy_opt.front.given import DEFAULT, model_from, of_another_arm, of_another_load, on_arm, several
 from energy_opt.motion import Result, Trajectory
 from energy_opt.motion.judge.energy import COARSER, Scorer
-from energy_opt.motion.plan.robust import Kind
 from energy_opt.motion.plan.robust_models import SAME, Rival, record_of
+from energy_opt.motion.plan.robust_weights import Kind
 from energy_opt.motion.travel import detours
 from energy_opt.power import PowerModel
 from energy_opt.power.assumptions import assumptions, break_even, until

@@ -24,8 +24,8 @@ from energy_opt.front.given import as_loaded, payload_document, positions
 from energy_opt.front.motion_files import trajectory_of
 from energy_opt.motion import Move, Settings, Trajectory
 from energy_opt.motion.path import JointPath, of_trajectory
-from energy_opt.motion.plan.robust import Kind
 from energy_opt.motion.plan.robust_models import Rival
+from energy_opt.motion.plan.robust_weights import Kind
 from energy_opt.motion.standstills import check_moves_on
 from energy_opt.names import in_order
 from energy_opt.poses.given import Ends, Given, poses_of_request

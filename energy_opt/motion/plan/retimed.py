@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 from energy_opt.errors import BadInput, Infeasible
@@ -11,8 +12,8 @@ from energy_opt.motion.plan.planner import Planner
 from energy_opt.motion.result import Result
 
 
-def retimed(planner: Planner, move: Move, result: Result) -> Result | None:
-    """The result of a reshaped move with the best timing of its first path.
+def retimed(planner: Planner, move: Move, result: Result, solve: Callable[[Move], Result]) -> Result | None:
+    """The result of a reshaped move with the best timing of its first path, by `solve`.
 
     None if no timing keeps the limits, or if the search may take only a limited time.
     """
@@ -20,7 +21,7 @@ def retimed(planner: Planner, move: Move, result: Result) -> Result | None:
         return None
     path = path_of(planner.first_path(move)[0])
     try:
-        timed = planner.solve(replace(move, mode="retime", path=path), confirm=False)
+        timed = solve(replace(move, mode="retime", path=path))
     except (BadInput, Infeasible):  # a limit that no timing keeps
         return None
     found = planner.with_trajectory(result, move, timed.trajectory)

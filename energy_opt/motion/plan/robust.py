@@ -3,9 +3,11 @@
 The mean is one program, with the mean of the models' powers as its cost. No answer may cost more than a valid evenly
 slowed move under any of the models. If one does, the weight of that model is increased and the move is solved again in
 the same duration, until the weight is too large. The answer is then the best mean of these motions that is valid under
-all models (`blend`), or a move that is solved with a weight between. The largest energy is minimised in the same way,
-by weights that move towards the models under which the move costs most: at its minimum, a mixture of the models is
-minimised (the minimax theorem, where energies are convex).
+all models (`blend`), or a move that is solved with a weight between. If there is none, further motions are tried before
+the evenly slowed move: the best timing of the first path, the best move of the model under which the answer costs too
+much, and a mean with these. The largest energy is minimised in the same way, by weights that move towards the models
+under which the move costs most: at its minimum, a mixture of the models is minimised (the minimax theorem, where
+energies are convex).
 
 Where a model's friction is assumed, the corners of its range (`power.known.friction_range`) are held in the same way:
 they are not part of the mean, but the answer costs no more than the evenly slowed move under any of them, and the
@@ -18,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -36,6 +38,7 @@ from energy_opt.motion.plan.planner import Planner, Shares
 from energy_opt.motion.plan.retimed import retimed
 from energy_opt.motion.plan.robust_models import SAME, Rival, UnderJudges, exceeds, judges_of, record_of
 from energy_opt.motion.plan.robust_warnings import effort_warnings, power_warnings, without_overloads
+from energy_opt.motion.plan.robust_weights import Kind, next_weights
 from energy_opt.motion.plan.sketch import Settled
 from energy_opt.motion.reshape.open import FIXED, Open
 from energy_opt.motion.result import Baseline, Optimality, Result
@@ -44,16 +47,12 @@ from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import Mixture, PowerModel
 from energy_opt.robot import Robot
 
-Kind = Literal["mean", "worst"]
 Find = Callable[[Planner, list[Trajectory]], Result]  # solves with a planner, from known motions
 ROUNDS = {"mean": 4, "worst": 6}  # most solves; "mean" nearly always ends after the first
-GROWTH = 9.0  # factor of the weight of the model whose excess over the evenly slowed move is largest
 # Most solves with weights between those of the last two, where no mean of these motions is valid, as beside bodies.
 # It is only one, if such a motion costs less than the evenly slowed one under every model. Without it, a UR5 that picks
 # from a table moves evenly slowed (tests/motion/test_clear_moves.py).
 BISECTIONS = 3
-SLIGHT = 0.1  # share of the largest excess: models that exceed theirs by less are not replaced by a corner
-STEP = 1.0  # step of the log weights, per standard deviation of the models' energies above their mean
 
 
 class RobustPlanner:
@@ -167,11 +166,29 @@ class RobustPlanner:
             held = replace(move, duration=known[-1].duration, max_duration=None)
             return planner.as_ending(known[-1]).solve(held, [*warm, *known], progress.left, confirm)
 
-        best = self._best_answer(find, progress.ended, move)
-        return self._or_evenly_slowed(move, best)
+        def others(best: UnderJudges) -> list[UnderJudges]:
+            timed = retimed(self._planner, move, best.result, lambda m: self._solve(m, (), progress, False).result)
+            out = [] if timed is None else [self._answer(timed)]
+            if self.kind == "mean" and best.costlier().any() and not progress.ended():
+                alone = np.eye(len(self.rivals))[self._places[best.excess().argmax()]]
+                planner = self._planner.under(Mixture.of(self._mixture.members, alone))
+                own = find(planner, [best.result.trajectory])
+                found = self._planner.with_trajectory(best.result, move, own.trajectory)
+                out.append(self._answer(replace(found, chosen=own.chosen, message=own.message)))
+                blend = self._best_mean(move, [best, *out])
+                out += [] if blend is None else [blend]
+            return sorted(out, key=self._rank)
 
-    def _or_evenly_slowed(self, move: Move, best: UnderJudges) -> UnderJudges:
-        """The answer, or the evenly slowed move if that is better; for a free duration, also the fastest timing."""
+        return self._or_evenly_slowed(move, self._best_answer(find, progress.ended, move), others)
+
+    def _or_evenly_slowed(
+        self, move: Move, best: UnderJudges, others: Callable[[UnderJudges], list[UnderJudges]] = lambda _: []
+    ) -> UnderJudges:
+        """The answer, or the evenly slowed move if that is better; for a free duration, also the fastest timing.
+
+        Args:
+            others: gives other answers, the best first, to try before the evenly slowed move.
+        """
         names = ("scaled",) if move.duration is not None else ("scaled", "toppra")
         known = [baseline for baseline in best.result.baselines if baseline.name in names and baseline.valid]
         totals = [np.array([scorer.energy(b.trajectory).total for scorer in self._scorers]) for b in known]
@@ -179,10 +196,9 @@ class RobustPlanner:
         value, baseline = min(even, key=lambda found: found[0], default=(np.inf, None))
         if baseline is None or not (best.costlier().any() or exceeds(self._value(best.totals), value)):
             return best
-        timed = retimed(self._planner, move, best.result)
-        answer = best if timed is None else replace(self._answer(timed), bound=best.bound)
-        if not answer.costlier().any() and exceeds(value, self._value(answer.totals)):
-            return answer
+        for answer in others(best):
+            if not answer.costlier().any() and exceeds(value, self._value(answer.totals)):
+                return replace(answer, bound=best.bound)
         message = "no other move that was found is cheaper than the evenly slowed one under every model"
         found = self._planner.with_trajectory(best.result, move, baseline.trajectory)
         return replace(self._answer(replace(found, chosen=baseline.name, message=message)), bound=best.bound)
@@ -227,7 +243,10 @@ class RobustPlanner:
             held = move is not None and number > 0 and (answers[-2].costlier() & ~costlier).any()
             if stopped() or (self.kind == "mean" and (held or not costlier.any())):
                 break
-            weights, members = self._next_weights(weights, answer, costlier)
+            # power is limited under the models that are planned with: no corner takes a model's place
+            places = self._places if self._planner.settings.max_power is None else self._places[: len(self.rivals)]
+            weights, worst = next_weights(self.kind, weights, answer, places)
+            members = [self._judges[k].model for k in worst]
         assert best is not None
         if move is not None and self.kind == "mean" and answers[0].costlier().any():
             blend = self._best_mean(move, answers)
@@ -288,33 +307,6 @@ class RobustPlanner:
     def _value(self, totals: np.ndarray) -> float:
         """The minimised value [J] of the energies (K,) under all judges."""
         return float(totals[: len(self.rivals)].mean() if self.kind == "mean" else totals.max())
-
-    def _next_weights(
-        self, weights: np.ndarray, answer: UnderJudges, costlier: np.ndarray
-    ) -> tuple[np.ndarray, list[PowerModel]]:
-        """Weights and models of the next solve: for each model, the values under which the move costs most."""
-        totals = answer.totals
-        if self.kind == "mean":
-            assert answer.slowed is not None
-            excess = np.where(costlier, totals - np.array([energy.total for energy in answer.slowed]), 0.0)
-            worst = self._worst_judges(np.where(excess < SLIGHT * excess.max(), 0.0, excess))
-            weights = weights * GROWTH ** (excess[worst] / excess.max())
-        else:
-            worst = self._worst_judges(totals)
-            spread = totals[worst].std()
-            if spread > 0:
-                weights = weights * np.exp(STEP * (totals[worst] - totals[worst].mean()) / spread)
-        return weights, [self._judges[k].model for k in worst]
-
-    def _worst_judges(self, values: np.ndarray) -> list[int]:
-        """For each model, the judge of largest value among itself and its corners; itself if none is larger.
-
-        Always itself if power is limited.
-        """
-        own = range(len(self.rivals))
-        if self._planner.settings.max_power is not None:  # power is limited under the models that are planned with
-            return list(own)
-        return [max(np.flatnonzero(self._places == k).tolist(), key=lambda i: (values[i], i == k)) for k in own]
 
     def _stated(self, answer: UnderJudges) -> Result:
         """The result with the first model's energies, and a record for every model."""

@@ -83,3 +83,8 @@ class UnderJudges:
         if self.slowed is None:
             return np.zeros(len(self.energies), dtype=bool)
         return np.array([exceeds(e.total, s.total) for e, s in zip(self.energies, self.slowed, strict=True)])
+
+    def excess(self) -> np.ndarray:
+        """(K,) J above the evenly slowed move, which must be valid."""
+        assert self.slowed is not None
+        return self.totals - np.array([energy.total for energy in self.slowed])

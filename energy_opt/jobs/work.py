@@ -22,6 +22,7 @@ from energy_opt.jobs.cycle import Answer, Scorers
 from energy_opt.jobs.file import Job, Step
 from energy_opt.jobs.legs import Leg, Load, front_of
 from energy_opt.motion import Settings, Trajectory
+from energy_opt.motion.limits.early_check import check_pose
 from energy_opt.motion.path import JointPath, of_trajectory
 from energy_opt.motion.plan.first_path import check_free
 from energy_opt.motion.plan.neighbour import Neighbours
@@ -73,16 +74,20 @@ class Worker:
         return {**vars(self), "_steps": {}}
 
     def check_poses(self) -> None:
-        """Raise Infeasible if the arm touches something at a step's end or, in a new scene, at its beginning."""
-        for step in self.job.steps:
-            cell = self.cells.of(step)
+        """Raise Infeasible if the arm touches something at a step's ends, or cannot hold its load at the beginning.
+
+        Where brakes hold the arm, the motors hold it before these close and after they open.
+        """
+        for before, step in zip([self.job.steps[-1], *self.job.steps], self.job.steps, strict=False):
+            cell, planner = self.cells.of(step), self.planner(step)
+            check_pose(planner.limits(), self.job.robot, planner.model, step.start, step.name, before.stop)
             if cell is not None and cell.checks:
                 check_free(cell, step.start, f"{step.name}, at its beginning")
                 check_free(cell, step.goal, f"{step.name}, at its end")
 
-    def planner(self, leg: Leg) -> Planner:
-        """The planner under a leg's payload, in its scene."""
-        return self._planner.under(self.scorers.of(leg.step).model).around(self.cells.of(leg.step))
+    def planner(self, step: Step) -> Planner:
+        """The planner under a step's payload, in its scene."""
+        return self._planner.under(self.scorers.of(step).model).around(self.cells.of(step))
 
     @staticmethod
     def _key(leg: Leg) -> Key:
@@ -96,7 +101,7 @@ class Worker:
         Raises:
             Infeasible: no way around was found.
         """
-        planner = self.planner(leg)
+        planner = self.planner(leg.step)
         try:
             move, first, _ = planner.first_path(leg.move(None))
         except Infeasible as error:
@@ -116,7 +121,7 @@ class Worker:
         if leg.initial_path is not None:
             move = replace(move, path=leg.initial_path)
         try:
-            return self.planner(leg).timing(move)
+            return self.planner(leg.step).timing(move)
         except Infeasible as error:
             said, joint, limit = f"{leg.name}: {error}", error.joint, error.limit
             raise Infeasible(said, joint=joint, limit=limit, position=error.position) from None
@@ -133,7 +138,7 @@ class Worker:
 
     def _fastest(self, leg: Leg) -> tuple[JointPath, Timing] | None:
         """The path of a leg's fastest reshaped move, and its fastest timing; None if no such move is found."""
-        planner = self.planner(leg).with_settings(objective="time", starts=1)
+        planner = self.planner(leg.step).with_settings(objective="time", starts=1)
         try:
             motion = planner.solve(leg.move(None), confirm=False).trajectory
             path = of_trajectory(motion)
@@ -143,7 +148,7 @@ class Worker:
 
     def front(self, leg: Leg, timing: Timing, most: float) -> Front:
         """The leg's front over the timing of its first path, up to a duration of `most` [s]."""
-        planner, scorer = self.planner(leg), self.scorers.of(leg.step)
+        planner, scorer = self.planner(leg.step), self.scorers.of(leg.step)
         return front_of(leg, timing, scorer, planner.limits(), most)
 
     def slowed(self, leg: Leg, timing: Timing, duration: float, name: str = "scaled") -> Answer:
@@ -152,7 +157,7 @@ class Worker:
 
     def judged(self, leg: Leg, trajectory: Trajectory, source: str) -> Answer:
         """A trajectory as an answer to a leg; infeasible if it exceeds a limit or touches something."""
-        valid = self.planner(leg).certify(trajectory).valid
+        valid = self.planner(leg.step).certify(trajectory).valid
         energy = self.scorers.of(leg.step).energy(trajectory)
         return Answer(trajectory, energy, source, "solved" if valid else "infeasible")
 
@@ -164,7 +169,7 @@ class Worker:
         The first time, or if `alone`, it is a single move; else it continues the optimum of the nearest known duration,
         in a fifth of the time.
         """
-        planner = self.planner(leg)
+        planner = self.planner(leg.step)
         if known is not None and planner.certify(known).valid:
             return Answer(known, planner.score(known), "resumed")
         try:
@@ -190,7 +195,7 @@ class Worker:
         Raises:
             Infeasible: nothing within limits was found, or the motion found touches something.
         """
-        move, planner, cell = leg.move(duration), self.planner(leg), self.cells.of(leg.step)
+        move, planner, cell = leg.move(duration), self.planner(leg.step), self.cells.of(leg.step)
         blind = planner.around(None)
         retimed = move.mode == "retime" or (near is not None and near.source == "retime")
         for first in () if retimed else (near, None) if near is not None else (None,):

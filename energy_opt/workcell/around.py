@@ -187,7 +187,7 @@ def move_around(
     moving = MovingCell(cell, others_during(cell, others, start, duration, jitter), *ends)
     if moving.gap(np.array([0.0, 1.0]), np.stack(ends), KEPT) <= 0:
         return None  # another arm is at one of its ends
-    planner = arm.worker.planner(move.leg)
+    planner = arm.worker.planner(move.leg.step)
     free = replace(move.leg.move(duration), mode="reshape", path=None)
     context = replace(planner.context(free), cell=moving)
     task = task_of(context, free, duration, duration)

@@ -90,6 +90,19 @@ def test_a_payload_that_a_limit_cannot_hold_names_the_step(panda: Robot, tmp_pat
         run_job(load_job(written(tmp_path, text), lambda _: panda), source_method_2())
 
 
+@pytest.mark.parametrize("brakes", ["false", "true"])
+def test_a_payload_that_is_held_only_in_a_wait_must_be_within_the_limits(brakes: str, tmp_path: Path) -> None:
+    """With brakes too: the motors hold it before these close."""
+    text = "\n".join([
+        'format = "energy-opt/job/1"', 'robot = "panda"', "cycle_time = 6", "home = [1, 0, 0, -1.5, 0, 2, 0]",
+        '[[step]]', 'name = "grip"', "wait = 0.5", "payload = 20", f"brakes = {brakes}", "[[step]]", "wait = 0.5",
+        "payload = 0",
+    ])  # fmt: skip
+    # the arm alone needs 29 N m (Pinocchio), 20 kg at 0.54 m another 105 N m
+    with pytest.raises(Infeasible, match=r"^grip: panda_joint2: holding still needs 134\.8 N m, the limit is 87 N m"):
+        run_job(load_job(written(tmp_path, text), load_robot), source_method_2())
+
+
 def test_a_pose_in_a_new_scene_is_named_with_its_step(panda: Robot, tmp_path: Path) -> None:
     (tmp_path / "scene.yaml").write_text(f"objects:\n  - {POST.replace('0.5, 0.1, 0.25', '0.37, -0.47, 0.5')}\n")
     with pytest.raises(Infeasible, match=r"^over, at its end: .*post"):

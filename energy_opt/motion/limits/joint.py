@@ -182,7 +182,8 @@ class Effort(JointLimit):
 
         def text(k: int, j: int) -> str:
             unit = d.robot.unit("effort", d.robot.joints[j])
-            return f"slow motion needs {held[k, j]:.4g} {unit}, the limit is {self.bound[j]:.4g} {unit}"
+            what = "slow motion" if d.q1[k].any() else "holding still"
+            return f"{what} needs {held[k, j]:.4g} {unit}, the limit is {self.bound[j]:.4g} {unit}"
 
         return Fixed(held / self.bound - 1, text, holding=True)
 

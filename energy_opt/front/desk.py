@@ -9,7 +9,7 @@ import functools
 import inspect
 import re
 import shlex
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,6 +20,7 @@ from energy_opt import __version__
 from energy_opt.errors import BadInput, Infeasible, suggest
 from energy_opt.files import write_json
 from energy_opt.folders import guard, written_whole
+from energy_opt.numerics.interrupts import interrupted_at_end
 from energy_opt.requests.option import Option, Request, flag_of, options_of
 from energy_opt.results import Found
 
@@ -197,8 +198,9 @@ def verb(request: Callable[P, Asked], run: Callable[[Asked, Desk], Given], name:
             asked = request(*args, **given)
         except TypeError as fault:
             raise BadInput(f"{kind.verb}: {str(fault).partition('() ')[2] or fault}") from None
-        stopped = asked.stopped or bool  # planners of results are pickled with it
-        found = run(asked, Desk(force=getattr(asked, "force", False), ends=stopped))
+        with interrupted_at_end() as raised:
+            ends = functools.partial(_ends, raised, asked.stopped or bool)  # planners of results are pickled with it
+            found = run(asked, Desk(force=getattr(asked, "force", False), ends=ends))
         warn_of(getattr(found, "files", ()))
         return found
 
@@ -209,6 +211,11 @@ def verb(request: Callable[P, Asked], run: Callable[[Asked, Desk], Given], name:
     parts = [inspect.cleandoc(run.__doc__ or ""), _arguments(request, spelled), f"Returns:\n    {returned}{values}."]
     called.__doc__ = "\n\n".join(parts)
     return called
+
+
+def _ends(raised: Sequence[BaseException], stopped: Callable[[], bool]) -> bool:
+    """Whether to end the work: after Ctrl-C, even if a library lost it, or if the caller asks for it."""
+    return bool(raised) or stopped()
 
 
 def warn_of(files: Iterable[Any]) -> None:

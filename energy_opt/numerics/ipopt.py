@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol
 
 import casadi as ca
 import numpy as np
+
+from energy_opt.numerics.interrupts import interrupted_at_end
 
 OPTIONS: dict[str, object] = {
     "ipopt.print_level": 0,
@@ -66,12 +69,14 @@ class _Callback(ca.Callback):
     """A CasADi function that is computed in Python.
 
     Args:
+        raised: once it is not empty, nothing is evaluated any more, which ends IPOPT.
         name: of the function. inputs, outputs: names with sparsity patterns.
         evaluate: from arrays of the inputs' nonzeros to arrays of the outputs' nonzeros.
     """
 
     def __init__(
         self,
+        raised: Sequence[BaseException],
         name: str,
         inputs: dict[str, ca.Sparsity],
         outputs: dict[str, ca.Sparsity],
@@ -79,7 +84,7 @@ class _Callback(ca.Callback):
     ) -> None:
         ca.Callback.__init__(self)
         self._in, self._out = list(inputs.items()), list(outputs.items())
-        self._evaluate = evaluate
+        self._evaluate, self._raised = evaluate, raised
         self.construct(name, {})
 
     def get_n_in(self) -> int:
@@ -104,7 +109,9 @@ class _Callback(ca.Callback):
         return True
 
     def eval_buffer(self, arguments: Sequence[memoryview | None], results: Sequence[memoryview | None]) -> int:
-        """Evaluate directly from and into IPOPT's memory, without CasADi matrices."""
+        """Evaluate directly from and into IPOPT's memory, without CasADi matrices; 1 if that failed."""
+        if self._raised:
+            return 1
         values = self._evaluate(*(np.zeros(0) if x is None else np.frombuffer(x).copy() for x in arguments))
         for result, value in zip(results, values, strict=True):
             if result is not None:
@@ -126,39 +133,43 @@ def solve(
 ) -> Answer:
     """Minimise with IPOPT.
 
-    If IPOPT cannot compute a step, it is started once more with the linear solver's own scaling. Ctrl-C ends it with
-    the status "User_Requested_Stop".
+    If IPOPT cannot compute a step, it is started once more with the linear solver's own scaling.
 
     Args:
         problem: functions and derivatives. x0: (N,) start. bounds: of x, (N,) each. row_bounds: of g, (R,) each.
             options: of IPOPT, without the prefix "ipopt.".
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C was pressed; or what else its handler raises.
     """
     x_shape, none = ca.Sparsity.dense(len(x0), 1), ca.Sparsity(0, 0)
     one, g_shape = ca.Sparsity.dense(1, 1), ca.Sparsity.dense(len(row_bounds[0]), 1)
     jac, hess = problem.jacobian_pattern, problem.hessian_pattern
     xp = {"x": x_shape, "p": none}
-    nlp = _Callback("nlp", xp, {"f": one, "g": g_shape}, lambda x, p: [problem.cost(x), problem.constraints(x)])
-    grad_f = _Callback(
-        "nlp_grad_f",
-        xp,
-        {"f": one, "grad_f_x": x_shape},
-        lambda x, p: [problem.cost(x), problem.gradient(x)],
-    )
-    jac_g = _Callback(
-        "nlp_jac_g",
-        xp,
-        {"g": g_shape, "jac_g_x": jac},
-        lambda x, p: [problem.constraints(x), problem.jacobian(x)],
-    )
-    hess_lag = _Callback(
-        "nlp_hess_l",
-        {**xp, "lam_f": one, "lam_g": g_shape},
-        {"triu_hess_gamma_x_x": hess},
-        lambda x, p, f, g: [problem.hessian(x, float(f[0]), g)],
-    )
-    given = {**OPTIONS, **{f"ipopt.{key}": value for key, value in options.items()}}
-    solver = ca.nlpsol("ipopt", "ipopt", nlp, {**given, "grad_f": grad_f, "jac_g": jac_g, "hess_lag": hess_lag})
-    r = solver(x0=x0, lbx=bounds[0], ubx=bounds[1], lbg=row_bounds[0], ubg=row_bounds[1])
+    with interrupted_at_end(only=True) as raised:
+        function = partial(_Callback, raised)
+        nlp = function("nlp", xp, {"f": one, "g": g_shape}, lambda x, p: [problem.cost(x), problem.constraints(x)])
+        grad_f = function(
+            "nlp_grad_f",
+            xp,
+            {"f": one, "grad_f_x": x_shape},
+            lambda x, p: [problem.cost(x), problem.gradient(x)],
+        )
+        jac_g = function(
+            "nlp_jac_g",
+            xp,
+            {"g": g_shape, "jac_g_x": jac},
+            lambda x, p: [problem.constraints(x), problem.jacobian(x)],
+        )
+        hess_lag = function(
+            "nlp_hess_l",
+            {**xp, "lam_f": one, "lam_g": g_shape},
+            {"triu_hess_gamma_x_x": hess},
+            lambda x, p, f, g: [problem.hessian(x, float(f[0]), g)],
+        )
+        given = {**OPTIONS, **{f"ipopt.{key}": value for key, value in options.items()}}
+        solver = ca.nlpsol("ipopt", "ipopt", nlp, {**given, "grad_f": grad_f, "jac_g": jac_g, "hess_lag": hess_lag})
+        r = solver(x0=x0, lbx=bounds[0], ubx=bounds[1], lbg=row_bounds[0], ubg=row_bounds[1])
     stats = solver.stats()
     if str(stats["return_status"]) in STUCK and not CAREFUL.keys() <= options.keys():
         return solve(problem, x0, bounds, row_bounds, {**options, **CAREFUL})

@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib.util
 import json
 import re
+import signal
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
 from time import process_time
@@ -196,3 +198,25 @@ def test_a_format_of_ones_own_is_read_and_written(tmp_path):
 def test_a_condition_takes_numbers_only(value: object) -> None:
     with pytest.raises(eo.BadInput, match=r"MaxPower: watts .*: expected a number"):
         eo.conditions.MaxPower(value)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("verb", [eo.optimize, eo.tradeoff])
+@pytest.mark.parametrize("lost", [False, True])
+def test_ctrl_c_in_code_of_ones_own_ends_the_call(verb, lost, panda):
+    """Even if that code loses it, as libraries do that call Python."""
+
+    class Pressed(eo.conditions.Limit):
+        name, unit, binds, bound = f"pressed_{verb.__name__}_{lost}", "rad/s", "arm", 2.0
+
+        def value(self, x):
+            with suppress(KeyboardInterrupt) if lost else nullcontext():
+                signal.raise_signal(signal.SIGINT)
+            return x.v[0]
+
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            verb(panda, "source-method-2", start=START, goal=GOAL, conditions=[Pressed()])
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -1,7 +1,8 @@
-"""IPOPT on NumPy functions: the second attempt where steps cannot be computed, and the one that is no help."""
+"""IPOPT on NumPy functions: the second attempt where steps cannot be computed, the one that is no help, and Ctrl-C."""
 
 from __future__ import annotations
 
+import signal
 from typing import Any
 
 import casadi as ca
@@ -79,3 +80,30 @@ def test_there_is_one_repetition_and_only_where_it_may_help(monkeypatch: pytest.
     assert len(attempts) == 2 and not answer.success and answer.status == ipopt.STUCK[0]
     monkeypatch.undo()
     assert len(solved(monkeypatch, ["Infeasible_Problem_Detected"])[1]) == 1
+
+
+@pytest.mark.parametrize("name", ["cost", "gradient", "constraints", "jacobian", "hessian"])
+@pytest.mark.parametrize("heard", [False, True])
+def test_ctrl_c_is_not_lost(monkeypatch: pytest.MonkeyPatch, name: str, heard: bool) -> None:
+    """It reaches the caller at once; a handler that only takes note of it lets the solve go on."""
+    evaluate, calls, notes = getattr(Circle, name), [], []
+
+    def pressed(self: Circle, *values: Any) -> Any:
+        calls.append(1)
+        if len(calls) == 3:
+            signal.raise_signal(signal.SIGINT)
+        return evaluate(self, *values)
+
+    monkeypatch.setattr(Circle, name, pressed)
+    handler = (lambda *words: notes.append(words)) if heard else signal.default_int_handler
+    before = signal.signal(signal.SIGINT, handler)
+    try:
+        if heard:
+            assert solved(monkeypatch, [None])[0].success and len(notes) == 1
+        else:
+            with pytest.raises(KeyboardInterrupt):
+                solved(monkeypatch, [None])
+            assert len(calls) == 3
+        assert signal.getsignal(signal.SIGINT) is handler
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -149,7 +149,7 @@ def polished(model: Model, curve: Curve) -> Outcome:
         point, spent = program.at(answer.x), spent + answer.iterations
         beyond = np.abs(point.linear) > 1 + BROKEN
         new = (beyond & (side != np.sign(point.linear))).any() or (~hot & model.hot(point, 1 + BROKEN)).any()
-        if not new or spent >= ITERATIONS or answer.status == "User_Requested_Stop":
+        if not new or spent >= ITERATIONS:
             break
         side = np.where(np.abs(point.linear) > NEAR, np.sign(point.linear), side)
         hot = hot | model.hot(point, NEAR)

@@ -147,7 +147,6 @@ class PathConstraints:
         return total
 
 
-STOPPED = "User_Requested_Stop"
 OPTIONS: dict[str, object] = {
     "tol": 1e-7,  # relative to a cost of order one
     "max_iter": 200,
@@ -297,7 +296,7 @@ class RetimeProgram:
             options = {**OPTIONS, **preset}
             answer = ipopt.solve(self, start, bounds, row_bounds, options)
             used += answer.iterations
-            if answer.success or answer.status == STOPPED:
+            if answer.success:
                 break
         of_time = np.zeros(1 - self._timed)
         return replace(answer, iterations=used, row_multipliers=np.concatenate([of_time, answer.row_multipliers]))

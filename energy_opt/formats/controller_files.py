@@ -119,7 +119,7 @@ def sampled(trajectory: Trajectory, judge: Judging, form: Format, rate: float | 
         slower = slowed_until(
             trajectory, lambda t: judge.at_steps(t, pace), lambda slow: sample(slow, judge, form, rate)[0]
         )
-        return Sampled(got if slower is None else slower, pace)
+        return Sampled(got if slower is None else slower, pace, not_used(rate, pace))
     if rate is not None:
         return fitted(trajectory, rate, judge)
     if form.name == "urscript":
@@ -129,6 +129,11 @@ def sampled(trajectory: Trajectory, judge: Judging, form: Format, rate: float | 
         if found is not None:
             return Sampled(resampled(trajectory, found), found)
     return Sampled(trajectory, None)
+
+
+def not_used(rate: float | None, pace: float) -> str:
+    """Why a file has the controller's own rate `pace` [Hz], if another one was requested."""
+    return "" if rate in (None, pace) else f"the controller always runs at {pace:g} Hz: --rate {rate:g} is not used"
 
 
 def write(
@@ -189,11 +194,7 @@ def read_back(path: Path, form: Format, got: Sampled, judge: Judging, prefix: st
 
 def warnings_on(files: Sequence[Written], rate: float | None) -> list[str]:
     """Warnings on files that break a limit, or that have another rate than the requested one [Hz; None: none]."""
-    return [
-        f"{row.file}: {row}"
-        for row in files
-        if not row.valid or (rate is not None and row.rate != rate and row.rate != STEPS.get(row.format, 0.0))
-    ]
+    return [f"{row.file}: {row}" for row in files if not row.valid or rate not in (None, row.rate)]
 
 
 def unchanged(path: Path, form: Format, judged: Trajectory, certificate: Certificate) -> Written:

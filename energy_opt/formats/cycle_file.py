@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from energy_opt.formats import Format, urscript
-from energy_opt.formats.controller_files import STEPS, Written, file_of, read_back
+from energy_opt.formats.controller_files import STEPS, Written, file_of, not_used, read_back
 from energy_opt.formats.controller_program import Part, in_tool
 from energy_opt.formats.judging import CycleJudging
 from energy_opt.formats.resample import RATES, Sampled, broken, on_steps, resampled
@@ -50,7 +50,8 @@ def write_cycle(
     parts, width = without_jumps(parts, robot.limits, None if form.name == "franka" else rate)
     cycle = joined([part.trajectory for part in parts])
     if form.name == "franka":
-        got = Sampled(on_steps(cycle, STEPS["franka"], robot.limits), STEPS["franka"])
+        pace = STEPS["franka"]
+        got = Sampled(on_steps(cycle, pace, robot.limits), pace, not_used(rate, pace))
     elif rate is None:
         got = Sampled(cycle, None)
     else:

@@ -177,6 +177,10 @@ def test_positions_for_libfranka_hold_its_checks(tmp_path: Path, panda: Robot, m
         assert rows[-1, 0] - motion.duration == pytest.approx(0, abs=[0.001, 0.03, 0.03][k]), row
     steps = np.loadtxt(tmp_path / "trajectory.franka.csv", delimiter=",", skiprows=1)[:, 0]
     np.testing.assert_allclose(steps, np.arange(len(steps)) / 1000, atol=1e-12)
+    for rate, said in ((None, []), (1000, []), (100, ["--rate 100 is not used"])):
+        (row,) = controller_files.write(curve, judge, controller_files.wanted(["franka"]), tmp_path, rate)
+        warnings = controller_files.warnings_on([row], rate)
+        assert len(warnings) == len(said) and all(words in warnings[0] for words in said)
 
 
 def test_a_file_that_does_not_hold_says_so(tmp_path: Path, panda: Robot, model: PowerModel) -> None:

@@ -259,7 +259,7 @@ class _Reading:
                     found = read_path(file, robot.joints)
                     start, goal = (tuple(end.tolist()) for end in (found.start, found.goal))
                     move = NamedMove(name, start, goal, path=(file.suffix, read_text(file)))
-                elif row.posed:
+                elif row.chosen:
                     move = posed_move(name, row, robot, self.inside(".", "moves"), around, say)
                 else:
                     start, goal = (joint_values(end, robot, say) for end in (row.start, row.goal))

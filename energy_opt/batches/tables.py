@@ -86,9 +86,16 @@ class MoveTable(Table):
         return self
 
     @property
-    def posed(self) -> bool:
-        """True if an end or a via point is a pose of the tool."""
-        return bool(self.model_fields_set.intersection(OF_POSES))
+    def chosen(self) -> bool:
+        """True if an end or a via point is a pose of the tool, or there are several goals: positions are chosen."""
+        return bool(self.model_fields_set.intersection(OF_POSES)) or len(_alternatives(self.goal)) > 1
+
+
+def _alternatives(value: Any, pose: bool = False) -> list[Any]:
+    """The goals of a list of them, else the only one; a `pose` may be a matrix, a list of lists of four numbers."""
+    first = value[0] if isinstance(value, list) and value else None
+    matrix = pose and isinstance(first, list) and len(first) == 4 and is_number(first[0])
+    return value if isinstance(first, (list, Mapping, str)) and not matrix else [value]
 
 
 class RandomTable(Table):
@@ -201,6 +208,8 @@ def joint_values(value: Any, robot: Robot, say: Callable[[str], None] = lambda _
         value = [value[name] for name in joints]
     if not isinstance(value, list):
         raise BadInput(f"{shown(value)} is not a list of joint positions")
+    if any(isinstance(item, (list, Mapping)) for item in value):
+        raise BadInput("several positions; expected those of one place, as a list of numbers")
     if len(value) != len(joints):
         raise BadInput(f"{len(value)} values; the robot has {len(joints)} joints")
     for name, item in zip(joints, value, strict=True):
@@ -217,24 +226,31 @@ def joint_values(value: Any, robot: Robot, say: Callable[[str], None] = lambda _
 def posed_move(
     name: str, row: MoveTable, robot: Robot, folder: Path, around: Surroundings, say: Callable[[str], None]
 ) -> NamedMove:
-    """A move between poses of the tool, or joint positions and such poses.
+    """A move between poses of the tool, or joint positions and such poses, or to any of several goals.
 
     Args:
         name: of the move. row: its table. robot: the arm. folder: with the files of poses. around: scene and base.
         say: receives notes on rounded positions.
 
     Raises:
-        BadInput: no such pose, or a frame that is not in the scene.
+        BadInput: no such pose, or a frame that is not in the scene; or via points are joint positions.
     """
+    if row.via:
+        raise BadInput("via belongs to a move between two joint positions; expected via_pose")
     scene = Scene.from_text(around.scene) if around.scene else None
     reader = Given(folder, poses_of_scene(scene))
 
     def pose(value: Any, what: str, axes: Any = ()) -> Any:
         return in_base(reader.pose(value, what, axes, row.pose_tolerance), robot, scene, around.request.base_pose)
 
+    def positions(value: Any) -> np.ndarray:
+        return np.array(joint_values(value, robot, say))
+
     start = None if row.start_pose is None else pose(row.start_pose, "start_pose")
-    goal = None if row.goal_pose is None else pose(row.goal_pose, "goal_pose", row.free)
-    begin, end = ((0.0,) * robot.n if q is None else joint_values(q, robot, say) for q in (row.start, row.goal))
+    begin = np.zeros(robot.n) if row.start is None else positions(row.start)
+    if row.goal_pose is None:
+        goals = tuple(map(positions, _alternatives(row.goal)))
+    else:
+        goals = tuple(pose(value, "goal_pose", row.free) for value in _alternatives(row.goal_pose, True))
     via = tuple(pose(value, "via_pose", row.free) for value in row.via_pose)
-    ends = Ends(start, (np.array(end) if goal is None else goal,), via)
-    return NamedMove(name, begin, end, (), ("", ""), ends.to_text())
+    return NamedMove(name, tuple(begin.tolist()), (0.0,) * robot.n, ends=Ends(start, goals, via).to_text())

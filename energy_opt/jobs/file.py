@@ -270,8 +270,9 @@ class _Reading:
         try:
             q = np.array(joint_values(value, self.robot, lambda note: self.remarks.append(f"{where}: {note}")))
         except BadInput as error:
-            like_pose = np.size(value) in (6, 7) and np.size(value) != self.robot.n
-            hint = "; a pose of the tool is { pose = [...] }" if like_pose else ""
+            # of several positions a job chooses only where they reach one pose
+            like_pose = isinstance(value, list) and (len(value) in (6, 7) or isinstance((*value, 0)[0], list))
+            hint = "; a pose of the tool is { pose = [...] }" if like_pose and len(value) != self.robot.n else ""
             self.fault(f"{where}: {error}{hint}")
             return None
         low, high = self.robot.limits.lower, self.robot.limits.upper

@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from faults import faults_of
+from tool_poses import pose_at
 
+from energy_opt.batches.executors import solve_task
 from energy_opt.batches.suite import load_suite
 from energy_opt.batches.tables import random_moves
 from energy_opt.batches.task import Duration
@@ -16,6 +18,7 @@ from energy_opt.cli.main import example
 from energy_opt.errors import BadInput
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.poses.inverse import ToolKinematics
 from energy_opt.robot import load_robot
 
 SHIPPED = Path(__file__).parents[2] / "benchmarks" / "suites"
@@ -91,6 +94,27 @@ def test_moves_by_joint_name_equal_moves_in_order(tmp_path):
     assert task.start == task.goal == tuple(values)
 
 
+@pytest.mark.parametrize("posed", [False, True])
+def test_of_several_goals_the_cheapest_is_reached(tmp_path, posed):
+    """Also as poses of the tool, and by joint name."""
+    start, near, far = [0.0, 1.0, -1.0, 0, 0, 0], [0.3, 1.1, -1.1, 0, 0, 0], [2.0, 1.4, -0.6, 0.5, 0, 0]
+    head = 'format = "energy-opt/suite/1"\nrobots = ["z1"]\nmodes = ["retime"]\ndurations = [1.5]\n'
+    head += 'self_collision = false\nmodels = ["source-method-2"]\n'
+    by_name = ", ".join(f"joint{k} = {q}" for k, q in enumerate(near, start=1))
+    goals = {"both": f"[{far}, {{ {by_name} }}]", "near": near, "far": far}
+    key = "goal"
+    if posed:
+        key, tool = "goal_pose", ToolKinematics(load_robot("z1"))
+        near, far = (pose_at(tool, np.array(q)).matrix.tolist() for q in (near, far))
+        goals = {"both": [far, near], "near": near, "far": far}
+    text = head + "".join(f'[[moves]]\nname = "{n}"\nstart = {start}\n{key} = {g}\n' for n, g in goals.items())
+    rows = {row["move"]: row for row in (solve_task(task)["row"] for task in load_suite(written(tmp_path, text)).tasks)}
+    assert [row["status"] for row in rows.values()] == ["solved"] * 3
+    totals = {name: row["energy_total"] for name, row in rows.items()}
+    assert totals["both"] == pytest.approx(min(totals["near"], totals["far"]), rel=1e-3)
+    assert abs(totals["near"] - totals["far"]) > 0.01 * totals["both"]
+
+
 def test_random_moves_stay_in_range_and_follow_the_seed():
     robot = load_robot("kinova")  # three of its joints are continuous
     moves = random_moves(robot, 50, seed=3, share=0.5)
@@ -148,6 +172,8 @@ def test_no_duration(value):
         (HEAD + "random = { count = 1 }\n[settings]\nspeed = 3\n", "settings: speed: unknown setting"),
         (HEAD + "random = { count = 1 }\n[settings]\nstarts = 'a'\n", "settings: starts 'a': expected a whole number"),
         (HEAD + "[[moves]]\nstart = [0, 0]\ngoal = [0, 0]\n", "moves 1 (move01) on panda: 2 values; the robot has 7"),
+        (HEAD + "[[moves]]\nstart = [[0], [0]]\ngoal = [0, 0]\n", "several positions; expected those of one place"),
+        (HEAD + "[[moves]]\nstart = [0]\ngoal = [[0], [0]]\nvia = [[0]]\n", "expected via_pose"),
         (HEAD + "[[moves]]\nstart = [0, 0]\n", "moves 1: goal is missing"),
         (HEAD + "[[moves]]\nname = 'a'\nstart = {elbow = 1}\ngoal = {}\n", "unknown joint 'elbow'"),
         (HEAD + "random = [{ count = 1 }, { count = 1 }]\n", "is given 2 times"),

@@ -220,3 +220,20 @@ def test_ctrl_c_in_code_of_ones_own_ends_the_call(verb, lost, panda):
         assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+def test_a_limit_of_ones_own_that_forbids_a_duration_is_named(panda):
+    """Another limit, that binds for a moment only, may grow faster with the speed."""
+
+    class Elbow(eo.conditions.Limit):
+        name, unit, binds, bound = "elbow_speed", "rad/s", "arm", 0.3
+
+        def value(self, x):
+            return x.v[3]
+
+    settings = {"start": START, "goal": GOAL, "mode": "retime", "self_collision": False}
+    with pytest.raises(eo.Infeasible, match=r"^the arm: the elbow_speed limit .* exceeded") as caught:
+        eo.optimize(panda, "source-method-2", duration=2.0, conditions=[Elbow()], **settings)
+    assert caught.value.shortest_duration > abs(GOAL[3] - START[3]) / 0.3
+    with pytest.raises(eo.Infeasible, match=r"the (acceleration|velocity) limit .* exceeded"):
+        eo.optimize(panda, "source-method-2", duration=0.7, **settings)

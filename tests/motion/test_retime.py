@@ -22,6 +22,7 @@ from energy_opt.effects import (
 from energy_opt.errors import Infeasible
 from energy_opt.motion import Move, Planner, Settings
 from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.limits.registry import joint_limits
 from energy_opt.motion.path import JointPath, straight, through
 from energy_opt.motion.retime.solve import RetimeSolution, retime
 from energy_opt.motion.timing.toppra import fastest
@@ -187,20 +188,26 @@ def test_end_speeds_are_kept(panda: Robot, model: PowerModel) -> None:
             assert found.trajectory.duration == pytest.approx(duration, abs=1e-9)
 
 
-def test_too_short_a_duration_says_what_would_work(panda: Robot, model: PowerModel) -> None:
-    path = straight(START, GOAL)
-    shortest = fastest(without_jerk(panda), model, path).duration
+@pytest.mark.parametrize(("share", "named", "power"), [(1.0, "acceleration", 2), (0.2, "velocity", 1)])
+def test_too_short_a_duration_says_what_would_work(
+    panda: Robot, model: PowerModel, share: float, named: str, power: int
+) -> None:
+    """And the limit that binds for most of the time: accelerations at high speed limits."""
+    path, robot = straight(START, GOAL), without_jerk(panda)
+    limits = joint_limits(replace(robot.limits, velocity=share * robot.limits.velocity))
+    shortest = fastest(robot, model, path, limits=limits).duration
     for wish in ({"duration": 0.6 * shortest}, {"max_duration": 0.6 * shortest}):
         with pytest.raises(Infeasible, match="shortest duration") as caught:
-            retime(panda, model, path, **wish)
+            retime(panda, model, path, limits=limits, **wish)
         error = caught.value
         assert error.joint in panda.joints and error.limit == "duration"
         assert 0 < error.time < 0.6 * shortest and f"at {error.time:.4g} s" in str(error)
         assert error.shortest_duration == pytest.approx(shortest, rel=2e-3)
-        assert "velocity limit" in str(error)  # speeds are as many times too high as the time is too short
-        assert error.excess == pytest.approx(error.shortest_duration / (0.6 * shortest) - 1, rel=1e-3)
+        assert f"{named} limit" in str(error)  # a speed is as many times too high as the time is too short
+        ratio = error.shortest_duration / (0.6 * shortest)
+        assert error.excess == pytest.approx(ratio**power - 1, rel=1e-2)
     assert error.shortest_duration is not None
-    assert retime(panda, model, path, duration=error.shortest_duration * (1 + 1e-4)).converged
+    assert retime(panda, model, path, limits=limits, duration=error.shortest_duration * (1 + 1e-4)).converged
 
 
 @pytest.mark.parametrize("length", [0.0, 1e-4])

@@ -138,15 +138,27 @@ class PathLimits:
         found = [held.limit.use(d, a, b) for held in self.at_points]
         return [share for share in found if share is not None]
 
-    def worst(self, control: np.ndarray) -> Worst:
-        """The limit whose bound is used most by control values (N + 2,) [1/s^2]."""
-        found = [
-            (held.limit, self.dynamics.s, use) for held, use in zip(self.at_points, self._uses(control), strict=True)
-        ]
-        found += [(piece.limit, piece.s, piece.use(control)) for piece in self.on_pieces]
+    def _found(self, control: np.ndarray) -> list[tuple[Limit, np.ndarray, np.ndarray]]:
+        """Every limit, the path positions (M,) where it is looked at, and the used share (M, m) of its bound there."""
+        uses = zip(self.at_points, self._uses(control), strict=True)
+        found = [(held.limit, self.dynamics.s, use) for held, use in uses]
+        return found + [(piece.limit, piece.s, piece.use(control)) for piece in self.on_pieces]
+
+    def worst(self, control: np.ndarray, name: str | None = None) -> Worst:
+        """The limit whose bound is used most by control values (N + 2,) [1/s^2]; only those of a `name`, if given."""
+        found = [one for one in self._found(control) if name in (None, one[0].name)]
         limit, s, use = max(found, key=lambda one: float(one[2].max()))
         k, j = np.unravel_index(int(np.argmax(use)), use.shape)
         return Worst(limit, int(j), float(s[k]), float(use[k, j] - 1))
+
+    def longest(self, control: np.ndarray, s: np.ndarray) -> str:
+        """The limit that control values come near for the longest time; s (K,): path positions at even times."""
+
+        def lasting(places: np.ndarray, use: np.ndarray) -> int:
+            order = np.argsort(places)
+            return int((np.interp(s, places[order], use.max(axis=1)[order]) > NEAR).sum())
+
+        return max(self._found(control), key=lambda one: lasting(*one[1:]))[0].name
 
     def add_broken(self, control: np.ndarray, *, always: bool = False) -> bool:
         """Make constraints of the limits that `control` breaks and of those near them; True if there were any.

@@ -45,6 +45,7 @@ BESIDE = 0.6
 PROVED = 1e-4  # relative: an answer with a bound closer than this needs no better bound
 CORRECTIONS = 4  # most corrections of a duration that the grid does not resolve
 HELD = 3e-7  # share of a bound: allowed excess over the tighter bound in the program
+LOOKS = 1000  # instants of the fastest timing at which limits may bind
 CREEP = 1e-2  # as FLOOR, if creeping saves energy: speeds below a tenth of the top speed are not resolved by the grid
 
 
@@ -142,7 +143,8 @@ def _faster_than_toppra(work: Retiming, shortest: Timing, wanted: float) -> Timi
     best = quickest(work, shortest)
     if best.duration <= wanted:
         return best
-    worst = work.limits.worst(best.control * (best.duration / wanted) ** 2)
+    longest = work.limits.longest(best.control, best.at(np.linspace(0.0, best.duration, LOOKS))[0])
+    worst = work.limits.worst(best.control * (best.duration / wanted) ** 2, longest)
     line = worst.limit.linear(work.dynamics, 1.0)
     # a speed limit is on the square
     excess = worst.excess if line is None or not line.of_speed else np.sqrt(1 + worst.excess) - 1

@@ -17,6 +17,7 @@ from energy_opt.measured.joints import FEWEST
 from energy_opt.measured.plausible import are_degrees, degrees_fault, leaps, spikes
 from energy_opt.measured.run import Run
 from energy_opt.measured.table import Table
+from energy_opt.numerics.stamps import clean
 from energy_opt.robot import Robot
 
 ALIKE = 0.25  # relative deviation up to which a measured ratio identifies a unit
@@ -185,15 +186,25 @@ def _velocity_units(
 ) -> Units | None:  # fmt: skip
     """Units in which logged velocities (N, n) are the slope of the positions [SI]; None if no unit fits.
 
-    Joints that turn share one unit, and so do joints that slide.
+    Joints that turn share one unit, and so do joints that slide. Samples are those of the reading, cut where it cuts.
     """
-    out = dict(named)
+    out, cuts = dict(named), np.zeros(0, dtype=int)
+    time = time[: len(values)]
+    good = np.flatnonzero(np.isfinite(np.column_stack([time, position, values])).all(axis=1))
+    if len(good) > 2:
+        good = good[~spikes(time[good], position[good], robot)]
+        samples = clean(time[good], np.column_stack([position[good], values[good]]))
+        good, time = good[samples.kept], samples.time
+        cuts = np.union1d(samples.gaps, leaps(time, position[good], robot)).astype(int)
+        values, position = values[good], position[good]
     for kind, units in ((False, ("rad/s", "deg/s", "rpm")), (True, ("m/s", "mm/s"))):
         group = [k for k, slides in enumerate(robot.slides) if slides == kind]
         if not group or named[robot.joints[group[0]]] is not None:
             continue
         assumed = _rate_of(of_position[robot.joints[group[0]]], "velocity", kind)
-        unit = _slope_unit(values[:, group], position[:, group], time, units, assumed)
+        ratio = _slope_ratio(values[:, group], position[:, group], time, cuts)
+        fitting = (unit for unit in units if ratio and abs(ratio * UNITS["velocity"][unit] - 1) < ALIKE)
+        unit = assumed if ratio is None else next(fitting, None)
         if unit is None:
             words.append("velocities are left out: they are not the slope of the positions in any unit known")
             return None
@@ -201,19 +212,6 @@ def _velocity_units(
             words.append(f"velocities are {unit} (by the slope of the positions): converted")
         out |= dict.fromkeys([robot.joints[k] for k in group], unit)
     return out
-
-
-def _slope_unit(
-    values: np.ndarray, position: np.ndarray, time: np.ndarray, units: Sequence[str], assumed: str
-) -> str | None:
-    """The unit in which velocities are the slope of the positions; `assumed` if these hardly move, None if none is."""
-    good = np.isfinite(values).all(axis=1) & np.isfinite(position).all(axis=1) & np.isfinite(time[: len(values)])
-    t, q, v = time[: len(values)][good], position[good], values[good]
-    fresh = np.concatenate([[True], np.diff(t) > 0])
-    ratio = _slope_ratio(v[fresh], q[fresh], t[fresh])
-    if ratio is None:
-        return assumed
-    return next((unit for unit in units if abs(ratio * UNITS["velocity"][unit] - 1) < ALIKE), None)
 
 
 def contradicting(run: Run) -> Iterator[str]:
@@ -231,19 +229,25 @@ def contradicting(run: Run) -> Iterator[str]:
         slope = np.column_stack(change) / (ends[1] - ends[0])[:, None]
 
 
-def _slope_ratio(velocity: np.ndarray, position: np.ndarray, time: np.ndarray) -> float | None:
+def _slope_ratio(
+    velocity: np.ndarray, position: np.ndarray, time: np.ndarray, cuts: np.ndarray | None = None
+) -> float | None:
     """Ratio of velocities (N, n) to the slope of the positions (N, n), over `LASTS`; 0 if they do not go together.
 
     None if there are too few samples, or the positions hardly move. Slopes from sample to sample would show the steps
-    of a coarse encoder.
+    of a coarse encoder. What happens in the steps after the samples `cuts` (K,) is not known and does not count.
     """
-    if len(time) < 20 or np.ptp(position, axis=0).max() < MOVED:
+    if len(time) < 20:
         return None
-    step = np.diff(time)
+    step, change = np.diff(time), np.diff(position, axis=0)
     apart = min(max(1, round(LASTS / float(np.median(step)))), len(time) // 2)
-    way = np.vstack(
-        [np.zeros(position.shape[1]), np.cumsum((velocity[1:] + velocity[:-1]) / 2 * step[:, None], axis=0)]
-    )
-    by_velocity, moved = way[apart:] - way[:-apart], position[apart:] - position[:-apart]
+    if cuts is not None:
+        step[cuts], change[cuts] = 0, 0
+    begin = np.zeros((1, position.shape[1]))
+    path = np.vstack([begin, np.cumsum(change, axis=0)])
+    if np.ptp(path, axis=0).max() < MOVED:
+        return None
+    way = np.vstack([begin, np.cumsum((velocity[1:] + velocity[:-1]) / 2 * step[:, None], axis=0)])
+    by_velocity, moved = way[apart:] - way[:-apart], path[apart:] - path[:-apart]
     shared, own, size = (float(np.sum(x)) for x in (by_velocity * moved, moved**2, by_velocity**2))
     return shared / max(own, 1e-12) if shared > TOGETHER * np.sqrt(own * size) else 0.0

@@ -113,3 +113,21 @@ def test_torques_in_another_unit_are_not_taken_for_newton_metres(scara, tmp_path
     assert any("effort" in word and ("taken for currents" in word or "left out" in word) for word in made.words) == (
         "[%]" in signal or read == "current"
     )
+
+
+@pytest.mark.parametrize("unit", [1.0, 180 / np.pi])
+def test_velocities_beside_a_paused_recording_are_judged_where_it_runs(scara, tmp_path, unit):
+    """The arm is elsewhere after the pause, and a row is damaged."""
+    t, q, v, p = motion()
+    late = t + 8 * (t > 1.2) + 5 * (t > 2.5)
+    q = q * [0.2, 0.2, 1] + np.outer(t > 1.2, [1.8, -1.0, 0])
+    v = v * [0.2, 0.2, 1]
+    damaged = q.copy()
+    damaged[50, 0] = 90
+    header = ",".join(f"{joint}.{signal}" for signal in ("position", "velocity") for joint in JOINTS)
+    text = lines(f"time,{header},power", [late, damaged, v * [unit, unit, 1], p], "%.9f")
+    imported = import_files([put(tmp_path / "a.csv", text)], tmp_path / "set", scara)
+    assert not [word for word in imported.words if "left out" in word]
+    runs = read_set(tmp_path / "set").runs
+    shown = np.vstack([run.velocity for run in runs if run.velocity is not None])
+    np.testing.assert_allclose(shown, np.delete(v, 50, axis=0), atol=1e-6)

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -32,14 +33,21 @@ DELAYS = np.round(np.arange(0.0, 0.601, 0.025), 3)  # [s] delays of a meter that
 
 @dataclass(frozen=True)
 class Activity:
-    """Integrals of a motion's features over an even grid.
+    """Integrals of a motion's features over a grid, which is even but for gaps in which the motion is not known.
 
     Attributes:
-        t: (K,) [s]. integrals: (K, F) from the first time on.
+        t: (K,) [s]. integrals: (K, F) from the first time on. gaps: (G, 2) [s] begin and end of each.
     """
 
     t: np.ndarray
     integrals: np.ndarray
+    gaps: np.ndarray
+
+    def knows(self, stamps: np.ndarray, window: np.ndarray) -> np.ndarray:
+        """Mask (M,) of stamps [s] within the motion whose windows (M,) [s] touch no gap."""
+        inside = (stamps >= self.t[0] - 1e-9) & (stamps <= self.t[-1] + 1e-9)
+        before = np.searchsorted(self.gaps[:, 0], stamps - 1e-9)
+        return np.asarray(inside & (stamps - window >= np.append(-np.inf, self.gaps[:, 1])[before] - 1e-9))
 
     def at(self, stamps: np.ndarray, window: np.ndarray) -> np.ndarray:
         """Means of the features over the windows that end at the stamps, (M, F).
@@ -77,27 +85,32 @@ class Clock:
         return stamps + self.offset + self.drift * (stamps - self.middle)
 
 
-def activity(robot: Robot, time: np.ndarray, position: np.ndarray) -> Activity:
+def activity(robot: Robot, time: np.ndarray, position: np.ndarray, spans: Sequence[tuple[int, int]]) -> Activity:
     """The features of a motion that a power may follow.
 
     Args:
         robot: for the rigid body's torque. time: (N,) [s]. position: (N, n) [rad]; smoothed as far as its noise needs.
+        spans: first and last sample of each piece without a gap.
     """
     from scipy.integrate import cumulative_trapezoid
 
-    span = float(time[-1] - time[0])
-    count = int(np.clip(np.ceil(span / GRID), 8, MOST)) + 1
-    t = np.linspace(time[0], time[-1], count)
     none = np.zeros(0)
-    run = Run("", "motion", 0.0, time, position, None, None, None, None, none, none)
-    way = kinematics(run, t, choose_smoothing([run]))
-    q, v, a = way.q, way.v, way.a
+    signals = [(time[a : b + 1], position[a : b + 1]) for a, b in spans]
+    runs = [Run("", "motion", 0.0, own, q, None, None, None, None, none, none) for own, q in signals]
+    lasts = np.array([float(np.ptp(run.time)) for run in runs])
+    counts = np.ceil(np.clip(lasts.sum() / GRID, 8, MOST) * lasts / lasts.sum()).astype(int) + 1
+    grids = [np.linspace(run.time[0], run.time[-1], count) for run, count in zip(runs, counts, strict=True)]
+    noise = choose_smoothing(runs)
+    motions = [kinematics(run, grid, noise) for run, grid in zip(runs, grids, strict=True)]
+    t = np.concatenate(grids)
+    q, v, a = (np.concatenate([getattr(way, name) for way in motions]) for name in ("q", "v", "a"))
     tau = robot.body.torque(q, v, a)
     drive = np.sum(tau * v, axis=1)
     values = np.column_stack(
         [drive, np.maximum(drive, 0), np.sum(tau**2, axis=1), np.abs(v).sum(axis=1), np.sum(v**2, axis=1)]
     )
-    return Activity(t, cumulative_trapezoid(values, dx=t[1] - t[0], axis=0, initial=0.0))
+    gaps = np.array([[one[-1], other[0]] for one, other in pairwise(grids)]).reshape(-1, 2)
+    return Activity(t, cumulative_trapezoid(values, t, axis=0, initial=0.0), gaps)
 
 
 def evidence(motion: Activity, stamps: np.ndarray, window: np.ndarray, power: np.ndarray) -> tuple[float, float]:
@@ -110,7 +123,7 @@ def evidence(motion: Activity, stamps: np.ndarray, window: np.ndarray, power: np
         The log likelihood relative to that of a constant power, less the number of features; and the explained share of
             variance. -inf and 0 if fewer than FEWEST independent readings lie within the motion.
     """
-    inside = (stamps >= motion.t[0] - 1e-9) & (stamps <= motion.t[-1] + 1e-9)
+    inside = motion.knows(stamps, window)
     count = independent(stamps[inside])
     if count < FEWEST:
         return -np.inf, 0.0
@@ -158,4 +171,4 @@ def thinned(*columns: np.ndarray) -> tuple[np.ndarray, ...]:
 
 def independent(stamps: np.ndarray) -> float:
     """How many of the readings at ascending stamps (M,) [s] count as independent."""
-    return min(float(len(stamps)), float(stamps[-1] - stamps[0]) / APART) if len(stamps) else 0.0
+    return float(np.minimum(np.diff(stamps, prepend=-np.inf), APART).sum()) / APART

@@ -86,12 +86,12 @@ class Part:
 
 def inside(meter: Meter, which: int, offset: float, drift: float, fewest: int) -> Part | None:
     """The readings within the motion; None if they are fewer than `fewest` independent ones."""
-    stamps, t = meter.moved(offset, drift), meter.motion.t
-    there = (stamps >= t[0] - 1e-9) & (stamps <= t[-1] + 1e-9)
+    stamps, window = meter.moved(offset, drift), meter.windows[which]
+    there = meter.motion.knows(stamps, window)
     count = independent(stamps[there])
     if count < fewest:
         return None
-    return Part(meter.motion.at(stamps[there], meter.windows[which][there]), meter.power[there], count)
+    return Part(meter.motion.at(stamps[there], window[there]), meter.power[there], count)
 
 
 def fitted(parts: Sequence[Part]) -> tuple[float, float]:
@@ -139,7 +139,7 @@ def by_fit(meter: Meter, which: int) -> Score:
 def by_law(meter: Meter, which: int, law: np.ndarray) -> Score:
     """How well the law of other runs, (1 + F,) coefficients of 1 and the features, gives a meter's readings."""
 
-    follows = replace(meter, motion=Activity(meter.motion.t, meter.motion.integrals @ law[1:, None]))
+    follows = replace(meter, motion=replace(meter.motion, integrals=meter.motion.integrals @ law[1:, None]))
 
     def score(offset: float, drift: float) -> tuple[float, float]:
         part = inside(follows, which, offset, drift, LAW_FEWEST)

@@ -6,7 +6,7 @@ A recording may have further signals: digital ones, and numbers that the log nam
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
@@ -198,8 +198,9 @@ def _one_clock(
     windows = [readings.window, np.full(len(stamps), interval)] if infer else [readings.window]
     overlap = _overlap(stamps, time) if len(stamps) > 1 else 1.0
     which, scores = 0, None
-    if (seek or infer) and float(np.ptp(joints.signals["position"], axis=0).max()) > MOVES_ENOUGH:
-        motion = activity(robot, time, joints.signals["position"])
+    spans = _spans(len(time), joints.stamps.gaps)
+    if (seek or infer) and spans and float(np.ptp(joints.signals["position"], axis=0).max()) > MOVES_ENOUGH:
+        motion = activity(robot, time, joints.signals["position"], spans)
         if seek:
             given = overlap >= 0.5 and not together
             out.meter = Meter(motion, stamps, readings.power, tuple(windows), given, dated, readings.loose)
@@ -264,13 +265,18 @@ def _overlap(stamps: np.ndarray, time: np.ndarray) -> float:
     return float(shared / max(min(np.ptp(time), np.ptp(stamps)), 1e-9))
 
 
+def _spans(count: int, gaps: Sequence[int]) -> list[tuple[int, int]]:
+    """First and last of the `count` samples of each piece between gaps, which follow the samples `gaps`."""
+    return [(a + 1, b) for a, b in pairwise([-1, *gaps, count - 1]) if b - a >= FEWEST]
+
+
 def _cut(log: LogFile, run: Run, gaps: tuple[int, ...], out: Recording) -> None:
     """Cut a run after the samples `gaps` and, if the log says so, at standstill; runs and remarks go to `out`."""
     parts = [run]
     if gaps and run.meter != "total":
-        edges = [-1, *gaps, len(run.time) - 1]
-        spans = [(a + 1, b) for a, b in pairwise(edges) if b - a >= FEWEST]
-        parts = pieces(run, spans, strict=True)  # readings whose window reaches into a gap are left out
+        parts = pieces(
+            run, _spans(len(run.time), gaps), strict=True
+        )  # readings whose window reaches into a gap are left out
         short = len(gaps) + 1 - len(parts)
         if short:
             out.remarks.append(f"{run.file}: {short} piece(s) between gaps with fewer than {FEWEST} rows left out")

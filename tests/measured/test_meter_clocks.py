@@ -77,6 +77,25 @@ def test_short_runs_whose_meters_have_clocks_of_their_own_decide_together(
         assert np.abs(run.power - np.interp(run.power_time, t, power)).mean() < 0.1 * np.ptp(power)
 
 
+def test_a_meters_clock_is_found_though_the_joints_recording_was_paused(tmp_path: Path) -> None:
+    """The arm moved on in the pauses, under the meter alone."""
+    recorded, begin, stamps, drawn, ahead = [], 0.0, [np.zeros(0)], [np.zeros(0)], 2.5
+    for k, (t, q, power) in enumerate(short_runs(12, 4)):
+        stamps.append(begin + t)
+        drawn.append(power)
+        recorded += [(begin + t, q)] if k % 5 == 0 else []
+        begin += float(t[-1]) + 1.0
+    at = np.arange(0.0, begin, 0.05)
+    true = np.interp(at, np.concatenate(stamps), np.concatenate(drawn))
+    write_table(tmp_path / "meter.csv", ["time", "power"], [at + ahead, true])
+    log = written(tmp_path, 0, *(np.concatenate(x) for x in zip(*recorded, strict=True)), "meter.csv")
+    (tmp_path / "log.toml").write_text('format = "energy-opt/log/1"\nrobot = "ur5e"\n' + log + "[meter]\nwindow = 0\n")
+    runs = read_set(tmp_path).runs
+    assert len(runs) == 3 and {run.clock for run in runs} == {"estimated"}
+    for run in runs:
+        np.testing.assert_allclose(run.power, np.interp(run.start + run.power_time, at, true), atol=10)
+
+
 def test_a_meter_that_runs_much_longer_than_the_motion_counts_seconds() -> None:
     """400 s beside a motion of 3.9 s were milliseconds, with 10,000 readings a second."""
     assert stamp_factor(np.arange(0, 400, 0.1), "power.time", span=3.9) == 1.0

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import log, prod
 from typing import Any
 
@@ -13,7 +14,7 @@ from energy_opt.errors import BadInput
 from energy_opt.measured.columns import ARM_POWER, ByHand, given_names, kind_of, named_unit, understood
 from energy_opt.measured.header import UNITS, cut
 from energy_opt.measured.joint_units import MOST_AMPERES, TOO_FAST, joint_units, units_in_words, without_foreign
-from energy_opt.measured.meter_names import energy_column, whole_power
+from energy_opt.measured.meter_names import energy_column, power_by_file, whole_power
 from energy_opt.measured.names import joint_columns, names_joint, time_columns
 from energy_opt.measured.plausible import are_degrees
 from energy_opt.measured.table import Table
@@ -170,9 +171,17 @@ def guess_meter(table: Table, robot: Robot, span: float | None, hand: ByHand) ->
     out = Guess()
     _guess_time(table, out, "power.time", hand, span)
     _guess_meter(table, out, hand, robot)
-    if not {"power", "energy"} & set(out.columns):
-        known = understood(table, out.columns)
-        raise BadInput(f"{table.path}: neither joints' positions nor power nor energy of the whole robot; {known}")
+    known, only = {"power", "energy"} & set(out.columns), power_by_file(table.header, table.path.stem)
+    if not known and hand.power is None and only is not None:
+        _guess_meter(table, out, replace(hand, power=only), robot)
+        unit = _unnamed_units("power", table, out).get(only)
+        assumed = f"; the unit {unit} is assumed" if unit else ""
+        out.words.append(f"{only} is taken for the power, as the file's name says{assumed}")
+    elif not known:
+        said = understood(table, out.columns)
+        likely = power_by_file(table.header, "power")
+        said += f"; if this is the power: --power {shlex.quote(likely + ':W')}" if likely else ""
+        raise BadInput(f"{table.path}: neither joints' positions nor power nor energy of the whole robot; {said}")
     return out
 
 

@@ -27,12 +27,21 @@ NOT_POWER = words_in(
 METERED = dict.fromkeys(words_in("meter measured meas actual ist elec electric electrical ac mains grid netz"), 0.5)
 METERED |= dict.fromkeys(words_in("raw filtered mean average avg mittel rms instantaneous inst"), 0.0)
 
+SILENT = words_in("field data value values val wert messwert reading readings msg valeur valor valore") | {*METERED}
+
 
 def power_column(header: Sequence[str]) -> str | None:
     """The header of the whole robot's power, None if there is none."""
     good = {"total": 2.0, "totale": 2.0, "gesamt": 2.0, "input": 0.5, "in": 0.5, "import": 0.5, "main": 0.5} | METERED
     good |= dict.fromkeys(words_in("robot arm controller active wirk whole sum"), 1.0)
     return _best_header(header, POWER, NOT_POWER, good, "power")
+
+
+def power_by_file(header: Sequence[str], name: str) -> str | None:
+    """The only header whose words say nothing, if with the words of the file's name it is the whole robot's power."""
+    silent = [text for text in header if text and set(cut(text).words) <= SILENT]
+    named = " ".join(re.findall(r"[^\W\d_]+", name))
+    return silent[0] if len(silent) == 1 and power_column([f"{named} {silent[0]}"]) else None
 
 
 def energy_column(header: Sequence[str]) -> str | None:

@@ -94,6 +94,35 @@ def test_power_of_several_columns_is_imported_with_a_word(tmp_path, how):
         np.testing.assert_allclose(run.power, np.interp(run.start + run.power_time, t, true), atol=1e-2)
 
 
+@pytest.mark.parametrize(
+    ("file", "header", "taken"),
+    [
+        ("power", "%time,field.data", True),
+        ("robot_power_2", "%time,field.header.seq,data", True),
+        ("Leistung", "Zeit;Wert", True),
+        ("meter", "time,data", False),
+        ("motor_power", "time,data", False),
+        ("power", "time,field.data0,field.data1", False),
+        ("power", "time,voltage", False),
+        ("power", "time,data [V]", False),
+    ],
+)
+def test_a_column_that_says_nothing_is_the_power_if_the_files_name_says_so(tmp_path, file, header, taken):
+    t, q, _, p = arm(Z1)
+    put(tmp_path / "a.csv", lines(",".join(["time", *(f"q{k}" for k in SIX)]), [t, q]))
+    mark = ";" if ";" in header else ","
+    columns = [t, *[p] * header.count(mark)]
+    put(tmp_path / f"{file}.csv", lines(header, columns, delimiter=mark))
+    files = [tmp_path / "a.csv", tmp_path / f"{file}.csv"]
+    if taken:
+        made = import_files(files, tmp_path / "set", Z1)
+        assert any("as the file's name says; the unit W is assumed" in word for word in made.words)
+        return
+    with pytest.raises(BadInput, match="nor power nor energy") as refused:
+        import_files(files, tmp_path / "set", Z1)
+    assert ("power data:W" in str(refused.value)) == (header == "time,data")
+
+
 def test_voltage_and_current_of_a_phase_are_not_the_whole_supply() -> None:
     assert product_columns(["Voltage_A", "Current_A", "Voltage_B", "Current_B"]) is None
     robots = ["robot_voltage", "pc_voltage", "pc_current", "robot_current"]

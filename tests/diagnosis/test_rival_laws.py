@@ -18,7 +18,7 @@ from energy_opt.diagnosis.data.standing import standing_noise
 from energy_opt.diagnosis.evidence.errors import reading_of
 from energy_opt.diagnosis.evidence.odds import density
 from energy_opt.diagnosis.fit.posterior import Free
-from energy_opt.diagnosis.report.words import headline
+from energy_opt.diagnosis.report.words import UNRECORDED, headline
 from energy_opt.diagnosis.verdict.claims import Claim, is_a_line
 from energy_opt.diagnosis.verdict.findings import between
 from energy_opt.diagnosis.verdict.judge import jackknifed
@@ -188,6 +188,23 @@ def test_losses_of_the_supply_are_found_beside_links_that_are_off_and_noise_with
     named = [x.name for x in d.effects]
     assert cause in named or [cause] in d.document["alternatives"]
     assert not set(named) - {"psu_loss", "supply_efficiency", "meter_gain", "link_inertia"}
+
+
+@pytest.mark.parametrize(
+    ("watts", "signal", "joint", "said"),
+    [
+        (3.0, "velocity", "elbow", "4.0 W are left above the noise, of which 3.0 W go with velocity of elbow."),
+        (4.0, UNRECORDED, None, "4.0 W are left above the noise; they go with no signal that was recorded."),
+    ],
+)
+def test_the_headline_states_all_that_is_left(watts, signal, joint, said):
+    """It called the part that goes with one signal the rest."""
+    error = {"train": None, "holdout": {"power_rmse": 5.0, "energy_percent": 4.0}}
+    document = {
+        "verdict": "unexplained", "effects": [], "error": {"before": error, "after": error}, "explained_share": 0.0,
+        "noise_floor": 3.0, "remainder": [{"signal": signal, "joint": joint, "watts": watts}],
+    }  # fmt: skip
+    assert headline(document).endswith(f"energy 4.0 → 4.0 %. {said}")
 
 
 def test_the_headline_states_no_share_of_nothing():

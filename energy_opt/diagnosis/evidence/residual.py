@@ -39,7 +39,7 @@ class Attribution:
 
 
 def goes_with(f: Fit, free: Sequence[Free], joints: Sequence[str]) -> list[Attribution]:
-    """Signals that the residual of a fit follows, the strongest first.
+    """Signals that the residual of a fit follows, that with the most watts first.
 
     The strength of a signal is the share that a function of it predicts in parts of runs that it was not fitted to; or,
     for functions in `free`, which the search has accepted, the share that it removes where it is fitted.
@@ -72,7 +72,8 @@ def goes_with(f: Fit, free: Sequence[Free], joints: Sequence[str]) -> list[Attri
         held = best.get((row.signal, row.joint))
         if held is None or row.strength > held.strength:
             best[row.signal, row.joint] = row
-    return sorted(best.values(), key=lambda row: (row.signal not in chosen, -row.watts))[:MOST]
+    kept = sorted(best.values(), key=lambda row: (row.signal not in chosen, -row.watts))[:MOST]
+    return sorted(kept, key=lambda row: -row.watts)
 
 
 def wandering(f: Fit) -> bool:

@@ -74,9 +74,15 @@ def headline(document: dict[str, Any]) -> str:
         said += " Equally well: " + "; ".join(listed(a) if a else "nothing" for a in document["alternatives"][1:]) + "."
     if document["remainder"]:
         first = document["remainder"][0]
-        where = f" of {first['joint']}" if first["joint"] else ""
-        said += f" The rest ({first['watts']:.1f} W) depends on {first['signal']}{where}."
+        rest = max(after["power_rmse"] ** 2 - document["noise_floor"] ** 2, first["watts"] ** 2) ** 0.5
+        share = "; they" if first["signal"] == UNRECORDED else f", of which {first['watts']:.1f} W"
+        said += f" {rest:.1f} W are left above the noise{share} go with {_source(first)}."
     return said
+
+
+def _source(row: dict[str, Any]) -> str:
+    """The signal that a part of the residual goes with, and its joint."""
+    return row["signal"] + (f" of {row['joint']}" if row["joint"] else "")
 
 
 def joints_headline(names: Sequence[str], unit: str) -> str:
@@ -244,8 +250,7 @@ def next_step(document: dict[str, Any], follows: bool = True) -> str:
             return (
                 "Next: check the power's unit and what else the meter measures: no recorded signal explains the rest."
             )
-        of = f" of {first['joint']}" if first["joint"] else ""
-        return f"Next: look for a cause that depends on {first['signal']}{of}."
+        return f"Next: look for a cause that depends on {_source(first)}."
     return "Next: record more runs in other parts of the workspace, so that the held-out error is known better."
 
 
@@ -266,7 +271,7 @@ def summary(d: dict[str, Any]) -> str:
     if d["nuisance"]:
         lines.append("  included in the fit, not stated as a cause: " + ", ".join(d["nuisance"]))
     for row in d["remainder"][:3]:
-        lines.append(f"  the rest depends on {row['signal']} {row['joint'] or ''}: {row['watts']:.2f} W")
+        lines.append(f"  {row['watts']:.2f} W of the rest go with {_source(row)}")
     for part in ("train", "holdout"):
         before, after = d["error"]["before"][part], d["error"]["after"][part]
         if before is not None and after is not None:

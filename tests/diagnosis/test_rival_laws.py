@@ -17,8 +17,9 @@ from energy_opt.diagnosis.data.samples import Samples
 from energy_opt.diagnosis.data.standing import standing_noise
 from energy_opt.diagnosis.evidence.errors import reading_of
 from energy_opt.diagnosis.evidence.odds import density
+from energy_opt.diagnosis.evidence.residual import wave_words
 from energy_opt.diagnosis.fit.posterior import Free
-from energy_opt.diagnosis.report.words import UNRECORDED, headline
+from energy_opt.diagnosis.report.words import UNRECORDED, headline, remarks
 from energy_opt.diagnosis.verdict.claims import Claim, is_a_line
 from energy_opt.diagnosis.verdict.findings import between
 from energy_opt.diagnosis.verdict.judge import jackknifed
@@ -45,15 +46,20 @@ def standing(seed, memory, wave):
 
 
 def noise_of(power, time, noise, **logged):
+    _, found = standing_noise(at_rest(power, time, noise, **logged))
+    return float(np.hypot(found.white, found.wave))
+
+
+def at_rest(power, time, noise, **logged):
+    """The samples of standstills, as far as their noise needs them."""
     runs, count = power.shape
     parts = [slice(count * r, count * (r + 1)) for r in range(runs)]
     at = (20.0 * np.arange(runs)[:, None] + time).ravel()
     still = np.zeros(count * runs, dtype=bool)
-    samples = SimpleNamespace(
-        parts=parts, moving=still, at=at, t=at, power=power.ravel(), noise=noise, logged=logged, slices=parts
-    )
-    _, found = standing_noise(samples)
-    return float(np.hypot(found.white, found.wave))
+    return SimpleNamespace(
+        parts=parts, moving=still, at=at, t=at, power=power.ravel(), noise=noise, floor=noise, logged=logged,
+        slices=parts,
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -61,6 +67,15 @@ def test_noise_with_memory_is_as_large_as_it_is_where_single_readings_scatter_mo
     """Wave 1.2 W and white noise 0.5 W, while third differences say 0.85 W for both together: 1.3 W in all."""
     power, time = standing(seed, 0.1, 1.2)
     assert 0.95 < noise_of(power, time, 0.85) / power.std() < 1.2
+
+
+def test_slow_noise_is_mentioned_where_it_is_seen_at_rest(weakened):
+    """An error of the model in motion was called a wandering power, beside the noise of means of readings."""
+    assert wave_words(at_rest(*standing(1, 0.3, 0.0), 0.5)) == []
+    (said,) = wave_words(at_rest(*standing(1, 0.3, 2.0), 0.5))
+    assert "a single reading (0.5 W), the power at rest wanders by" in said
+    found = replace(weakened.inference, noise=Noise(0.45, 0.76, 0.7))
+    assert not any("wanders" in said for said in remarks(found, weakened.measured, weakened.declared))
 
 
 @pytest.mark.parametrize("cause", ["brakes", "fan"])

@@ -1,4 +1,4 @@
-"""The residual of a hypothesis: the signals that it correlates with, and the levels of power that it shows at rest.
+"""The residual of a hypothesis: the signals that it correlates with; levels of power and slow noise at rest.
 
 If no known effect explains the rest, the signals that it follows show the user where to look. A signal counts as far as
 a free function of it predicts the residual in parts of runs to which the function was not fitted.
@@ -13,6 +13,7 @@ import numpy as np
 
 from energy_opt.diagnosis.data.predict import Prediction
 from energy_opt.diagnosis.data.samples import Samples
+from energy_opt.diagnosis.data.standing import standing_noise
 from energy_opt.diagnosis.evidence.errors import reading_of
 from energy_opt.diagnosis.evidence.odds import STEADY
 from energy_opt.diagnosis.fit.candidates import functions
@@ -248,3 +249,21 @@ def mode_words(modes: list[Mode]) -> list[str]:
         return []
     each = ", ".join(f"{m.power:.4g} W ({m.seconds:.3g} s in {m.standstills} standstills)" for m in modes)
     return [f"Power at rest has {len(modes)} levels (for example motors on, brakes on, drives off): {each}."]
+
+
+WAVY = 1.5  # times the noise of the readings that are fitted from which slow noise is mentioned
+
+
+def wave_words(samples: Samples) -> list[str]:
+    """A remark on slow noise if all plausible noises of the readings at rest have it.
+
+    In motion, the error of a model looks like slow noise.
+    """
+    plausible = [noise for _, noise in standing_noise(samples)[0]]
+    if min(noise.wave / noise.white for noise in plausible) < WAVY:
+        return []
+    return [
+        f"Beside the noise of a single reading ({samples.floor:.2g} W), the power at rest wanders by "
+        f"{plausible[0].wave:.2g} W in about {plausible[0].memory:.2g} s. A load that switches, such as a fan, looks "
+        "like this; it counts as noise."
+    ]

@@ -9,7 +9,7 @@ import numpy as np
 
 from energy_opt.diagnosis.data.clusters import SLOW
 from energy_opt.diagnosis.data.predict import friction_torque, predict
-from energy_opt.diagnosis.evidence.residual import other_unit
+from energy_opt.diagnosis.evidence.residual import other_unit, wave_words
 from energy_opt.diagnosis.fit.posterior import Fit
 from energy_opt.diagnosis.verdict.inference import NOISE, Inference
 from energy_opt.effects import effect_class
@@ -19,7 +19,6 @@ from energy_opt.robot.limits import unit_of
 
 UNKNOWN = 0.4  # posterior over prior standard deviation above which the data hardly determined a number
 WANDERS = 0.3  # share of the noise by which runs' levels must differ to be mentioned
-WAVY = 1.5  # times the noise of single readings from which slow noise is mentioned
 SHARE = 0.01  # least explained share that the headline states
 UNRECORDED = "no signal that was recorded"  # the rest depends on it where it depends on none of the log
 PLAIN = {
@@ -154,12 +153,7 @@ def remarks(found: Inference, measured: MeasuredSet, declared: PowerModel) -> li
             f"The level of power differs from run to run by {apart:.2g} W (standard deviation), as if the meter or the "
             "standby drifts. The fit includes this; it is not stated as a cause."
         )
-    noise = found.noise
-    if noise.wave > WAVY * noise.white:
-        out.append(
-            f"Beside the noise of single readings ({noise.white:.2g} W), the power wanders by {noise.wave:.2g} W in "
-            f"about {noise.memory:.2g} s. A load that switches, such as a fan, looks like this; it counts as noise."
-        )
+    out += wave_words(model_fit.world.samples)
     for f in found.rivals[1:]:
         more = [name for name in f.names if name not in f.world.given]
         out.append(f"This explains the data as well: {listed(more) if more else 'nothing is missing'}.")

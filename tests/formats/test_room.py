@@ -124,7 +124,7 @@ def test_files_that_have_another_rate_or_break_a_limit_are_warnings(panda: Robot
     files = [
         Written("trajectory.yaml", "yaml", None, True, {}, f"as judged; {why}"),
         Written("trajectory.json", "json", 20.0, True, {}, "20 Hz"),
-        Written("trajectory.franka.csv", "franka", 1000.0, True, {}, "1000 Hz"),
+        Written("trajectory.franka.csv", "franka", 1000.0, True, {}, "1000 Hz: --rate 20 is not used"),
     ]
 
     def write(_: Result, folder: Path) -> list[Written]:
@@ -134,4 +134,7 @@ def test_files_that_have_another_rate_or_break_a_limit_are_warnings(panda: Robot
 
     with_files(result, write).save(tmp_path)
     found = json.loads((tmp_path / "result.json").read_text())["warnings"]
-    assert [said for said in found if "trajectory" in said] == [f"trajectory.yaml: as judged; {why}"]
+    assert [said for said in found if "trajectory" in said] == [
+        f"trajectory.yaml: as judged; {why}",
+        "trajectory.franka.csv: 1000 Hz: --rate 20 is not used",
+    ]

@@ -52,6 +52,7 @@ class Kinematics:
         q, v, a: (N, n) [rad, rad/s, rad/s^2]. cutoffs: (n,) [Hz] that were used.
         rest: (N, n) True for joints that rest by their readings where a smoothed speed rings, beside jumps of the
             acceleration; False where not asked for.
+        still: (N, n) True for joints that rest by their readings; True where not asked for.
         jumps: (N, 2 n) [rad/s, rad/s^2] errors of v and a beside jumps of the acceleration, with the signs of the
             changes by a lower cut-off; 0 elsewhere, and where not asked for.
     """
@@ -61,6 +62,7 @@ class Kinematics:
     a: np.ndarray
     cutoffs: np.ndarray
     rest: np.ndarray
+    still: np.ndarray
     jumps: np.ndarray
 
 
@@ -138,17 +140,20 @@ def kinematics(run: Run, at: np.ndarray, noise: Smoothing, details: bool = False
 
     v, a = slopes(1.0)
     rest, changes = np.zeros(v.shape, dtype=bool), np.zeros((len(at), 2 * v.shape[1]))
+    still = ~rest
+    if details:
+        resting = at_rest(run.time, run.position, SAME_PLACE)
+        after = np.clip(np.searchsorted(run.time, at), 0, len(resting) - 1)
+        still = resting[after] & resting[np.maximum(after - 1, 0)]  # both readings beside a time belong to a rest
     if run.acceleration is not None:
         a = make_interp_spline(*evenly(run.time, run.acceleration, EVEN), k=3)(at)
     elif details:
-        lower, resting = slopes(LOWER), at_rest(run.time, run.position, SAME_PLACE)
-        after = np.clip(np.searchsorted(run.time, at), 0, len(resting) - 1)
-        still = resting[after] & resting[np.maximum(after - 1, 0)]  # both readings beside a time belong to a rest
+        lower = slopes(LOWER)
         beside, rings = (_beside_jumps(at, a - lower[1], still, cutoffs, periods) for periods in (0.5, RINGS))
         rest = still & rings
         changes = np.where(np.tile(beside, 2), np.column_stack([v - lower[0], a - lower[1]]), 0.0)
         changes *= np.repeat(BESIDE_JUMP, v.shape[1])
-    return Kinematics(q, v, a, cutoffs, rest, changes)
+    return Kinematics(q, v, a, cutoffs, rest, still, changes)
 
 
 def _beside_jumps(
@@ -184,4 +189,5 @@ def _between(run: Run, at: np.ndarray) -> Kinematics:
     v = np.gradient(run.position, run.time, axis=0) if run.velocity is None else run.velocity
     a = np.zeros_like(v) if run.acceleration is None else run.acceleration
     q, v, a = (np.column_stack([np.interp(at, run.time, c) for c in x.T]) for x in (run.position, v, a))
-    return Kinematics(q, v, a, np.full(n, np.inf), np.zeros(q.shape, dtype=bool), np.zeros((len(at), 2 * n)))
+    none = np.zeros(q.shape, dtype=bool)
+    return Kinematics(q, v, a, np.full(n, np.inf), none, ~none, np.zeros((len(at), 2 * n)))

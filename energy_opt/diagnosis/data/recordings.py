@@ -22,7 +22,10 @@ if TYPE_CHECKING:
 
 BIN = 0.03  # [s] readings closer than this are averaged
 MOST_READINGS = 10_000  # most readings in a fit: five minutes of a fast meter; of more, neighbours are averaged
-REST, BY_NOISE = 1e-3, 4.0  # [rad/s] slower joints count as standing still; standard deviations of a speed that do, too
+REST, BY_NOISE = (
+    1e-3,
+    4.0,
+)  # [rad/s] slower joints count as still, see `_motion`; standard deviations of a speed that do, too
 MOST_NODES = 40_000  # most nodes at which models are evaluated: twenty minutes of a fast meter
 FEW_IN_BIN = 4  # least readings of a bin that show how single ones scatter in it
 FEW_RUNS = 8  # least runs to keep if runs are left out; otherwise each run is cut short
@@ -249,7 +252,11 @@ def _motion(run: Run, time: np.ndarray, smoothing: Smoothing) -> tuple[np.ndarra
     if moved.max() < 2e-3:
         q, v, a = np.tile(run.position.mean(axis=0), (len(time), 1)), np.zeros_like(v), np.zeros_like(a)
     blur_v, blur_a = _blur(run, smoothing, k.cutoffs)
-    v = np.where(np.abs(v) < np.maximum(REST, BY_NOISE * blur_v), 0.0, v)
+    noise = np.abs(v) < BY_NOISE * blur_v
+    slow = noise | (np.abs(v) < REST)
+    # a joint that creeps while another moves has friction in its direction
+    creeps = slow & ~noise & ~k.still & ~slow.all(axis=1, keepdims=True)
+    v = np.where(slow & ~creeps, 0.0, v)
     temperature = np.full_like(q, np.nan)
     if run.temperature is not None:
         temperature = np.column_stack([np.interp(time, run.time, c) for c in run.temperature.T])

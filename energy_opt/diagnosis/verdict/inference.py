@@ -186,7 +186,8 @@ def _judged(found: Search, best: Fit, noise: Noise, nothing: Fit, judge: Judge, 
     # signs of a law that is not in the library: it makes all forms inexact, so fine differences decide nothing
     odd = bool(claims and structures(found, accepted)) or any(g.signal != "time" for g in accepted.free)
     unknown = odd or bool(accepted.free) or judge.of(accepted).ratio >= NOISE
-    imitated = found.score(sure) - found.score(accepted) > CLAIM  # not confirmed by held-out motions
+    # not confirmed by held-out motions; an effect that hardly changes the readings imitates no law
+    imitated = found.score(sure) - found.score(accepted) > CLAIM and not same_readings((accepted, sure))
     loud = judge.loud
     most = loud.of(accepted)  # if the noise is larger than estimated, it is larger at rest, too
     misfit = most.motion / most.noise_motion >= NOISE * max(1.0, most.rest / most.noise_rest)

@@ -30,13 +30,15 @@ from energy_opt.diagnosis.evidence.odds import drift_of
 from energy_opt.diagnosis.fit.posterior import Fit, fit
 from energy_opt.diagnosis.hypothesis.terms import Term, chart
 from energy_opt.diagnosis.verdict.claims import written
-from energy_opt.diagnosis.verdict.inference import Inference
+from energy_opt.diagnosis.verdict.inference import NOISE, Inference
 from energy_opt.power import PowerModel
 
 SLOWER = 1.6  # factor on the duration of the slower motion that a motion is compared with
 STATED = 0.7  # share of further motions whose error does not exceed the stated one
 SURE = 2.0  # standard deviations above the noise from which energy errors are more than noise
 OPEN = ("coulomb_friction", "viscous_friction", "copper_loss")  # effects that may hide below the noise
+# share of the squares that the claims explain, and of a reading's white noise, below which another law may be ignored
+SLIGHT, FAINT = 0.01, 0.5
 DIFFERENCE = 20.0  # [%] largest error of the energy difference of two motions for a model that can plan
 # a torque that depends on position alone does the same work between the same ends; a meter's drift depends on time
 HARMLESS = ("position", "time")
@@ -74,16 +76,28 @@ def foreseen_by(found: Inference, model: PowerModel, samples: Samples, joints: S
         model: the one that is written. samples: of the whole set, training and holdout. joints: names.
     """
     # if the residual is more than noise, it may affect errors of energy, levels and the estimated noise
-    noise = None if found.verdict in ("partly", "unexplained") else found.noise
+    odd = any(g.signal not in HARMLESS for g in found.best.free)
+    noise = None if found.verdict in ("partly", "unexplained") or odd else found.noise
     best, rivals = found.best, [written(f) for f in found.rivals[1:]]
     drift = drift_of(best, samples, centred=True)
     offset = float(np.hypot(best.nuisance.offset, best.nuisance.drift))
     out = foreseen(model, samples, noise, drift, offset, found.accepted, best, rivals)
+    slight = found.verdict == "nothing_missing" or _slight(found)  # its share of the energies counts in full
+    if out.motions and slight:
+        out = replace(out, reason="")
     if out.reason:
         return out
-    if found.misspecified and found.verdict != "nothing_missing":
+    if found.misspecified and not slight:
         return replace(out, reason="a law is present that is not among the effects")
     return replace(out, reason=f"{joints[found.idle[0]]} hardly moves in the set") if found.idle else out
+
+
+def _slight(found: Inference) -> bool:
+    """True if what the likeliest hypothesis has beside the claims is far below the noise and the claims' part."""
+    best, accepted, nothing = (f.residual * f.world.samples.weight for f in (found.best, found.accepted, found.root))
+    apart, explained = np.mean((best - accepted) ** 2), np.mean(nothing**2) - np.mean(accepted**2)
+    few = apart < SLIGHT * explained and apart < (FAINT * found.accepted.world.whiten.noise.white) ** 2
+    return bool(few and found.after.ratio < NOISE)
 
 
 def foreseen(

@@ -22,10 +22,7 @@ if TYPE_CHECKING:
 
 BIN = 0.03  # [s] readings closer than this are averaged
 MOST_READINGS = 10_000  # most readings in a fit: five minutes of a fast meter; of more, neighbours are averaged
-REST, BY_NOISE = (
-    1e-3,
-    4.0,
-)  # [rad/s] slower joints count as still, see `_motion`; standard deviations of a speed that do, too
+REST, BY_NOISE = 1e-3, 4.0  # [rad/s] slower joints count as still, see `_motion`; standard deviations of noise, too
 MOST_NODES = 40_000  # most nodes at which models are evaluated: twenty minutes of a fast meter
 FEW_IN_BIN = 4  # least readings of a bin that show how single ones scatter in it
 FEW_RUNS = 8  # least runs to keep if runs are left out; otherwise each run is cut short

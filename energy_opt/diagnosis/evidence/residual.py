@@ -40,7 +40,7 @@ class Attribution:
 
 
 def goes_with(f: Fit, free: Sequence[Free], joints: Sequence[str]) -> list[Attribution]:
-    """Signals that the residual of a fit follows, that with the most watts first.
+    """Signals that the residual of a fit follows: those of accepted functions first, then that with the most watts.
 
     The strength of a signal is the share that a function of it predicts in parts of runs that it was not fitted to; or,
     for functions in `free`, which the search has accepted, the share that it removes where it is fitted.
@@ -73,8 +73,7 @@ def goes_with(f: Fit, free: Sequence[Free], joints: Sequence[str]) -> list[Attri
         held = best.get((row.signal, row.joint))
         if held is None or row.strength > held.strength:
             best[row.signal, row.joint] = row
-    kept = sorted(best.values(), key=lambda row: (row.signal not in chosen, -row.watts))[:MOST]
-    return sorted(kept, key=lambda row: -row.watts)
+    return sorted(best.values(), key=lambda row: (row.signal not in chosen, -row.watts))[:MOST]
 
 
 def wandering(f: Fit) -> bool:

@@ -111,7 +111,8 @@ class Margins:
     def dense(self, u: np.ndarray, pair: np.ndarray) -> np.ndarray:
         """What pairs of bodies (M,) keep [m] at places u (M,) before a proof: less than `at`.
 
-        A move leaves rest with the third power of time, so its first places are almost as near as its end.
+        A move leaves rest with the second power of time, or the third if its acceleration is 0 there, so its first
+        places are almost as near as its end. This bound grows as slowly; with a linear one, searches fail.
         """
         out = self._dense[pair]
         for held, from_end in zip(self._at_ends, (u, 1 - u), strict=True):

@@ -16,7 +16,7 @@ def detours(trajectory: Trajectory) -> list[dict[str, object]]:
     A joint's path is that of its quintics, read at ten places between samples.
     """
     q = trajectory.sample_denser(10)[0]
-    path, straight = np.abs(np.diff(q, axis=0)).sum(axis=0), np.abs(q[-1] - q[0])
+    path, straight = np.abs(np.diff(q, axis=0)).sum(axis=0), np.abs(q[-1] - q[0]).round(9)
     return [
         {"joint": joint, "path": float(path[j]), "straight": float(straight[j])}
         for j, joint in enumerate(trajectory.joints)

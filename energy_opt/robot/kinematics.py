@@ -227,6 +227,26 @@ class Coupling:
         return x if self.trivial else np.moveaxis(np.moveaxis(x, axis, -1) @ self.matrix, -1, axis)
 
 
+def idle(links: Sequence[Link], coupling: Coupling, moves: np.ndarray) -> np.ndarray:
+    """Which joints (n,) have no task in a motion: fingers, and joints of branches where no joint moves.
+
+    Joints that all branches share belong to each of them. Without a branch that moves, the one of "the last joint" has
+    the task.
+
+    Args:
+        moves: (n,) joints that end elsewhere than they start.
+    """
+    held = fingers(links)
+    inner = {link.parent for k, link in enumerate(links) if k not in held}
+    ends = [k for k in range(len(links)) if k not in held and k not in inner]
+    branches = np.array([(coupling.matrix[_behind(links, k)] != 0).any(axis=0) for k in ends])
+    active = (branches & moves & ~branches.all(axis=0)).any(axis=1)
+    if not active.any():
+        active = np.array([k == outermost(links) for k in ends])
+    out: np.ndarray = ~branches[active].any(axis=0) & ~moves
+    return out
+
+
 @dataclass(frozen=True)
 class Poses:
     """Frames of the links at N configurations, in the base frame.

@@ -7,7 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import energy_opt
+from energy_opt.power import source_method_2
 from energy_opt.robot import Robot, load_robot, tool_of
+from energy_opt.robot.kinematics import Coupling, Link, idle
 
 ARM = [(f"a{k}", "revolute", k - 1, "") for k in range(4)]
 SLIDE, LEAD = ("f1", "prismatic", 3, ""), '<mimic joint="f1" multiplier="-1"/>'
@@ -68,3 +71,29 @@ def test_a_gripper_does_not_measure_the_arm(tmp_path: Path) -> None:
     said = [w for w in placeholder.warnings if "the same on all joints" in w]
     assert [w.split(":")[0] for w in said] == list(placeholder.joints) and "500 N," in said[-1]
     assert not any(map(np.isfinite, placeholder.limits.effort))
+
+
+@pytest.mark.parametrize("grip", [0.3, 0.4])
+def test_fingers_hold_their_part_on_the_way(tmp_path: Path, grip: float) -> None:
+    """Without friction a swing of the finger by 0.6 rad and back saved 0.05 J."""
+    robot, start, goal = arm(tmp_path, HANDS["knuckles"]), [0, 0.2, 0.3, 0, 0.3], [0.8, -0.2, -0.3, 0.5, grip]
+    held = energy_opt.optimize(robot, source_method_2(robot), start=start, goal=goal, duration=1.0, seed=1)
+    travel = float(np.ptp(held.trajectory.position[:, 4]))
+    assert travel >= 0.1 if grip > 0.3 else travel <= 1e-4
+    assert held.saving is not None and held.saving.joules > 0
+
+
+def test_a_branch_without_a_task_stays() -> None:
+    """Two arms on a torso: each plans alone, and the joints of the other one stay."""
+    parents = {"torso": -1, "l1": 0, "l2": 1, "l3": 2, "r1": 0, "r2": 4, "r3": 5, "r4": 6}
+    links = [
+        Link(name, False, False, parent, np.eye(4), np.eye(3)[0], 1.0, np.zeros(3), np.eye(3), 0.0)
+        for name, parent in parents.items()
+    ]
+    names = np.array(list(parents))
+
+    def staying(*moving: str) -> set[str]:
+        return set(names[idle(links, Coupling.of(links), np.isin(names, moving))])
+
+    assert staying("l1") == {"r1", "r2", "r3", "r4"} and staying("l1", "r4") == set()
+    assert staying("r2", "torso") == staying("torso") == staying() == {"l1", "l2", "l3"}

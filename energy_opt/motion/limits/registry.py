@@ -9,6 +9,7 @@ import numpy as np
 from energy_opt.arguments import expect
 from energy_opt.errors import BadInput
 from energy_opt.motion.limits.base import Limit
+from energy_opt.motion.limits.held import Held
 from energy_opt.motion.limits.joint import Acceleration, Effort, Jerk, JointLimit, Position, Velocity
 from energy_opt.motion.limits.keep import KeepLine, KeepOrientation, KeepUpright
 from energy_opt.motion.limits.own import OwnLimit, Power
@@ -20,7 +21,7 @@ from energy_opt.robot import Limits, Robot
 
 # added to the robot's own
 ASKED: tuple[type[Limit], ...] = (
-    ViaPoints, Power, ToolSpeed, ToolAcceleration, KeepUpright, KeepOrientation, KeepLine, Tube,
+    Held, ViaPoints, Power, ToolSpeed, ToolAcceleration, KeepUpright, KeepOrientation, KeepLine, Tube,
 )  # fmt: skip
 
 

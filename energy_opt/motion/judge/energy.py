@@ -143,6 +143,11 @@ class Scorer:
         rigid = rigid_torque(self.model, self.robot.body, q, v, a)
         return self._law(q, v, a, rigid, t, *self._past(q, v, a, rigid, t)[:2])[:3]
 
+    def momentary(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, t: np.ndarray) -> np.ndarray:
+        """Power (N,) [W] by the exact laws at instants that are no motion: there is no past, and stores are empty."""
+        rigid = rigid_torque(self.model, self.robot.body, q, v, a)
+        return self._law(q, v, a, rigid, t, np.full(len(q), -1.0), np.zeros(len(q)))[1]
+
     def holding(self, q: np.ndarray) -> np.ndarray:
         """Power (K,) [W] of standing still at positions q (K, n)."""
         return self.drive(q, np.zeros_like(q), np.zeros_like(q), np.zeros(len(q)))[1]

@@ -13,7 +13,7 @@ from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.plan.candidates import Candidate, repaired_timing
 from energy_opt.motion.plan.context import Context, Judged, path_of
 from energy_opt.motion.plan.refusals import too_short
-from energy_opt.motion.plan.standing import at_rest
+from energy_opt.motion.plan.standing import with_rests
 from energy_opt.motion.result import Baseline, Optimality, Result, SolverReport
 from energy_opt.motion.retime.solve import GLOBAL_GAP, ROUNDING, RetimeSolution
 from energy_opt.motion.timing.spline_timing import Timing
@@ -183,11 +183,8 @@ def least(
         if repaired.trajectory is not None and fits_move(move, repaired.trajectory):
             judged.append(("retime", context.judge(repaired.trajectory)))
             best = valid()
-    if energy_counts and best is not None:  # the same with its creeping joints at rest
-        trajectory = at_rest(best[1].trajectory, context.model)
-        if trajectory is not None and fits_move(move, trajectory):
-            judged.append((best[0], context.judge(trajectory)))
-            best = valid()
+    if energy_counts and best is not None and move.mode == "reshape":
+        best = best[0], with_rests(context, best[1])
     return best, iterations
 
 

@@ -31,7 +31,7 @@ from energy_opt.motion.plan.clear import repaired_clear
 from energy_opt.motion.plan.clearing import Clearing
 from energy_opt.motion.plan.context import path_of
 from energy_opt.motion.plan.single import Single
-from energy_opt.motion.plan.standing import at_rest
+from energy_opt.motion.plan.standing import with_rests
 from energy_opt.motion.reshape.clear import TRUST
 from energy_opt.motion.reshape.curve import Outcome
 from energy_opt.motion.reshape.search import Reshaper
@@ -238,10 +238,8 @@ class Neighbours:
         best, trajectory, certificate, _ = repaired(self._context, self._reshaper, outcome, task)
         if not certificate.valid:
             return None
-        both = trajectory, at_rest(trajectory, self._context.model)  # also with its creeping joints at rest
-        judged = [found for t in both if t is not None and (found := self._context.judge(t)).certificate.valid]
-        least = min(judged, key=lambda found: found.energy.total, default=None)
-        return None if least is None else Optimum(least.trajectory, least.energy, best.converged, best)
+        found = with_rests(self._context, self._context.judge(trajectory))
+        return Optimum(found.trajectory, found.energy, best.converged, best) if found.certificate.valid else None
 
     def _retimed(self, duration: float) -> Optimum | None:
         context, shortest = self._context, self._single.timing

@@ -27,6 +27,7 @@ from energy_opt.motion.trajectory import Trajectory, joined, row_step, standing
 AT_REST = 1e-6  # [rad/s^2, m/s^2] a motion that ends with more is not at rest there
 SLOW = 2.0  # times the least time of the first path: faster moves are not tried with rest
 USED = 0.9  # share of the duration: the rest beside a longer move gains little
+HARDLY = 3e-3  # share of the loss: a faster move that takes no more than this beyond is solved, which makes it cheaper
 COARSE = 200  # steps of a motion by which it is estimated whether rest pays
 
 
@@ -46,11 +47,11 @@ def cheaper_end(scorer: Scorer, move: Move) -> tuple[float, bool]:
 
 
 def pays(scorer: Scorer, motion: Trajectory, power: float) -> bool:
-    """Does a motion take more energy than itself in `USED` of its duration, and rest with that power [W]?"""
+    """Does a motion take more, or hardly less, than itself in `USED` of its duration and rest with that power [W]?"""
     time = np.linspace(motion.time[0], motion.time[-1], COARSE + 1)
     coarse = Trajectory(motion.joints, time, *motion.sample(time)[:3])
-    faster = scorer.energy(coarse.slowed(USED * motion.duration)).total
-    return faster + power * (1 - USED) * motion.duration < scorer.energy(coarse).total
+    usual, faster = scorer.energy(coarse), scorer.energy(coarse.slowed(USED * motion.duration)).total
+    return faster + power * (1 - USED) * motion.duration < usual.total + HARDLY * usual.loss
 
 
 def rested(

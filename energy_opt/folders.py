@@ -258,9 +258,9 @@ def guard(file: Path, request: Mapping[str, Any], force: bool) -> None:
     held = document.get("request")
     if not isinstance(held, dict) or document.get("status") == "infeasible":
         return
-    wanted = plain(request)
-    keys = sorted((set(held) | set(wanted)) - set(SAME_ANSWER))
-    differ = [key for key in keys if held.get(key) != wanted.get(key) and (held.get(key) or wanted.get(key))]
+    # an empty entry means the same as none; 0 and False do not
+    old, new = ({k: v for k, v in each.items() if v not in (None, "", [], {})} for each in (held, plain(request)))
+    differ = sorted(key for key in {*old, *new} - {*SAME_ANSWER} if old.get(key) != new.get(key))
     if differ:
         raise BadInput(
             f"{file.parent} holds the result of another request ({', '.join(differ)}); "

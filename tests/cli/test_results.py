@@ -5,12 +5,13 @@ from __future__ import annotations
 import hashlib
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput
-from energy_opt.folders import ANSWERS, BESIDE, faults_of_results, written_whole
+from energy_opt.folders import ANSWERS, BESIDE, faults_of_results, guard, leave_folder, written_whole
 from energy_opt.formats import FORMATS
 from energy_opt.front.simulate import simulated_files
 
@@ -176,3 +177,22 @@ def test_runs_that_were_simulated_go_with_their_log_and_measured_ones_stay(tmp_p
         (aside / "run01.csv").write_text("new")
         (aside / "log.toml").write_text("")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["log.toml", "mine.csv", "run01.csv", "truth.toml"]
+
+
+@pytest.mark.parametrize("one", [{"floor": 0.0}, {"idle_power": 0}, {"self_collision": False}], ids=str)
+def test_zero_and_false_are_values_of_a_request(one: dict[str, Any], tmp_path: Path) -> None:
+    file, name = tmp_path / "result.json", next(iter(one))
+    for held, wanted in ((one, {}), ({}, one), ({name: None}, one)):
+        file.write_text(json.dumps({"request": held, "files": []}))
+        guard(file, held, force=False)
+        with pytest.raises(BadInput, match=f"another request \\({name}\\)"):
+            guard(file, wanted, force=False)
+    leave_folder(tmp_path)
+
+
+def test_an_empty_entry_of_a_request_is_none(tmp_path: Path) -> None:
+    """Earlier versions also wrote entries without a value."""
+    file = tmp_path / "result.json"
+    file.write_text(json.dumps({"request": {"via": [], "path": None, "cell": {}}, "files": []}))
+    guard(file, {}, force=False)
+    leave_folder(tmp_path)

@@ -7,17 +7,19 @@ A message names options of the command line, such as `--max-duration`. If the ca
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import KW_ONLY, InitVar, dataclass, fields, replace
 from difflib import get_close_matches
 from math import ceil, floor, inf, log10
 from traceback import extract_tb
-from typing import Any
+from typing import Any, TypeVar
 
 OTHERWISE = {"as": "standard"}  # options whose argument has another name
 LONGEST = 300  # most characters of a fault's text: libraries list every form of a call
+MOST = 20  # most faults of a file that are named; the rest is counted
+Read = TypeVar("Read")
 
 _options: ContextVar[bool] = ContextVar("messages speak of options", default=False)
 
@@ -109,6 +111,26 @@ class BadInput(EnergyOptError):
 
     exit_code = 2
     status = "bad_input"
+
+
+def refuse(faults: Iterable[str]) -> None:
+    """Raise BadInput with a line for each fault, of very many with their number at the end; do nothing without any."""
+    found = list(faults)
+    more = [f"and {len(found) - MOST} more faults"] if len(found) > MOST else []
+    if found:
+        raise BadInput("\n".join([*found[:MOST], *more]))
+
+
+def read_each(read: Callable[..., Read], each: Iterable[Iterable[Any]]) -> list[Read]:
+    """What `read` returns for each tuple of arguments; BadInput with a line for each fault if it raises some."""
+    values, faults = [], []
+    for given in each:
+        try:
+            values.append(read(*given))
+        except BadInput as error:
+            faults += str(error).splitlines()
+    refuse(faults)
+    return values
 
 
 @dataclass(eq=False, repr=False)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from energy_opt.errors import BadInput
+from energy_opt.errors import BadInput, read_each, refuse
 from energy_opt.files import finite_number, read_text, replacing
 
 
@@ -29,7 +29,7 @@ def read_table(path: Path) -> dict[str, np.ndarray]:
     """Columns of a CSV file by header; every entry must be a finite number. Columns of text alone are left out.
 
     Raises:
-        BadInput: names the file, the row (the header is row 1) and the column at fault.
+        BadInput: a line for each fault, with the file, the row (the header is row 1) and the column.
     """
     try:
         records = list(csv.reader(read_text(path).splitlines()))
@@ -42,14 +42,12 @@ def read_table(path: Path) -> dict[str, np.ndarray]:
     if mark is not None:
         raise BadInput(f"{path}: row 1: columns are separated by {mark!r}; expected commas, and points in numbers")
     repeated = sorted({name for name in header if header.count(name) > 1})
-    if repeated:
-        raise BadInput(f"{path}: row 1: column {repeated[0]!r} is given twice")
+    refuse(f"{path}: row 1: column {name!r} is given twice" for name in repeated)
     body = [(k, row) for k, row in enumerate(records[1:], start=2) if row]
     if not body:
         raise BadInput(f"{path}: row 2: no data rows below the header")
-    for k, row in body:
-        if len(row) != len(header):
-            raise BadInput(f"{path}: row {k}: {len(row)} cells, the header has {len(header)}")
+    wide = len(header)
+    refuse(f"{path}: row {k}: {len(row)} cells, the header has {wide}" for k, row in body if len(row) != wide)
     kept = [c for c in range(len(header)) if not all(_is_text(row[c]) for _, row in body)]
     if 0 < len(kept) < len(header):
         header, body = [header[c] for c in kept], [(k, [row[c] for c in kept]) for k, row in body]
@@ -59,9 +57,8 @@ def read_table(path: Path) -> dict[str, np.ndarray]:
         values = np.empty((0, 0))
     underscored = any("_" in "".join(row) for _, row in body)  # Python and NumPy read 3_0 as 30
     if not values.size or underscored or not np.isfinite(values).all():
-        for k, row in body:
-            for name, cell in zip(header, row, strict=True):
-                finite_number(cell, f"{path}: row {k}, column {name}")
+        cells = ((k, *cell) for k, row in body for cell in zip(header, row, strict=True))
+        read_each(finite_number, ((cell, f"{path}: row {k}, column {name}") for k, name, cell in cells))
     return {name: values[:, c] for c, name in enumerate(header)}
 
 

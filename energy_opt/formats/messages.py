@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.errors import BadInput
+from energy_opt.errors import BadInput, read_each, refuse
 from energy_opt.files import read_json, read_yaml_documents, write_json, write_text
 from energy_opt.formats.waypoints import Samples, repeated
 from energy_opt.motion.trajectory import Trajectory
@@ -103,28 +103,29 @@ def _samples(message: Mapping[str, Any], where: str) -> Samples:
         raise BadInput(f"{where}: joint_names: {next(n for n in names if names.count(n) > 1)} is given twice")
     if not isinstance(points, list) or not points or not all(isinstance(point, Mapping) for point in points):
         raise BadInput(f"{where}: points is not a list of points")
-    blocks: dict[str, Any] = {}
+    stamps = [point.get("time_from_start", 0) for point in points]
+    timed = [(stamp, f"{where}: points[{k}].time_from_start") for k, stamp in enumerate(stamps)]
+    columns: dict[str, tuple[Any, ...]] = {"time": (seconds, timed)}
     for kind, field in FIELDS.items():
         given = [k for k, point in enumerate(points) if point.get(field)]
         if not given or (kind in ("acceleration", "effort") and len(given) < len(points)):
             if kind == "position":
                 raise BadInput(f"{where}: points[0].positions is missing")
             continue
-        if len(given) < len(points):
-            k = next(k for k in range(len(points)) if k not in given)
-            raise BadInput(f"{where}: points[{k}].{field} is missing, though points[{given[0]}] has them")
-        blocks[kind] = np.array(
-            [_vector(point[field], len(names), f"{where}: points[{k}].{field}") for k, point in enumerate(points)]
-        )
-    stamps = [point.get("time_from_start", 0) for point in points]
-    time = np.array([seconds(stamp, f"{where}: points[{k}].time_from_start") for k, stamp in enumerate(stamps)])
+        missing = sorted({*range(len(points))} - {*given})
+        refuse(f"{where}: points[{k}].{field} is missing, though points[{given[0]}] has them" for k in missing)
+        given_as = [(point[field], len(names), f"{where}: points[{k}].{field}") for k, point in enumerate(points)]
+        columns[kind] = (_vector, given_as)
+    read: list[list[Any]] = read_each(read_each, columns.values())
+    blocks: dict[str, Any] = {kind: np.array(values) for kind, values in zip(columns, read, strict=True)}
+    time = blocks.pop("time")
     if (time == time[0]).all():
         return Samples(where, tuple(names), position=blocks["position"], planned=True)
     keep = ~repeated(time, blocks["position"])
     late = np.flatnonzero((np.diff(time) <= 0) & keep[1:])
-    if late.size:
-        k = int(late[0])
-        raise BadInput(f"{where}: points[{k + 1}].time_from_start: {time[k + 1]:g} s does not come after {time[k]:g} s")
+    refuse(
+        f"{where}: points[{k + 1}].time_from_start: {time[k + 1]:g} s does not come after {time[k]:g} s" for k in late
+    )
     blocks = {kind: block[keep] for kind, block in blocks.items()}
     return Samples(where, tuple(names), time=time[keep], planned=True, **blocks)
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.errors import BadInput
+from energy_opt.errors import BadInput, refuse
 from energy_opt.formats.waypoints import KINDS, Samples, repeated
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics.stamps import restamped
@@ -28,8 +28,8 @@ def read(path: Path) -> Samples:
     stamp are put on the controller's clock or left out, as in a measured set; a note says so.
 
     Raises:
-        BadInput: names file, row and column at fault: a value is no number, time does not rise, or a joint lacks a
-            column that others have.
+        BadInput: a line for each fault, with file, row and column: a value is no number, time does not rise, or a
+            joint lacks a column that others have.
     """
     table = read_table(path)
     stamps = "time" if "time" in table else next((name for name in table if STAMPS.fullmatch(name)), None)
@@ -45,13 +45,13 @@ def read(path: Path) -> Samples:
         present = [name for name in columns if name in table]
         if not present:
             continue
-        if len(present) < len(columns):
-            missing = next(name for name in columns if name not in table)
-            raise BadInput(f"{path}: row 1: column {missing} is missing, though {present[0]} is there")
+        missing = [name for name in columns if name not in table]
+        refuse(f"{path}: row 1: column {name} is missing, though {present[0]} is there" for name in missing)
         blocks[kind] = np.column_stack([table[name] for name in columns])
     if stamps is not None:
         stated = STAMPS.fullmatch(stamps)
-        time = table[stamps] * (1.0 if stated is None else SECONDS[stated[1].lower()])
+        clock = table[stamps]
+        time = clock * (1.0 if stated is None else SECONDS[stated[1].lower()])
         notes: tuple[str, ...] = ()
         steps = np.diff(time)
         if len(time) >= MANY and steps.min() == 0 and np.count_nonzero(steps) > 1:
@@ -60,10 +60,9 @@ def read(path: Path) -> Samples:
         else:
             fresh = ~repeated(time, blocks["position"])
             late = np.flatnonzero((steps <= 0) & fresh[1:])
-            if late.size:
-                k = int(late[0])
-                before, after = table[stamps][k : k + 2]
-                raise BadInput(f"{path}: row {k + 3}, column {stamps}: {after:g} does not come after {before:g}")
+            refuse(
+                f"{path}: row {k + 3}, column {stamps}: {clock[k + 1]:g} does not come after {clock[k]:g}" for k in late
+            )
             kept, time = np.flatnonzero(fresh), time[fresh]
         blocks = {kind: block[kept] for kind, block in blocks.items()}
         return Samples(str(path), tuple(joints), time=time, timed=stated is not None, notes=notes, **blocks)

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import AfterValidator, Field, StrictBool, model_validator
 
-from energy_opt.errors import BadInput
+from energy_opt.errors import BadInput, read_each, refuse
 from energy_opt.files import is_number, read_yaml
 from energy_opt.schema import Table, parse, reads
 
@@ -270,15 +270,15 @@ def overlay(
         before = [name.removesuffix(joints[0]) for name in table if name.endswith(joints[0])]
         hint = f"; they fit with --joint-prefix {before[0]!r}" if before and before[0] != prefix else ""
         raise BadInput(f"{path}: names {', '.join(table)}; the robot's joints are {', '.join(joints)}{hint}")
-    for name in table:
-        meant = _misspelt(name, [n for n in names if n not in table])
-        if name not in names and name not in others and meant:
-            raise BadInput(f"{path}: joint_limits.{name}: the robot has no such joint; did you mean {meant!r}?")
+    absent = [name for name in names if name not in table]
+    refuse(
+        f"{path}: joint_limits.{name}: the robot has no such joint; did you mean {meant!r}?"
+        for name in table
+        if name not in names and name not in others and (meant := _misspelt(name, absent))
+    )
     arrays = {field.name: getattr(limits, field.name).copy() for field in dataclasses.fields(Limits)}
-    for j, name in enumerate(names):
-        if name in table:
-            where = f"{path}: joint_limits.{name}"
-            _apply(arrays, j, parse(JointTable, table[name], where), where)
+    entries = ((arrays, j, table.get(name, {}), f"{path}: joint_limits.{name}") for j, name in enumerate(names))
+    read_each(_apply, entries)
     factors, warnings = {}, []
     for kind in ("acceleration", "jerk"):  # `with_assumptions` says so of velocities
         removed = np.isfinite(getattr(limits, kind)) & np.isinf(arrays[kind])
@@ -321,8 +321,9 @@ def _document(path: Path) -> LimitsTable:
     return parse(LimitsTable, {str(key): value for key, value in document.items()}, str(path))
 
 
-def _apply(arrays: dict[str, np.ndarray], j: int, row: JointTable, where: str) -> None:
-    """Apply one joint's entry of a limits file to the bounds of joint j."""
+def _apply(arrays: dict[str, np.ndarray], j: int, entry: dict[str, Any], where: str) -> None:
+    """Apply one joint's entry of a limits file to the bounds of joint j; BadInput that begins with `where`."""
+    row = parse(JointTable, entry, where)
     if row.has_position_limits is False:
         arrays["lower"][j], arrays["upper"][j] = -np.inf, np.inf
     for side, own in (("lower", row.min_position), ("upper", row.max_position)):

@@ -11,6 +11,8 @@ import numpy as np
 from energy_opt.errors import BadInput, read_each, refuse
 from energy_opt.files import finite_number, read_text, replacing
 
+IMPORT = "`energy-opt import` converts logs with other columns"  # advice where columns are missing
+
 
 def write_table(path: Path, header: Sequence[str], columns: Sequence[np.ndarray]) -> None:
     """Write a table as CSV with full double precision.

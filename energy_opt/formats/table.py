@@ -12,7 +12,7 @@ from energy_opt.errors import BadInput, refuse
 from energy_opt.formats.waypoints import KINDS, Samples, repeated
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.numerics.stamps import restamped
-from energy_opt.tables import read_table, write_table
+from energy_opt.tables import IMPORT, read_table, write_table
 
 # headers of times with their unit: time_ms, t [s], timestamp(us)
 STAMPS = re.compile(r"(?:time|time_?stamp|stamp|elapsed|t)(?:_|\s*[\[(]\s*)(s|ms|us|ns)\s*[\])]?", re.IGNORECASE)
@@ -38,7 +38,9 @@ def read(path: Path) -> Samples:
     if plain:
         joints = [name for name in table if name not in (stamps, "power") and "." not in name]
     if not joints:
-        raise BadInput(f"{path}: row 1: no column <joint>.position; columns are {', '.join(table)}")
+        stem = next((name.rpartition(".")[0] for name in table if "." in name), "<joint>")
+        listed = f"columns are {', '.join(table)}; expected names such as {stem}.position; {IMPORT}"
+        raise BadInput(f"{path}: row 1: no column <joint>.position; {listed}")
     blocks: dict[str, Any] = {}
     for kind in KINDS:
         columns = [joint if plain and kind == "position" else f"{joint}.{kind}" for joint in joints]

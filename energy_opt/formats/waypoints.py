@@ -10,6 +10,7 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.tables import IMPORT
 
 LARGEST = 1e9  # largest plausible value [rad or m, and per second, ...]
 SHORTEST = 1e-10  # [s] least step between two samples: messages count nanoseconds
@@ -99,7 +100,7 @@ class Samples:
             other = fitting_prefix(self.joints, joints)
             hint = f"; they fit with --joint-prefix {other!r}" if other else ""
             if other is None and self.time is not None:
-                hint = "; is it another robot's (--robot, --lock)? `energy-opt import` converts logs with other columns"
+                hint = f"; is it another robot's (--robot, --lock)? {IMPORT}"
             raise BadInput(f"{self.where}: joint {missing[0]} is missing; the file has {names}{hint}")
         index = [self.joints.index(name) for name in wanted]
         columns = {kind: getattr(self, kind) for kind in KINDS}

@@ -232,9 +232,12 @@ def _trajectory(file: Path, request: CheckRequest, notes: list[str]) -> list[str
         if excess > ALLOWED:
             before = int(np.searchsorted(samples.time - samples.time[0], found.time, side="right"))
             place = f"row {before + 1}" if file.suffix == ".csv" else f"points[{before - 1}]"  # the header is row 1
+            by = f"{100 * excess:.3g} %"
+            if found.limit == "position":
+                by = f"{abs(found.value - found.bound):.3g} {robot.unit('position', found.where)}"
             faults.append(
                 f"{file}: {found.limit} of {found.where} is {found.value:.6g} at {samples.time[0] + found.time:.4f} s "
-                f"({place}), beyond its bound {found.bound:.6g} by {excess:.2e} of it"
+                f"({place}); bound {found.bound:.6g}, exceeded by {by}"
             )
     return faults
 

@@ -42,7 +42,7 @@ Asked = TypeVar("Asked", JobRequest, TradeoffRequest, PlaceRequest)
 def content_of(request: JobRequest | TradeoffRequest | PlaceRequest) -> tuple[dict[str, Any], Path]:
     """A job's document, and the file whose folder contains its other files."""
     if isinstance(request.job, Mapping):
-        return plain(request.job), Path(request.folder or ".") / "job.toml"
+        return plain(request.job), Path(request.folder or ".") / "job"
     path = Path(str(request.job))
     return read_toml(path, "job"), path
 

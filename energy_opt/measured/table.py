@@ -12,6 +12,7 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.measured.layout import DATES, NUMBER, Csv, Layout, date_form, is_number, layout_of, seconds, split, text
+from energy_opt.tables import IMPORT
 
 MAX_FAULTS = 5  # most faults named per column; the rest is counted
 BLOCK = 1 << 24  # [bytes] parsed at a time; a row must be shorter
@@ -104,9 +105,9 @@ class Table:
         """One column (N,) as numbers, nan for empty cells and other text; date-times as seconds."""
         if name not in self.header:
             more = f", ... ({len(self.header)} in all)" if len(self.header) > NAMED else ""
-            self.faults.append(
-                f"{self.path}: row 1: no column {name!r}; there are {', '.join(self.header[:NAMED])}{more}"
-            )
+            there = f"there are {', '.join(self.header[:NAMED])}{more}"
+            advice = f"state others in [columns] of log.toml, or {IMPORT}"
+            self.faults.append(f"{self.path}: row 1: no column {name!r}; {there}; {advice}")
             return np.full(len(self), np.nan)
         self.load([name])
         return self._columns[name]

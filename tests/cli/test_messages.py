@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import pytest
 from logs import Z1, arm, lines, log, put
@@ -124,3 +125,33 @@ def test_a_payload_in_grams_is_refused_by_every_verb_of_measured_data(tmp_path, 
     assert main([verb, *words.get(verb, [str(tmp_path)]), *out, "--payload", "500"]) == 2
     assert "are these grams? then 0.5 kg" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_other_column_names_have_a_remedy(tmp_path, capsys):
+    joints = [f"joint{k}" for k in range(1, 7)]
+    (tmp_path / "pos.csv").write_text(f"time,{','.join(f'{joint}.pos' for joint in joints)}\n0,0,1,-1,0,0,0\n")
+    assert main(["check", str(tmp_path / "pos.csv"), "--robot", "z1"]) == 2
+    assert "expected names such as joint1.position; `energy-opt import`" in capsys.readouterr().err
+    (tmp_path / "set").mkdir()
+    (tmp_path / "set/log.toml").write_text('format = "energy-opt/log/1"\nrobot = "z1"\n[[run]]\nfile = "q.csv"\n')
+    (tmp_path / "set/q.csv").write_text("time,q1,q2,q3,q4,q5,q6,power\n0,0,1,-1,0,0,0,90\n1,0,1,-1,0,0,0,90\n")
+    for verb in ("check", "identify"):
+        assert main([verb, str(tmp_path / "set")]) == 2
+        said = capsys.readouterr().err
+        assert "[columns] of log.toml" in said and "`energy-opt import`" in said, said
+
+
+def test_an_exceeded_limit_says_by_how_much(tmp_path, capsys):
+    header = ",".join(["time", *(f"joint{k}.position" for k in range(1, 7))])
+    rows = [f"{t / 100},{0.1 * t},1,-1,0,0,0" for t in range(31)]  # 10 rad/s
+    (tmp_path / "fast.csv").write_text("\n".join([header, *rows]))
+    assert main(["check", str(tmp_path / "fast.csv"), "--robot", "z1", "--self-collision", "off"]) == 2
+    said = capsys.readouterr().err
+    bound = eo.load_robot("z1").limits.velocity[0]
+    assert f"bound {bound:.6g}, exceeded by {100 * (10 / bound - 1):.3g} %" in said, said
+    assert re.search(r"position of joint1 is \S+ at .*exceeded by \S+ rad\n", said), said
+
+
+def test_a_job_from_a_mapping_is_not_called_a_file():
+    with pytest.raises(eo.BadInput, match=r"^job: step is missing$"):
+        eo.job({"format": "energy-opt/job/1", "robot": "z1", "cycle_time": 4.0})

@@ -144,7 +144,7 @@ class Settings:
         objective: what is minimised; all but "energy" are common proxies, scored under the full model.
         solver: "ipopt", which continues if the search without bodies has not converged, or "sqp" alone.
         dynamics: source of the symbolic dynamics (see `dynamics`).
-        verify_samples: samples of the certificate; None for ten between every two samples.
+        verify_samples: least number of samples of the certificate; None for ten between every two samples.
         end_acceleration: of a reshaped move, "zero" or "free". If the best timing of the first path, whose end
             accelerations are free, takes less energy than a move with "zero", "free" is solved too; with or without
             the conditions and bodies.

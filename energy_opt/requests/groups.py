@@ -239,7 +239,7 @@ class SolvingGroup(Request):
     compile: str = option("auto", "compile the model's functions to machine code: auto, always or never (auto)", "WHEN")
     objective: str = option("energy", "minimise energy, torque, power_squared, path_length or time (energy)", "NAME")
     verify_samples: int | None = option(
-        None, "number of samples of the certificate (10 between two samples of the trajectory)", "N"
+        None, "least number of samples of the certificate (10 between two samples of the trajectory)", "N"
     )
     dynamics: str = option(
         "auto", "symbolic dynamics: compact (this package's), pinocchio (its CasADi build) or auto (auto)", "SOURCE"

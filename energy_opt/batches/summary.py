@@ -182,7 +182,8 @@ def table(summary: Mapping[str, Any], out: Path) -> str:
         lines.append(f"  ... and {len(summary['failures']) - 10} more, in report.html")
     if summary["savings"]:
         lines.append("loss saved against the same path at the same duration [%]:")
-        lines.append(f"  {'':44s} {'moves':>6} {'mean':>7} {'worst':>7} {'median':>7} {'best':>7}")
+        titles = " ".join(name for name in OF_SAVINGS if any(row[name] for row in summary["savings"]))
+        lines.append(f"  {titles:44s} {'moves':>6} {'mean':>7} {'worst':>7} {'median':>7} {'best':>7}")
     for row in summary["savings"]:
         label = " ".join(str(row[n]) for n in OF_SAVINGS if row[n])
         found = row["loss_percent"]

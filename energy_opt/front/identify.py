@@ -50,6 +50,13 @@ class Suggested(Found):
         write_table(out / "suggested_poses.csv", *self.table)
         return self
 
+    def text(self, out: Path) -> str:
+        """A line for each pose [rad or m], with its |gravity torque|^2 [(N m)^2]."""
+        names = [*self.robot.joints, "torque^2"]
+        poses = ([f"{x:.4f}" for x in pose] for pose in zip(*self.table[1], strict=True))
+        width = 2 + max(9, *map(len, names))
+        return "\n".join("".join(word.rjust(width) for word in line) for line in (names, *poses))
+
     @property
     def table(self) -> tuple[list[str], list[np.ndarray]]:
         """Headers and columns of suggested_poses.csv."""

@@ -255,5 +255,6 @@ def _count(value: Any) -> Any:
 
 
 def _in_seconds(values: Mapping[str, Any]) -> dict[str, Any]:
-    """build_seconds -> "build [s]"."""
-    return {re.sub("_seconds$", " [s]", name): value for name, value in values.items()}
+    """build_seconds -> "build [s]"; compiled -> "model compiled"."""
+    named = {"compiled": "model compiled"}
+    return {named.get(name, re.sub("_seconds$", " [s]", name)): value for name, value in values.items()}

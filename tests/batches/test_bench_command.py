@@ -9,6 +9,7 @@ import sys
 import pytest
 
 from energy_opt.batches.records import COLUMNS, TIMES, read_parquet
+from energy_opt.batches.summary import table
 from energy_opt.cli.main import main
 
 SUITE = """format = "energy-opt/suite/1"
@@ -95,6 +96,12 @@ def test_number_of_workers_changes_no_number(ran):
     one, two = (read_parquet(ran[jobs] / "results.parquet") for jobs in ("1", "2"))
     for a, b in zip(one, two, strict=True):
         assert {k: v for k, v in a.items() if k not in TIMES} == {k: v for k, v in b.items() if k not in TIMES}
+
+
+def test_the_table_of_savings_has_titles(ran):
+    lines = table(json.loads((ran["1"] / "summary.json").read_text()), ran["1"]).splitlines()
+    k = next(k for k, line in enumerate(lines) if "median" in line)
+    assert "robot mode" in lines[k] and len(lines[k].split()) == len(lines[k + 1].split())
 
 
 def test_compare_on_the_command_line(ran, capsys):

@@ -66,6 +66,14 @@ def test_an_example_is_read_back(kind, tmp_path, capsys):
         assert main(["check", str(tmp_path / name), "--robot", "panda", "--quiet"]) == 0
 
 
+def test_the_example_of_a_job_shows_a_step_for_place(tmp_path, capsys):
+    assert main(["--example", "job"]) == 0
+    job = capsys.readouterr().out.replace('to = "part"\n# pose', "pose")
+    (tmp_path / "pick.toml").write_text(job)
+    found = load_job(tmp_path / "pick.toml", load_robot)
+    assert [found.steps[k].name for k in found.open] == ["to the part"]
+
+
 def test_faults_of_what_is_printed(capsys):
     assert main(["--example", "modle"]) == 2 and "did you mean 'model'" in capsys.readouterr().err
     assert main(["bench", "--example", "suite"]) == 2

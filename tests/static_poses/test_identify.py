@@ -142,6 +142,13 @@ def test_suggested_poses_beat_random_ones(tmp_path):
     assert main(["identify", "--suggest", "2", "--robot", "z1", "--out", str(tmp_path), "--quiet"]) == 2
 
 
+def test_suggested_poses_are_printed_as_a_table():
+    found = eo.identify(robot="z1", suggest=4, self_collision=False)
+    titles, *rows = str(found).splitlines()
+    assert titles.split() == [*load_robot("z1").joints, "torque^2"]
+    np.testing.assert_allclose([[float(x) for x in row.split()][:-1] for row in rows], found["poses"], atol=1e-4)
+
+
 def test_poses_of_an_arm_on_a_wall(tmp_path):
     """--base turns gravity: loads of an upright arm gave another copper loss."""
     whole = pin.buildModelFromUrdf(str(urdf_of(CATALOG["z1"])))

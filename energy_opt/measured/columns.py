@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from energy_opt.errors import BadInput, suggest
-from energy_opt.measured.header import UNITS, known_unit, unit_in
+from energy_opt.measured.header import UNITS, known_unit, no_unit, unit_in
 from energy_opt.measured.meter_names import power_column
 from energy_opt.measured.names import joint_columns
 from energy_opt.measured.run import JOINT_SIGNALS
@@ -111,7 +111,7 @@ def rule_from(quantity: str, value: Any, where: str) -> Rule:
         return Rule(tuple(names), None, combined)
     unit = known_unit(kind, value["unit"]) if isinstance(value["unit"], str) else None
     if unit is None:
-        raise BadInput(f"{where}: columns.{quantity}: unit {value['unit']!r}; known: {', '.join(UNITS[kind])}")
+        raise BadInput(f"{where}: columns.{quantity}: {no_unit(kind, str(value['unit']))}")
     return Rule(tuple(names), UNITS[kind][unit], combined)
 
 
@@ -270,7 +270,7 @@ def _column(tables: Sequence[Table], option: str, kind: str, word: str) -> str:
             return name
     headers = list(dict.fromkeys(name for table in tables for name in table.header))
     if column in headers:
-        raise BadInput(f"{option} {word}: {unit!r} is no unit of {kind}")
+        raise BadInput(f"{option} {word}: {no_unit(kind, unit)}")
     raise BadInput(f"{option} {word}: no such column{suggest(word, headers)}; there are {quoted(headers)}")
 
 

@@ -13,43 +13,51 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 DEGREE = math.pi / 180
+LENGTHS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "inch": 0.0254}
+POSITIONS = {"rad": 1.0, "mrad": 1e-3, "deg": DEGREE, "gon": math.pi / 200, "rev": 2 * math.pi, **LENGTHS}
 # Factors to SI units, by kind of quantity; the first unit of each is SI's. A word in another case means the last unit
 # that differs from it in case alone: "mj" are mJ, though MJ are known.
 UNITS: dict[str, dict[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
-    "position": {"rad": 1.0, "deg": DEGREE, "rev": 2 * math.pi, "m": 1.0, "mm": 1e-3},
-    "velocity": {"rad/s": 1.0, "deg/s": DEGREE, "rpm": math.pi / 30, "rev/s": 2 * math.pi, "m/s": 1.0, "mm/s": 1e-3},
-    "acceleration": {"rad/s^2": 1.0, "deg/s^2": DEGREE, "m/s^2": 1.0, "mm/s^2": 1e-3},
-    "effort": {"N m": 1.0, "Nm": 1.0, "mN m": 1e-3, "N": 1.0},
+    "position": POSITIONS,
+    "velocity": {**{f"{unit}/s": factor for unit, factor in POSITIONS.items()}, "rpm": math.pi / 30},
+    "acceleration": {f"{unit}/s^2": factor for unit, factor in POSITIONS.items()},
+    "effort": {"N m": 1.0, "mN m": 1e-3, "kN m": 1e3, "kgf cm": 0.0980665, "lbf in": 0.112984829, "N": 1.0},
     "current": {"A": 1.0, "mA": 1e-3},
     "voltage": {"V": 1.0, "mV": 1e-3, "kV": 1e3},
     "temperature": {"degC": 1.0},
-    "power": {"W": 1.0, "MW": 1e6, "mW": 1e-3, "kW": 1e3, "uW": 1e-6},
+    "power": {
+        "W": 1.0, "MW": 1e6, "mW": 1e-3, "kW": 1e3, "uW": 1e-6, "cW": 1e-2, "dW": 0.1, "J/s": 1.0,
+        "hp": 745.699872, "PS": 735.49875,
+    },
     "energy": {
         "J": 1.0, "kJ": 1e3, "MJ": 1e6, "mJ": 1e-3, "Ws": 1.0, "MWh": 3.6e9, "mWh": 3.6, "Wh": 3600.0, "kWh": 3.6e6,
     },
 }  # fmt: skip
+# Words at the end of a header that are no units there, though some are in brackets: of single letters all but six.
+NO_SUFFIX = re.compile(r"(?i:min|rev|turn|ps)|cw|CW|dw|DW|[^sWAVJ°]")
+BRACKETS = re.compile(r"[\[(<{]([^\[\](){}<>]+)[\])>}]\s*$")
 BY_SIGNAL = {"position": "", "velocity": "/s", "acceleration": "/s^2"}  # suffix of an angle's unit, by signal
 OTHER = {
     "°": "deg", "º": "deg", "degree": "deg", "degrees": "deg", "grad": "deg", "radian": "rad", "radians": "rad",
     "degres": "deg", "grados": "deg", "gradi": "deg", "secondes": "s", "segundos": "s", "secondi": "s",
     "sec": "s", "second": "s", "seconds": "s", "msec": "ms", "µs": "us", "μs": "us", "usec": "us", "turn": "rev",
     "turns": "rev", "1/min": "rpm", "u/min": "rpm", "°c": "degC", "c": "degC", "celsius": "degC", "watt": "W",
-    "watts": "W", "ampere": "A", "amps": "A", "amp": "A", "joule": "J", "joules": "J", "n*m": "N m", "n.m": "N m",
-    "n-m": "N m", "n·m": "N m", "nm": "N m", "mnm": "mN m",
+    "watts": "W", "ampere": "A", "amps": "A", "amp": "A", "joule": "J", "joules": "J", "inches": "inch",
+    "inlb": "lbf in", "inlbf": "lbf in", "lbin": "lbf in", "kgcm": "kgf cm",
 }  # fmt: skip
 
 
 def known_unit(kind: str, word: str) -> str | None:
     """The unit of UNITS[kind] that a word of a header or a unit row means, None where it means none.
 
-    >>> known_unit("position", "[°]"), known_unit("velocity", "deg/s"), known_unit("energy", "(kWh)")
-    ('deg', 'deg/s', 'kWh')
+    >>> known_unit("position", "[°]"), known_unit("effort", "N·m"), known_unit("energy", "(kWh)")
+    ('deg', 'N m', 'kWh')
     """
     word = plain(word).strip().strip("[](){}<> ").strip()
     if not word or kind not in UNITS:
         return None
-    lower = {name.lower(): name for name in UNITS[kind]}
+    lower = {name.lower().replace(" ", ""): name for name in UNITS[kind]}
     if word in UNITS[kind]:
         return word
     word = word.lower()
@@ -57,7 +65,13 @@ def known_unit(kind: str, word: str) -> str | None:
     if angle and kind in BY_SIGNAL:
         unit = OTHER.get(angle.group(1), angle.group(1)) + ("/s^2" if angle.group(3) else "/s")
         return lower.get(unit.lower())
-    return lower.get(OTHER.get(word, word).lower())
+    word = re.sub(r"(?<=[a-z])[ *.·⋅-](?=[a-z])", "", word)
+    return lower.get(OTHER.get(word, word).lower().replace(" ", ""))
+
+
+def no_unit(kind: str, word: str) -> str:
+    """Message on a word that means no unit of UNITS[kind]."""
+    return f"{word!r} is no unit of {kind}; known: {', '.join(UNITS[kind])}"
 
 
 def words_in(text: str) -> frozenset[str]:
@@ -130,15 +144,14 @@ def cut(text: str) -> Header:
     ('joint', 'states', 'position')
     """
     rest, unit = text, ""
-    bracket = re.search(r"[\[(<{]\s*([^\[\](){}<>]*[^\d\[\](){}<>\s][^\[\](){}<>]*)\s*[\])>}]\s*$", rest)
+    bracket = BRACKETS.search(rest)
     if bracket and any(known_unit(kind, bracket.group(1)) for kind in UNITS):
         rest, unit = rest[: bracket.start()], bracket.group(1).strip()
     parts = _parts(rest)
     if not unit and len(parts) > 1:
-        tail = re.search(r"[_ ./-]((?:rad|deg|°|mm|m|rev)_?(?:per_?|/|_)?s(?:2|\^2)?|[A-Za-zµμ°]+)$", rest)
+        tail = re.search(rf"[_ ./-]((?:{'|'.join(POSITIONS)}|°)_?(?:per_?|/|_)?s(?:2|\^2)?|[A-Za-zµμ°]+)$", rest)
         word = tail.group(1) if tail else ""
-        # the only single letters that are units are s, W, A, V, J and °
-        telling = word in "sWAVJ°" if len(word) == 1 else word.lower() not in ("min", "h", "rev", "turn", "n")
+        telling = NO_SUFFIX.fullmatch(word) is None or (word == "rev" and re.search(r"\d[_ ./-]rev$", rest))
         if word and telling and any(known_unit(kind, word) for kind in UNITS):
             rest, unit = rest[: tail.start()] if tail else rest, word
             parts = _parts(rest)

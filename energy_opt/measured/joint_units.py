@@ -12,7 +12,7 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.measured.columns import named_unit
-from energy_opt.measured.header import BY_SIGNAL, UNITS, cut, known_unit
+from energy_opt.measured.header import BY_SIGNAL, LENGTHS, UNITS, cut, known_unit
 from energy_opt.measured.joints import FEWEST
 from energy_opt.measured.plausible import are_degrees, degrees_fault, leaps, spikes
 from energy_opt.measured.run import Run
@@ -72,7 +72,6 @@ def joint_units(
     Raises:
         BadInput: an angle's unit is named for a joint that slides, or a length's for one that turns.
     """
-    slides = np.array(robot.slides)
     named = {signal: _named(table, robot, signal, by) for signal, by in columns.items()}
     out = {"position": _position_units(values["position"], time, robot, named["position"], words)}
     position = values["position"] * [UNITS["position"][out["position"][joint] or "rad"] for joint in robot.joints]
@@ -82,8 +81,8 @@ def joint_units(
             if rates is not None:
                 out[signal] = rates
         elif signal == "acceleration":
-            assumed = {j: _rate_of(out["position"][j], signal, s) for j, s in zip(robot.joints, slides, strict=True)}
-            out[signal] = {joint: named[signal][joint] or assumed[joint] for joint in robot.joints}
+            of = out["position"]
+            out[signal] = {joint: named[signal][joint] or f"{of[joint]}{BY_SIGNAL[signal]}" for joint in robot.joints}
         elif signal != "position":
             out[signal] = named[signal]
         unnamed = signal == "current" and set(named[signal].values()) == {None}
@@ -105,7 +104,7 @@ def _named(table: Table, robot: Robot, signal: str, by: Mapping[str, str]) -> Un
     out = {joint: named_unit(signal, by[joint], table) for joint in robot.joints}
     if signal not in BY_SIGNAL:
         return _shared(out, robot.joints)
-    length = [f"{unit}{BY_SIGNAL[signal]}" for unit in ("m", "mm")]
+    length = [f"{unit}{BY_SIGNAL[signal]}" for unit in LENGTHS]
     for joint, slides in zip(robot.joints, robot.slides, strict=True):
         unit, si = out[joint], next(iter(UNITS[signal]))
         if slides and unit == si:  # recorders write one unit for all joints: both are SI
@@ -124,12 +123,6 @@ def _shared(units: Units, joints: Sequence[str]) -> Units:
     """The units of some joints; those without one have the first that is named."""
     first = next((units[joint] for joint in joints if units[joint] is not None), None)
     return {joint: units[joint] or first for joint in joints}
-
-
-def _rate_of(position: str | None, signal: str, slides: bool) -> str:
-    """The unit of a rate beside positions of a unit."""
-    known = ("m", "mm") if slides else ("rad", "deg")
-    return f"{position if position in known else known[0]}{BY_SIGNAL[signal]}"
 
 
 def _position_units(values: np.ndarray, time: np.ndarray, robot: Robot, named: Units, words: list[str]) -> Units:
@@ -175,8 +168,8 @@ def _angle_unit(values: np.ndarray, time: np.ndarray, robot: Robot, named: str |
         if (fast & ~np.array(robot.slides)).any():
             words.append(TOO_FAST)
             return "deg"
-    if named == "deg":
-        words.append("positions are degrees: converted")
+    if named not in (None, "rad"):
+        words.append(f"positions are {'degrees' if named == 'deg' else named}: converted")
     return named or "rad"
 
 
@@ -201,9 +194,9 @@ def _velocity_units(
         group = [k for k, slides in enumerate(robot.slides) if slides == kind]
         if not group or named[robot.joints[group[0]]] is not None:
             continue
-        assumed = _rate_of(of_position[robot.joints[group[0]]], "velocity", kind)
+        assumed = f"{of_position[robot.joints[group[0]]]}{BY_SIGNAL['velocity']}"
         ratio = _slope_ratio(values[:, group], position[:, group], time, cuts)
-        fitting = (unit for unit in units if ratio and abs(ratio * UNITS["velocity"][unit] - 1) < ALIKE)
+        fitting = (unit for unit in (*units, assumed) if ratio and abs(ratio * UNITS["velocity"][unit] - 1) < ALIKE)
         unit = assumed if ratio is None else next(fitting, None)
         if unit is None:
             words.append("velocities are left out: they are not the slope of the positions in any unit known")

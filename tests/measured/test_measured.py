@@ -161,7 +161,7 @@ def test_gaps_units_and_kinds_are_doubted(plain):
         ('[[run]]\nkind = "static"', "file is missing"),
         (ONE + "colour = 1", "unknown key 'colour'"),
         (ONE + '[columns]\npreset = "none"', "known: ur_rtde"),
-        (ONE + '[columns]\ntime = { column = "t", unit = "moon" }', "unit 'moon'"),
+        (ONE + '[columns]\ntime = { column = "t", unit = "moon" }', "'moon' is no unit of time; known: s, ms"),
         (ONE + '[columns]\n"elbow.position" = "x"', "no joint 'elbow'"),
         (ONE + '[segment]\nat = "noon"', "standstill"),
         ("", "no [[run]] table"),

@@ -12,8 +12,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from energy_opt.errors import BadInput, suggest
-from energy_opt.measured.header import UNITS, known_unit, no_unit, unit_in
-from energy_opt.measured.meter_names import power_column
+from energy_opt.measured.header import BRACKETS, COMMANDED, PLAIN, UNITS, cut, known_unit, no_unit, plain, words_in
+from energy_opt.measured.meter_names import SILENT, SINGLE, SUPPLY, power_column
+from energy_opt.measured.meter_names import WHOLE as OF_ROBOT
 from energy_opt.measured.names import joint_columns
 from energy_opt.measured.run import JOINT_SIGNALS
 from energy_opt.measured.table import Table
@@ -22,7 +23,11 @@ from energy_opt.robot import Robot
 COMBINED = ("column", "product", "sum", "difference")  # how a quantity is made of columns
 WHOLE = ("time", "power", "energy", "power.time")  # quantities that belong to no joint
 ARM_POWER = (5.0, 20_000.0)  # [W] range of the mean power of an arm with its controller
+WORD = re.compile(r"[^\W\d_]+")
 LOGGED = "signal"  # signal.<name>: further recorded signals, digital (0 and 1) or numbers
+# Words in brackets or below a header that are no units: names of what is measured, types of numbers.
+NAMES = PLAIN | COMMANDED | SILENT | SINGLE | OF_ROBOT | words_in("base left right bool int float double number")
+NAMES |= {*SUPPLY} - {"in"}
 
 
 @dataclass(frozen=True)
@@ -48,9 +53,38 @@ def kind_of(quantity: str) -> str:
     return quantity.rpartition(".")[2]
 
 
-def named_unit(kind: str, column: str, table: Table) -> str | None:
-    """The unit named by the row of units or by the header itself."""
-    return known_unit(kind, table.units.get(column, "")) or unit_in(kind, column)
+def is_known(unit: str) -> bool:
+    """Whether a word is a unit of some quantity."""
+    return any(known_unit(kind, unit) for kind in UNITS)
+
+
+def stated_unit(column: str, below: str = "", joint: str = "") -> str:
+    """The unit that the row of units (`below`), or the header, states for a column, known or not; "" for none.
+
+    A name, as of a channel or of the column's joint, is no unit.
+    """
+    own, brackets = WORD.findall(joint.lower()), BRACKETS.search(column)
+    for text in (below, brackets.group(1) if brackets else ""):
+        unit = text.strip("[](){}<> ")
+        words = WORD.findall(plain(unit).lower())
+        named = NAMES.union(own).intersection(words) or re.search(r"(?<!/)\b[^\W\d_]+ ?\d", unit)
+        if is_known(unit) or (not named and (words or "%" in unit)):
+            return unit
+    unit = cut(column).unit
+    return "" if unit.lower() in own else unit
+
+
+def named_unit(kind: str, column: str, table: Table, joint: str = "") -> str | None:
+    """The unit named by the row of units or by the header itself; None for none.
+
+    Another one than those of the kind is added to the table's faults, unless the kind is "time": stamps show theirs.
+    """
+    stated = stated_unit(column, table.units.get(column, ""), joint)
+    unit = known_unit(kind, stated)
+    if unit is None and stated and kind != "time":
+        hand = "give it as COLUMN:UNIT, or as unit in log.toml"
+        table.fault(f"{no_unit(kind, stated)}; if the header means another, {hand}", repr(column))
+    return unit
 
 
 def factor_of(quantity: str, rule: Rule, table: Table) -> float:
@@ -62,11 +96,13 @@ def factor_of(quantity: str, rule: Rule, table: Table) -> float:
     if rule.factor is not None:
         return rule.factor
     product = len(rule.columns) > 1 and rule.combined == "product"
-    kinds = ("voltage", "current") if product else (kind_of(quantity),)
-    out = 1.0
+    kind, joint, out = kind_of(quantity), quantity.rpartition(".")[0], 1.0
     for column in rule.columns if product else rule.columns[:1]:
-        found = ((kind, named_unit(kind, column, table)) for kind in kinds)
-        out *= next((UNITS[kind][unit] for kind, unit in found if unit is not None), 1.0)
+        if product:
+            stated = stated_unit(column, table.units.get(column, ""))
+            kind = "current" if known_unit("current", stated) else "voltage"
+        unit = named_unit(kind, column, table, joint)
+        out *= UNITS[kind][unit] if unit else 1.0
     return out
 
 

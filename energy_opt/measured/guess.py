@@ -304,7 +304,11 @@ def _unnamed_units(kind: str, table: Table, guess: Guess) -> dict[str, str]:
     out = {}
     for key, entry in guess.columns.items():
         rule = {"column": entry} if isinstance(entry, str) else entry
-        if kind_of(key) == kind and "column" in rule and named_unit(kind, rule["column"], table) is None:
+        if (
+            kind_of(key) == kind
+            and "column" in rule
+            and named_unit(kind, rule["column"], table, key.rpartition(".")[0]) is None
+        ):
             out[rule["column"]] = rule.get("unit", next(iter(UNITS[kind])))
     return out
 

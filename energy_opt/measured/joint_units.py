@@ -5,14 +5,13 @@ Every joint has a unit of its own: an arm may turn in degrees and slide in milli
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.measured.columns import named_unit
-from energy_opt.measured.header import BY_SIGNAL, LENGTHS, UNITS, cut, known_unit
+from energy_opt.measured.columns import named_unit, stated_unit
+from energy_opt.measured.header import BY_SIGNAL, LENGTHS, UNITS, known_unit
 from energy_opt.measured.joints import FEWEST
 from energy_opt.measured.plausible import are_degrees, degrees_fault, leaps, spikes
 from energy_opt.measured.run import Run
@@ -22,7 +21,6 @@ from energy_opt.robot import Robot
 
 ALIKE = 0.25  # relative deviation up to which a measured ratio identifies a unit
 BEYOND = 3.0  # multiple of a sliding joint's range from which its positions cannot be metres
-RELATIVE = ("%", "percent", "°f", "degf", "k", "v", "mv")  # units of joints' signals that are not converted
 MOVED = 0.02  # [rad, m] least motion that shows the unit of a velocity
 LASTS = 0.1  # [s] over which velocities are compared with the change of positions
 MOST_AMPERES = 100.0  # [A] largest plausible current of a joint or a supply: 20 kW from the mains are 87 A
@@ -40,23 +38,15 @@ def without_foreign(columns: dict[str, dict[str, str]], table: Table, words: lis
         columns: header by signal and joint. words: receives what was left out.
     """
     for signal in [name for name in columns if name != "position"]:
-        units = [_foreign(signal, column, table) for column in columns[signal].values()]
-        if None in units:  # a single letter may be a joint's name
+        units = [stated_unit(c, table.units.get(c, ""), joint) for joint, c in columns[signal].items()]
+        if any(not unit or known_unit(signal, unit) for unit in units):  # a single letter may be a joint's name
             continue
         by = columns.pop(signal)
-        if signal == "effort" and known_unit("current", str(units[0])) and "current" not in columns:
+        if signal == "effort" and known_unit("current", units[0]) and "current" not in columns:
             columns["current"] = by
             words.append(f"{signal} in {units[0]}: taken for currents")
         else:
             words.append(f"{signal} is left out: its unit {units[0]} is not known")
-
-
-def _foreign(signal: str, column: str, table: Table) -> str | None:
-    """The unit of a column if it is none of the signal's."""
-    share = re.search(r"[\[(]\s*(%|percent)\s*[\])]\s*$", column)
-    unit = table.units.get(column, "").strip("[](){} ") or cut(column).unit or (share.group(1) if share else "")
-    others = any(known_unit(kind, unit) for kind in UNITS) or unit.lower() in RELATIVE
-    return unit if others and known_unit(signal, unit) is None else None
 
 
 def joint_units(
@@ -101,7 +91,7 @@ def units_in_words(signal: str, units: Units, robot: Robot) -> str:
 
 def _named(table: Table, robot: Robot, signal: str, by: Mapping[str, str]) -> Units:
     """The unit that the file names for each joint; a joint without one has that of the others of its kind."""
-    out = {joint: named_unit(signal, by[joint], table) for joint in robot.joints}
+    out = {joint: named_unit(signal, by[joint], table, joint) for joint in robot.joints}
     if signal not in BY_SIGNAL:
         return _shared(out, robot.joints)
     length = [f"{unit}{BY_SIGNAL[signal]}" for unit in LENGTHS]

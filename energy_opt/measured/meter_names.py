@@ -27,6 +27,7 @@ NOT_POWER = words_in(
 METERED = dict.fromkeys(words_in("meter measured meas actual ist elec electric electrical ac mains grid netz"), 0.5)
 METERED |= dict.fromkeys(words_in("raw filtered mean average avg mittel rms instantaneous inst"), 0.0)
 
+SUPPLY = {"robot": 2.0, "supply": 1.0, "bus": 1.0, "dc": 1.0, "total": 1.0, "battery": 0.5, "input": 0.5, "in": 0.5}
 SILENT = words_in("field data value values val wert messwert reading readings msg valeur valor valore") | {*METERED}
 
 
@@ -152,12 +153,11 @@ def of_battery(header: Iterable[str]) -> bool:
 
 def product_columns(header: Sequence[str]) -> tuple[str, str] | None:
     """Headers of a voltage and a current of the same supply, whose product is the power."""
-    good = {"robot": 2.0, "supply": 1.0, "bus": 1.0, "dc": 1.0, "total": 1.0, "battery": 0.5, "input": 0.5, "in": 0.5}
     best, score = None, 0.0
     cells = [cut(text) for text in header]
     volts = [volt for volt in cells if set(volt.words) & VOLT or volt.unit == "V"]
     for volt in volts:
-        if _one_of_several(volt.text, [other.text for other in volts], {*VOLT, *good, "mv", "kv"}):
+        if _one_of_several(volt.text, [other.text for other in volts], {*VOLT, *SUPPLY, "mv", "kv"}):
             continue
         for ampere in cells:
             named = set(ampere.words) & AMPERE or known_unit("current", ampere.unit)
@@ -165,12 +165,12 @@ def product_columns(header: Sequence[str]) -> tuple[str, str] | None:
                 continue
             if set(ampere.words) & COMMANDED or set(volt.words) & COMMANDED:
                 continue
-            if not _may_be_whole_robot(volt, header, good) or not _may_be_whole_robot(ampere, header, good):
+            if not _may_be_whole_robot(volt, header, SUPPLY) or not _may_be_whole_robot(ampere, header, SUPPLY):
                 continue
             other_v, other_a = set(volt.words) - VOLT, set(ampere.words) - AMPERE
             if other_v != other_a:
                 continue
-            value = 1 + sum(good.get(word, 0) for word in other_v) - len(volt.numbers)
+            value = 1 + sum(SUPPLY.get(word, 0) for word in other_v) - len(volt.numbers)
             if value > score:
                 best, score = (volt.text, ampere.text), value
     return best

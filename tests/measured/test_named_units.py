@@ -1,4 +1,4 @@
-"""Units that headers name are converted."""
+"""Units that headers name: converted if known; else the column is refused or left out by its name."""
 
 from __future__ import annotations
 
@@ -6,9 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from logs import SIX, UR, arm, lines, put
+from logs import SIX, UR, arm, lines, log, put
 
+from energy_opt.errors import BadInput
+from energy_opt.measured import inspect_set
+from energy_opt.measured.columns import named_unit, stated_unit
 from energy_opt.measured.importing import Imported, import_files
+from energy_opt.measured.table import Table
 
 T, Q, V, P = arm(UR)
 TORQUE = 3 * Q
@@ -49,3 +53,47 @@ def test_angles_in_other_units_than_radians(tmp_path: Path, header: str, factor:
 def test_torques_in_other_units_than_newton_metres(tmp_path: Path, header: str, factor: float) -> None:
     run = imported(tmp_path, effort=header, torque=factor).runs[0]
     np.testing.assert_allclose(run.effort, TORQUE[: len(run.time)], rtol=1e-4, atol=1e-3)
+
+
+@pytest.mark.parametrize("header", ["power [BTU/h]", "power [0.1 W]", "power [%]", "power [counts]"])
+def test_power_in_an_unknown_unit_is_refused(tmp_path: Path, header: str) -> None:
+    unit = header[7:-1]
+    with pytest.raises(BadInput, match=f"column '.*{unit}]': '{unit}' is no unit of power; known: W, "):
+        imported(tmp_path, power=header)
+
+
+@pytest.mark.parametrize("unit", ["U", "%", "arcmin", "A"])
+def test_angles_in_an_unknown_unit_are_refused(tmp_path: Path, unit: str) -> None:
+    with pytest.raises(BadInput, match=f"'q1 .{unit}.*'{unit}' is no unit of position"):
+        imported(tmp_path, f"q{{}} [{unit}]", 10.0)
+
+
+@pytest.mark.parametrize("unit", ["oz in", "%", "kPa"])
+def test_torques_in_an_unknown_unit_are_left_out(tmp_path: Path, unit: str) -> None:
+    made = imported(tmp_path, effort=f"tau{{}} [{unit}]")
+    assert made.runs[0].effort is None and f"effort is left out: its unit {unit} is not known" in made.words
+
+
+def test_a_log_by_hand_does_not_take_an_unknown_unit_for_si(tmp_path: Path) -> None:
+    names = [f"{joint}.position" for joint in UR.joints]
+    put(tmp_path / "a.csv", lines(",".join(["time", *names, "power [BTU/h]"]), [T, Q, P]))
+    rest = '[[run]]\nfile = "a.csv"\n[columns]\npower = {}\n'
+    (fault,) = inspect_set(log(tmp_path, "ur5e", rest.format('"power [BTU/h]"')))[0]
+    assert "column 'power [BTU/h]': 'BTU/h' is no unit of power" in fault
+    given = '{ column = "power [BTU/h]", unit = "W" }'
+    assert inspect_set(log(tmp_path, "ur5e", rest.format(given)))[0] == []
+
+
+@pytest.mark.parametrize(
+    "header",
+    ["power (total)", "Leistung (gesamt)", "power [CH 2]", "power (UR5)", "q1 (measured)", "state.q[0]", "P_ps"],
+)
+def test_names_in_brackets_are_no_units(header: str) -> None:
+    assert stated_unit(header) == ""
+
+
+def test_the_name_of_a_joint_is_no_unit(tmp_path: Path) -> None:
+    assert stated_unit("Angle (lift)", joint="lift_joint") == "" and stated_unit("Angle (lift)") == "lift"
+    table = Table(put(tmp_path / "a.csv", "time,j1_rev\n0,1\n"))
+    assert named_unit("position", "j1_rev", table, "j1_rev") is None
+    assert named_unit("position", "j1_rev", table, "j1") == "rev"

@@ -311,10 +311,12 @@ def _column(tables: Sequence[Table], option: str, kind: str, word: str) -> str:
 
 
 def quoted(headers: Iterable[str]) -> str:
-    """Headers in quotation marks, at most `QUOTED` of them."""
+    """Headers in quotation marks, at most `QUOTED` of them, and which of their units are not known."""
     names = list(headers)
     more = f" and {len(names) - QUOTED} more" if len(names) > QUOTED else ""
-    return ", ".join(repr(name) for name in names[:QUOTED]) + more
+    units = {unit: name for name in reversed(names) if (unit := stated_unit(name)) and not is_known(unit)}
+    odd = "".join(f"; unit {unit!r} of {name!r} is not known" for unit, name in reversed(units.items()))
+    return ", ".join(repr(name) for name in names[:QUOTED]) + more + odd
 
 
 def understood(table: Table, columns: Mapping[str, object]) -> str:

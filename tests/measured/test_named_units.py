@@ -62,9 +62,11 @@ def test_power_in_an_unknown_unit_is_refused(tmp_path: Path, header: str) -> Non
         imported(tmp_path, power=header)
 
 
-@pytest.mark.parametrize("unit", ["U", "%", "arcmin", "A"])
+@pytest.mark.parametrize("unit", ["U", "%", "arcmin", "A", "counts"])
 def test_angles_in_an_unknown_unit_are_refused(tmp_path: Path, unit: str) -> None:
-    with pytest.raises(BadInput, match=f"'q1 .{unit}.*'{unit}' is no unit of position"):
+    with pytest.raises(
+        BadInput, match=f"'q1 .{unit}.*'{unit}' is no unit of position|unit '{unit}' of 'q1 .* not known"
+    ):
         imported(tmp_path, f"q{{}} [{unit}]", 10.0)
 
 

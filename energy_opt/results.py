@@ -19,6 +19,11 @@ def exit_of(interrupted: bool, good: bool) -> int:
     return 130 if interrupted else 0 if good else 4
 
 
+def interrupted_words(interrupted: bool, more: str = "") -> list[str]:
+    """The warning of a result whose work was interrupted; `more` says how to go on."""
+    return [f"interrupted: this is the best so far, not a finished search{more}"] if interrupted else []
+
+
 class Found:
     """The result of a verb.
 

@@ -24,9 +24,10 @@ from energy_opt.power.per_year import PerYear
 from energy_opt.reports.motion import Solid, cell_player, drawn
 from energy_opt.reports.workcell import page
 from energy_opt.reports.workcell import table as table
+from energy_opt.results import interrupted_words
 from energy_opt.robot import Link, Robot, robot_named
 from energy_opt.workcell.arm import Arm
-from energy_opt.workcell.between import placed_links
+from energy_opt.workcell.between import Between, placed_links
 from energy_opt.workcell.curves import zones_of
 from energy_opt.workcell.file import MOTORS, WorkCell
 from energy_opt.workcell.motion import PeriodicMotion
@@ -77,7 +78,7 @@ def write_programs(
 
     Returns:
         The files; the record of each has its robot, and `starts_at`: the begin of the robot's cycle [s] after that of
-        the first robot.
+        the first robot. None is valid of an arm that is not proven to keep apart from the others.
     """
     files: list[Written] = []
     for r, (arm, motion) in enumerate(zip(result.arms, result.planned.motions, strict=True)):
@@ -95,8 +96,20 @@ def write_programs(
         for form in forms.get(arm.name, ()):
             if form.name != "csv" or rate is not None:
                 written.append(write_cycle(parts, judge, form, out, rate, prefix, stem))
+        unproven = next((b for b in result.clearance if r in b.robots and b.verdict != "proven"), None)
+        if unproven is not None:
+            worst: dict[str, object] = {"limit": "clearance", "joint": _unproven_words(result, unproven)}
+            worst |= {"time": unproven.time, "value": None, "bound": None}
+            written = [replace(one, valid=False, worst=worst) for one in written]
         files += [replace(one, about={"robot": arm.name, "starts_at": motion.begin}) for one in written]
     return files
+
+
+def _unproven_words(result: CellResult, between: Between) -> str:
+    """The arms that are not proven to keep apart, their bodies, and the time."""
+    names = " and ".join(result.cell.robot[k].name for k in between.robots)
+    bodies = "" if between.pair is None else f", {between.pair[0]} and {between.pair[1]}"
+    return f"{names}{bodies}: {between.verdict} at {between.time or 0.0:.4g} s"
 
 
 def _parts(arm: Arm, motion: PeriodicMotion, modes: dict[str, str]) -> list[Part]:
@@ -133,7 +146,7 @@ def document(result: CellResult) -> dict[str, Any]:
     levers = [_lever(name, found.energy, result) for name, found in result.levers.steps]
     if cell.supply is not None and result.supply is not None:
         levers.append(_lever("supply", result.supply.energy, result))
-    warnings = []
+    warnings = interrupted_words(result.interrupted)
     for arm, motion in zip(result.arms, result.planned.motions, strict=True):
         if arm is None or motion is None:
             continue
@@ -148,11 +161,7 @@ def document(result: CellResult) -> dict[str, Any]:
         warnings.append(
             "not every two arms were checked against each other: self-collision is off, or an arm has no body"
         )
-    for between in result.clearance:
-        if between.verdict != "proven":
-            names = " and ".join(cell.robot[k].name for k in between.robots)
-            bodies = "" if between.pair is None else f", {between.pair[0]} and {between.pair[1]}"
-            warnings.append(f"{names}{bodies}: {between.verdict} at {between.time or 0.0:.4g} s")
+    warnings += [_unproven_words(result, between) for between in result.clearance if between.verdict != "proven"]
     if result.levers.relaxed:
         warnings.append(
             "at full speed no schedule keeps the bounds of the waits: in the lever as_is, waits last longer"
@@ -168,10 +177,12 @@ def document(result: CellResult) -> dict[str, Any]:
             f"{name}: under another model than the first {joint} takes {100 * share:.4g} % of its torque limit"
         )
     drawn = result.supply
-    if result.robust is not None and drawn is not None and not drawn.valid:
+    if drawn is not None and not drawn.valid:
         over = f"power reaches {drawn.peak:.5g} W, max_power = {drawn.bound} W"
         over = over if drawn.overflow == 0 else f"{drawn.lost:.4g} J of braking cannot be stored"
-        warnings.append(f"under the first model {over}: the supply's limits are held for the mean of the models")
+        if not result.interrupted:  # else they may not be held at all
+            over = f"under the first model {over}: the supply's limits are held for the mean of the models"
+        warnings.append(over)
     return {
         "format": FORMAT,
         "status": "solved" if result.solved else "not_converged",
@@ -196,6 +207,7 @@ def document(result: CellResult) -> dict[str, Any]:
         "peak_power": None if result.supply is None else result.supply.peak,
         "supply": _supply(result),
         "warnings": warnings,
+        "interrupted": result.interrupted,
         "solve_seconds": schedule.seconds,
     }
 

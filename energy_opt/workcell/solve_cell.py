@@ -150,7 +150,7 @@ def run_workcell(
     overloads = [
         (name, joints[name][int(use.argmax())], float(use.max())) for name, (_, use) in _efforts(first).items()
     ]
-    return replace(first, overloads=tuple(overloads))
+    return replace(first, overloads=tuple(overloads), interrupted=stopped())
 
 
 def _efforts(result: CellResult) -> dict[str, tuple[np.ndarray, np.ndarray]]:

@@ -68,7 +68,7 @@ def run(request: JobRequest, desk: Desk) -> JobAnswer:
             result = replace(result, warnings=(*result.warnings, *said(result.models, "the cycle")))
         else:
             result = warned(stated(result, rivals), rivals)
-        result = grounded(result, rivals)
+        result = replace(grounded(result, rivals), interrupted=stopped())
         answer = desk.keep(JobAnswer.of(result, asked, desk.stamp, formats))
     if result.solved and answers is not None:
         answers.forget()

@@ -41,20 +41,18 @@ class PlaceAnswer(Answered):
     Attributes:
         placement: the base pose, and the job solved there.
         job: the request that gives this job.
-        interrupted: stopped early.
         saved: place.json as it was written.
     """
 
     placement: Placement
     request: PlaceRequest
     job: PlaceRequest | JobRequest
-    interrupted: bool = False
     saved: Mapping[str, Any] | None = None
 
     @property
     def exit_code(self) -> int:
         """Exit code of the command line."""
-        return exit_of(self.interrupted, self.placement.solved)
+        return exit_of(self.placement.interrupted, self.placement.solved)
 
     def document(self) -> dict[str, Any]:
         """Content of place.json without its files."""
@@ -96,9 +94,7 @@ def run(request: PlaceRequest, desk: Desk) -> PlaceAnswer:
         if kind is not None:
             found = _held(found, rivals, settings_of(request), stopped)
         answer = desk.keep(
-            PlaceAnswer(
-                placement=found, request=asked, job=_job_at(found, job, asked), stamp=desk.stamp, interrupted=stopped()
-            )
+            PlaceAnswer(placement=found, request=asked, job=_job_at(found, job, asked), stamp=desk.stamp)
         )
     desk.report(warnings=() if answer.saved is None else answer.saved["warnings"])
     return answer
@@ -149,4 +145,4 @@ def _held(found: Placement, rivals: Sequence[Rival], settings: Settings, stopped
 
     result = efforts_held(first, rivals, again)
     said = warned(result, rivals).warnings[len(result.warnings) :]
-    return replace(found, result=result, warnings=(*found.warnings, *said))
+    return replace(found, result=result, warnings=(*found.warnings, *said), interrupted=stopped())

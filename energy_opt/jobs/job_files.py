@@ -26,6 +26,7 @@ from energy_opt.poses.given import pose_document
 from energy_opt.power.per_year import PerYear
 from energy_opt.reports.job import page
 from energy_opt.reports.job import table as table
+from energy_opt.results import interrupted_words
 
 CYCLE = "cycle.csv"
 
@@ -122,7 +123,7 @@ def document(result: JobResult) -> dict[str, Any]:
         "assumptions": [asdict(row) for row in result.assumptions],
         "break_even_friction": result.break_even_friction,
         "travel": [dict(row) for row in result.travel],
-        "warnings": list(result.warnings),
+        "warnings": [*interrupted_words(result.interrupted, "; --resume continues it"), *result.warnings],
         "interrupted": result.interrupted,
     }
 

@@ -22,6 +22,7 @@ from energy_opt.reports.charts import Chart, Line
 from energy_opt.reports.optimize import assumed
 from energy_opt.reports.page import Report
 from energy_opt.reports.words import yearly
+from energy_opt.results import interrupted_words
 
 COUNT = 10  # default number of cycle times
 ROOM = 1.0005  # times the shortest cycle: the shortest itself leaves nothing to share
@@ -135,7 +136,7 @@ def document(job: Job, points: Sequence[JobPoint], shortest: float, interrupted:
         "knee": _short(None if bend is None else found[bend]),
         "fastest": shortest,
         "cycle_time": job.cycle_time,
-        "warnings": _warnings(points),
+        "warnings": [*interrupted_words(interrupted, "; --resume continues it"), *_warnings(points)],
     }
 
 
@@ -191,7 +192,7 @@ def page(found: Mapping[str, Any]) -> Report:
     knee = found["knee"]
     if knee is not None:
         report.headline(f"Knee at a cycle of {knee['duration']:.4g} s: {knee['energy_total']:.5g} J.")
-    report.numbers(yearly(found))
+    report.numbers(yearly(found)).warning(*found["warnings"])
     shown = [row for row in found["points"] if row["energy_total"] is not None]
     time = np.array([row["duration"] for row in shown])
     marks = {} if knee is None else {"knee": (knee["duration"], knee["energy_total"])}

@@ -101,7 +101,7 @@ def place(
     tried = tuple(Looked(search.place(point), value, "estimate") for point, value in known)
     return Placement(
         search.place(best), result, search.given, given_result, tried, tuple(search.path),
-        tuple(warnings if fixed else ()), request.fixture,
+        tuple(warnings if fixed else ()), request.fixture, stopped(),
     )  # fmt: skip
 
 

@@ -23,6 +23,7 @@ from energy_opt.jobs.posed import Ends
 from energy_opt.jobs.solve_job import JobResult
 from energy_opt.poses.given import WORLD
 from energy_opt.reports.page import Report
+from energy_opt.results import interrupted_words
 
 AXES = ("x", "y", "z", "yaw")
 FORM = "X0,X1,Y0,Y1,Z0,Z1 [m], then nothing, `yaw` or YAW0,YAW1 [rad]"
@@ -157,7 +158,7 @@ class Placement:
         place: its x, y, z [m], roll, pitch, yaw [rad] in the scene's frame; result: the job solved there.
         given, given_result: the pose that was given, and the job there; None if it cannot be done there.
         looked_at: estimates all over the box; path: the placements at which the job was solved, in order.
-        warnings: notes for the reader.
+        warnings: notes for the reader. interrupted: stopped early.
     """
 
     place: tuple[float, ...]
@@ -168,6 +169,7 @@ class Placement:
     path: tuple[Looked, ...]
     warnings: tuple[str, ...]
     fixture: str | None = None
+    interrupted: bool = False
 
     @property
     def what(self) -> str:
@@ -176,8 +178,8 @@ class Placement:
 
     @property
     def solved(self) -> bool:
-        """Is the job at the answer solved, proven clear and within all limits?"""
-        return self.result.solved
+        """Was the search finished, and is the job at the answer solved, proven clear and within all limits?"""
+        return not self.interrupted and self.result.solved
 
     def document(self) -> dict[str, Any]:
         """The content of place.json without the request; energies in J."""
@@ -197,7 +199,8 @@ class Placement:
             "path": [at.document(self.what) for at in self.path],
             "looked_at": [at.document(self.what) for at in self.looked_at],
             "solves": len(self.path),
-            "warnings": list(self.warnings),
+            "warnings": [*interrupted_words(self.interrupted), *self.warnings],
+            "interrupted": self.interrupted,
         }
 
 

@@ -291,3 +291,18 @@ def test_the_headline_says_whether_the_answer_takes_more_or_less(energy: float, 
         "saving": {"joules": 100 - energy, "percent": 100 - energy}, "request": {},
     }  # fmt: skip
     assert says in headline(found)
+
+
+def test_an_interrupted_search_says_so_though_the_job_at_its_answer_is_solved(
+    tmp_path: Path, ur: ToolKinematics, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """place.json said `solved`."""
+    path = tmp_path / "job.toml"
+    path.write_text(JOB)
+    known = SimpleNamespace(solved=True, energy=5.0)
+    monkeypatch.setattr(Search, "solve", lambda *_: known)
+    monkeypatch.setattr(Search, "estimates", lambda search: [])
+    job, box = load_job(path, lambda name: ur.robot), PlaceRequest((-0.2, 0.2, 0.0, 0.0, 0.0, 0.0))
+    found = place(job, source_model(ur.robot), box, stopped=lambda: True)
+    assert found.interrupted and not found.solved
+    assert place(job, source_model(ur.robot), box, stopped=lambda: False).solved

@@ -74,8 +74,8 @@ def over_time(
     around = cell or CellRequest()
     if job.open:  # the same positions at every cycle time
         job = job.at(Posed(job, model, settings, around).estimated()[0])
-    shortest, work = TOO_SHORT, Worker(job, model, settings, Cells(job, around), stopped)
-    usual: dict[str, Any] = {"stopped": stopped, "answers": answers, "worker": work}
+    shortest, work = TOO_SHORT, Worker(job, model, settings, Cells(job, around), stopped, answers=answers)
+    usual: dict[str, Any] = {"stopped": stopped, "worker": work}
     try:
         run_job(replace(job, cycle_time=TOO_SHORT), model, settings, **usual)
     except Infeasible as error:

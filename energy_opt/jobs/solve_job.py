@@ -131,7 +131,7 @@ def run_job(
     Args:
         cell: bodies to keep clear of in addition to the scenes of steps; by default the arm's own.
         stopped: called between solves; True ends the work with the best so far.
-        answers: of an earlier run, which are judged again before use; every new one is kept there.
+        answers: those of the worker, if it is a new one.
         progress: called with the present task and the finished share of the work.
         room: shares of the limits' bounds that the legs may use, by the limits' names.
         worker: solves the legs, with what it knows of them at other cycle times; by default a new one.
@@ -141,7 +141,8 @@ def run_job(
     """
     if job.open:
         raise BadInput(f"{job.steps[job.open[0]].name}: its joint positions are still to be chosen; use run_posed")
-    work = worker or Worker(job, model, settings or Settings(), Cells(job, cell or CellRequest()), stopped, room)
+    cells = Cells(job, cell or CellRequest())
+    work = worker or Worker(job, model, settings or Settings(), cells, stopped, room, answers=answers)
     work.check_poses()
     progress("first paths", 0.0)
     asked = legs_of(job.steps)
@@ -166,10 +167,7 @@ def run_job(
             if stopped():
                 out.append(work.slowed(leg, timing, duration))
                 continue
-            known = None if answers is None else answers.known(leg, duration)
-            out.append(work.solved(leg, timing, duration, known, alone))
-            if answers is not None and out[-1].status == "solved" and not stopped():
-                answers.keep(leg, duration, out[-1].trajectory)
+            out.append(work.solved(leg, timing, duration, alone))
         return Plan(legs, tuple(out), rest, time - sum(answer.trajectory.duration for answer in out))
 
     energy = partial(energy_of, job, work.scorers)

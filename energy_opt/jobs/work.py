@@ -25,7 +25,7 @@ from energy_opt.motion import Settings, Trajectory
 from energy_opt.motion.limits.early_check import check_pose
 from energy_opt.motion.path import JointPath, of_trajectory
 from energy_opt.motion.plan.first_path import check_free
-from energy_opt.motion.plan.neighbour import Neighbours
+from energy_opt.motion.plan.neighbour import Neighbours, Optimum
 from energy_opt.motion.plan.planner import Planner, Shares
 from energy_opt.motion.timing.spline_timing import Timing
 from energy_opt.poses.distance import is_free
@@ -54,15 +54,58 @@ class Cells:
         return self._kept[scene]
 
 
+FOLDER = ".answers"
+
+
+class Answers:
+    """Trajectories on disk; their key is leg, duration and `about` (all else: model, limits, settings)."""
+
+    def __init__(self, out: Path, joints: Sequence[str], about: object, resume: bool) -> None:
+        """In `out`; without `resume` the answers of an earlier run are ignored."""
+        self._folder, self._joints, self._resume = Path(out) / FOLDER, tuple(joints), resume
+        self._about = to_json(about)
+
+    def known(self, leg: Leg, duration: float) -> Trajectory | None:
+        """The earlier answer; None if there is none that can be read."""
+        path = self._path(leg, duration)
+        if not self._resume or not path.is_file():
+            return None
+        try:
+            return formats.read_trajectory(path, self._joints)
+        except EnergyOptError:
+            return None
+
+    def keep(self, leg: Leg, duration: float, trajectory: Trajectory) -> None:
+        """Write the answer to a leg of a duration [s], completely or not at all.
+
+        Raises:
+            BadInput: the file cannot be written.
+        """
+        formats.write(trajectory, self._path(leg, duration))
+
+    def forget(self) -> None:
+        """Remove the answers of a finished job."""
+        for path in self._folder.glob("*.csv"):
+            path.unlink(missing_ok=True)
+        if self._folder.is_dir():
+            self._folder.rmdir()
+
+    def _path(self, leg: Leg, duration: float) -> Path:
+        """The file of an answer; its name changes with everything that the answer depends on."""
+        what = to_json([leg.points, leg.mode, leg.step.payload, str(leg.step.scene), repr(duration)])
+        return self._folder / f"{hashlib.sha256((self._about + what).encode()).hexdigest()[:24]}.csv"
+
+
 class Worker:
     """Solves legs: one planner for all payloads and scenes."""
 
     def __init__(
         self, job: Job, model: PowerModel, settings: Settings, cells: Cells, stopped: Callable[[], bool],
-        shares: Shares = MappingProxyType({}), planner: Planner | None = None,
+        shares: Shares = MappingProxyType({}), planner: Planner | None = None, answers: Answers | None = None,
     ) -> None:  # fmt: skip
+        """`answers`: of an earlier run, which are judged again before use; every new one is kept there."""
         self.job, self.scorers, self.stopped = job, Scorers(job.robot, model), stopped
-        self.cells = cells
+        self.cells, self._answers = cells, answers
         # solvers of equal legs at several durations, by points, mode, payload and scene
         self._steps: dict[Key, Neighbours] = {}
         self._quickest: dict[Key, tuple[JointPath, Timing] | None] = {}
@@ -161,29 +204,32 @@ class Worker:
         energy = self.scorers.of(leg.step).energy(trajectory)
         return Answer(trajectory, energy, source, "solved" if valid else "infeasible")
 
-    def solved(
-        self, leg: Leg, timing: Timing, duration: float, known: Trajectory | None = None, alone: bool = False
-    ) -> Answer:
+    def solved(self, leg: Leg, timing: Timing, duration: float, alone: bool = False) -> Answer:
         """The leg in `duration` s with the least energy found.
 
         The first time, or if `alone`, it is a single move; else it continues the optimum of the nearest known duration,
         in a fifth of the time.
         """
         planner = self.planner(leg.step)
-        if known is not None and planner.certify(known).valid:
-            return Answer(known, planner.score(known), "resumed")
+        known = None if self._answers is None else self._answers.known(leg, duration)
         try:
             planner.check(leg.move(duration))
             key = self._key(leg)
             if key not in self._steps:
                 self._steps[key] = Neighbours(planner.single(leg.move(None)))
             steps = self._steps[key]
+            if known is not None and planner.certify(known).valid:
+                energy = planner.score(known)
+                steps.learn(duration, Optimum(known, energy, True))
+                return Answer(known, energy, "resumed")
             found = steps.single_move(duration) if alone else steps.near(duration)
         except Infeasible as error:
             return self._slowed_or(error, leg, timing, duration)
         if found is None:
             none = Infeasible(f"nothing within limits was found in {duration:g} s", limit="duration")
             return self._slowed_or(none, leg, timing, duration)
+        if self._answers is not None and found.converged and not self.stopped():
+            self._answers.keep(leg, duration, found.trajectory)
         return Answer(found.trajectory, found.energy, found.chosen, "solved" if found.converged else "not_converged")
 
     def rough(self, leg: Leg, duration: float, near: Answer | None = None) -> Answer:
@@ -229,45 +275,3 @@ def _touching(cell: Cell | None, motion: Trajectory) -> bool:
     """Whether a motion touches something at LOOKS of its instants."""
     looks = motion.sample(np.linspace(motion.time[0], motion.time[-1], LOOKS))[0]
     return not all(is_free(cell, q) for q in looks)
-
-
-FOLDER = ".answers"
-
-
-class Answers:
-    """Trajectories on disk; their key is leg, duration and `about` (all else: model, limits, settings)."""
-
-    def __init__(self, out: Path, joints: Sequence[str], about: object, resume: bool) -> None:
-        """In `out`; without `resume` the answers of an earlier run are ignored."""
-        self._folder, self._joints, self._resume = Path(out) / FOLDER, tuple(joints), resume
-        self._about = to_json(about)
-
-    def known(self, leg: Leg, duration: float) -> Trajectory | None:
-        """The earlier answer; None if there is none that can be read."""
-        path = self._path(leg, duration)
-        if not self._resume or not path.is_file():
-            return None
-        try:
-            return formats.read_trajectory(path, self._joints)
-        except EnergyOptError:
-            return None
-
-    def keep(self, leg: Leg, duration: float, trajectory: Trajectory) -> None:
-        """Write the answer to a leg of a duration [s], completely or not at all.
-
-        Raises:
-            BadInput: the file cannot be written.
-        """
-        formats.write(trajectory, self._path(leg, duration))
-
-    def forget(self) -> None:
-        """Remove the answers of a finished job."""
-        for path in self._folder.glob("*.csv"):
-            path.unlink(missing_ok=True)
-        if self._folder.is_dir():
-            self._folder.rmdir()
-
-    def _path(self, leg: Leg, duration: float) -> Path:
-        """The file of an answer; its name changes with everything that the answer depends on."""
-        what = to_json([leg.points, leg.mode, leg.step.payload, str(leg.step.scene), repr(duration)])
-        return self._folder / f"{hashlib.sha256((self._about + what).encode()).hexdigest()[:24]}.csv"

@@ -1,15 +1,10 @@
-"""Jobs: how time is shared, what is written, what is refused, and that a killed job goes on."""
+"""Jobs: how time is shared, what is written, and what is refused."""
 
 from __future__ import annotations
 
 import itertools
 import json
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,11 +17,9 @@ from energy_opt.cli.main import main
 from energy_opt.errors import Infeasible
 from energy_opt.formats import read_trajectory
 from energy_opt.jobs.allocate import Front, Solved, allocate
-from energy_opt.jobs.cycle import Answer
 from energy_opt.jobs.file import load_job
 from energy_opt.jobs.job_files import split
 from energy_opt.jobs.solve_job import run_job
-from energy_opt.jobs.work import Answers, Worker
 from energy_opt.motion import Settings
 from energy_opt.motion.judge.clearance import clearance_of
 from energy_opt.motion.path import straight
@@ -193,70 +186,6 @@ def test_a_cycle_may_be_shorter_than_straight_lines_allow(panda: Robot, tmp_path
     late = SWING.replace("cycle_time = 1.6", "cycle_time = 1.4")
     with pytest.raises(Infeasible, match=r"its moves take 1\.59\d s at least"):
         run_job(load_job(written(tmp_path, late), lambda _: panda), source_method_2())
-
-
-@pytest.mark.slow
-def test_a_killed_job_is_continued_with_the_same_result(panda: Robot, tmp_path: Path) -> None:
-    path, whole, killed = written(tmp_path, RETIMED), tmp_path / "whole", tmp_path / "killed"
-    assert main(["job", str(path), "--out", str(whole), "--quiet"]) == 0
-    words = [sys.executable, "-m", "energy_opt", "job", str(path), "--out", str(killed), "--quiet"]
-    process = subprocess.Popen(words)
-    for _ in range(600):
-        if list((killed / ".answers").glob("*.csv")) or process.poll() is not None:
-            break
-        time.sleep(0.05)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-    assert main([*words[3:], "--resume"]) == 0
-    first, second = (json.loads((out / "job.json").read_text()) for out in (whole, killed))
-    assert second["energy_total"] == pytest.approx(first["energy_total"], rel=1e-9)
-    assert not (killed / ".answers").exists()
-
-
-SHUTTLE = """
-format = "energy-opt/job/1"
-robot = "panda"
-cycle_time = 2.0
-home = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]
-[[step]]
-to = [0.9, 0.35, 0.2, -1.9, 0.0, 2.2, 0.9]
-[[step]]
-to = "home"
-"""
-
-
-def test_a_move_whose_search_was_stopped_is_searched_again(panda: Robot, tmp_path: Path) -> None:
-    job, asked = load_job(written(tmp_path, SHUTTLE), lambda _: panda), [0]
-
-    def progress(text: str, _: float) -> None:
-        asked[0] += text.startswith("2/2")
-
-    def stopped() -> bool:  # within the search for the second move
-        asked[0] += bool(asked[0])
-        return asked[0] > 2
-
-    settings, kept = Settings(starts=1, controls=16), Answers(tmp_path, panda.joints, "", resume=False)
-    found = run_job(job, source_method_2(), settings, stopped=stopped, progress=progress, answers=kept)
-    assert [piece.status for piece in found.pieces] == ["solved", "not_converged"]
-    # it was kept as an answer, so `--resume` took the first guess for the solved move
-    assert len(list((tmp_path / ".answers").iterdir())) == 1
-
-
-def test_a_move_whose_search_was_stopped_after_its_first_start_is_searched_again(
-    panda: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The best of fewer starts may be converged, too."""
-    job, inner, ended = load_job(written(tmp_path, SHUTTLE), lambda _: panda), Worker.solved, [0]
-
-    def solved(work: Worker, *words: Any) -> Answer:
-        answer = inner(work, *words)
-        ended[0] += 1
-        return answer
-
-    monkeypatch.setattr(Worker, "solved", solved)
-    settings, kept = Settings(starts=1, controls=16), Answers(tmp_path, panda.joints, "", resume=False)
-    run_job(job, source_method_2(), settings, stopped=lambda: ended[0] > 1, answers=kept)
-    assert len(list((tmp_path / ".answers").iterdir())) == 1
 
 
 NEAR_BODY = """format = "energy-opt/job/1"

@@ -7,7 +7,7 @@ import pytest
 
 from energy_opt.cli.main import main
 from energy_opt.jobs.over_time import knee, text
-from energy_opt.jobs.work import Worker
+from energy_opt.jobs.work import Answers
 
 JOB = """format = "energy-opt/job/1"
 robot = "z1"
@@ -71,20 +71,20 @@ def test_a_stopped_front_of_a_job_is_continued(tmp_path, monkeypatch):
     (tmp_path / "job.toml").write_text(JOB)
     words = ["tradeoff", str(tmp_path / "job.toml"), "--model", "source-method-2", "--compile", "never", "--quiet"]
     words += ["--durations", "3:4:2", "--out", str(tmp_path / "front"), "--resume"]
-    solved, usual, most = [], Worker.solved, [1]
+    solved, usual, most = [], Answers.keep, [1]
 
-    def counted(worker, leg, timing, duration, known, alone):
-        if known is None:
-            if len(solved) == most[0]:
-                raise RuntimeError("the machine stops here")
-            solved.append(leg)
-        return usual(worker, leg, timing, duration, known, alone)
+    def counted(answers, leg, *words):
+        if len(solved) == most[0]:
+            raise RuntimeError("the machine stops here")
+        solved.append(leg)
+        usual(answers, leg, *words)
 
-    monkeypatch.setattr(Worker, "solved", counted)
+    monkeypatch.setattr(Answers, "keep", counted)
     assert main(words) != 0 and len(list((tmp_path / "front" / ".answers").glob("*.csv"))) == 1
     most[0] = 4
     assert main(words) == 0 and len(solved) <= 4  # two cycles of two legs, one of them answered before
     assert not (tmp_path / "front" / ".answers").exists()
+    assert main(words) == 0 and len(solved) <= 4
 
 
 @pytest.mark.slow

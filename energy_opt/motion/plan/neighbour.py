@@ -121,6 +121,12 @@ class Neighbours:
         self._known[duration] = here if here is not None else self._retimed(duration)
         return self._known[duration]
 
+    def learn(self, duration: float, optimum: Optimum) -> None:
+        """Take an optimum of an earlier run as known; a duration far from the others counts as solved alone."""
+        if self._is_far_from_single(duration):
+            self._alone_at.append(duration)
+        self._known[duration] = optimum
+
     def near(self, duration: float) -> Optimum | None:
         """The optimum at exactly `duration` s, from that of the nearest known duration; the first is a single move.
 

@@ -11,7 +11,7 @@ from energy_opt.errors import BadInput
 from energy_opt.front.controllers import check_rate_of, check_written
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, robot_of, several
-from energy_opt.front.jobs import JOB, JobAnswer, answers_of, content_of, prepared
+from energy_opt.front.jobs import JOB, WORKCELL, JobAnswer, answers_of, content_of, prepared
 from energy_opt.front.models import rivals_from, said, with_careful
 from energy_opt.front.moves import settings_of
 from energy_opt.jobs import job_files
@@ -25,7 +25,6 @@ from energy_opt.requests.moves import JobRequest
 from energy_opt.results import Listing
 from energy_opt.robot import Robot
 
-WORKCELL = "energy-opt/job/2"
 NONE: Shares = MappingProxyType({})
 OF_ONE_ROBOT = ("robot", "payload", "base")  # options of one robot, which are refused in a job of several
 

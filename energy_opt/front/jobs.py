@@ -36,6 +36,7 @@ from energy_opt.results import exit_of
 from energy_opt.robot import Robot
 from energy_opt.tradeoffs.front_files import ANSWER, Tradeoff
 
+WORKCELL = "energy-opt/job/2"
 Asked = TypeVar("Asked", JobRequest, TradeoffRequest, PlaceRequest)
 
 
@@ -54,8 +55,14 @@ def job_from(
 
     Args:
         payload: until a step states another one, in place of the job's. robot: if loaded already.
+
+    Raises:
+        BadInput: a fault of the job, or it has several robots.
     """
     document, path = content_of(request)
+    if document.get("format") == WORKCELL:
+        other = "; use `job` with other values of cycle_time" if request.verb == "tradeoff" else ""
+        raise BadInput(f"{path}: a job of several robots ({WORKCELL}); {request.verb} takes jobs of one robot{other}")
     return job_of(
         document, path, lambda name: robot or robot_of(request, name), allow_outside=request.allow_outside,
         named=poses_of_request(cell_of(request)),

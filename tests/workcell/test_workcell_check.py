@@ -11,11 +11,11 @@ import energy_opt as eo
 from energy_opt.cli.main import main
 
 
-def refused(tmp_path: Path, document: dict, verb: str = "job") -> int:
+def refused(tmp_path: Path, document: dict, verb: str = "job", *options: str) -> int:
     """The exit code for a description, as a file of `tmp_path`."""
     file = tmp_path / "cell.toml"
     file.write_bytes(tomli_w.dumps(document).encode())
-    return main([verb, str(file)])
+    return main([verb, str(file), *options])
 
 
 def one_robot(*steps: dict) -> dict:
@@ -102,3 +102,18 @@ def test_a_step_without_a_name_is_named_once_in_messages() -> None:
     del steps[1]["modes"]
     with pytest.raises(eo.BadInput, match=r"robot a: step 1: its curve is not convex"):
         eo.job(job)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["tradeoff"], "tradeoff takes jobs of one robot; use `job` with other values of cycle_time"),
+        (["place", "--base-box", "0,1,0,1,0,1"], "place takes jobs of one robot"),
+    ],
+)
+def test_verbs_of_one_robot_say_so(
+    words: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Another format was expected."""
+    assert refused(tmp_path, one_robot({"name": "x", "to": [0.0] * 7}), *words) == 2
+    assert said in capsys.readouterr().err

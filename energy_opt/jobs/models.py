@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from energy_opt.errors import Infeasible
-from energy_opt.jobs.cycle import Scorers, efforts, energy_of
+from energy_opt.jobs.cycle import Plan, Scorers, efforts, energy_of
 from energy_opt.jobs.solve_job import JobResult
 from energy_opt.motion.judge.certificate import ALLOWED
 from energy_opt.motion.judge.energy import COARSER
@@ -152,10 +152,14 @@ def stated(result: JobResult, rivals: Sequence[Rival]) -> JobResult:
         plan = slowed
         said = f"no cycle was found that takes less energy than the evenly slowed one under {costly[0][1].name!r} too"
         warnings = (*warnings, said)
-    totals = [row["total"] for row in compared(replace(result, plan=plan), rivals).models]
-    robust = {"kind": "mean", "total": sum(totals) / len(totals), "lower_bound": result.bound}
-    scorers = Scorers(job.robot, rivals[0].model)
-    plans = result.baselines.items()
+    plans, under = result.baselines.items(), [Scorers(job.robot, rival.model) for rival in rivals]
+    scorers = under[0]
+
+    def mean(plan: Plan) -> float:
+        return float(np.mean([energy_of(job, each, plan.under(job, each)) for each in under]))
+
+    baselines = {name: None if plan is None else mean(plan) for name, plan in plans}
+    robust = {"kind": "mean", "total": mean(plan), "lower_bound": result.bound, "baselines": baselines}
     stated = replace(
         result, plan=plan.under(job, scorers), scorers=scorers, bound=None, robust=robust, warnings=warnings,
         baselines={name: None if plan is None else plan.under(job, scorers) for name, plan in plans},

@@ -47,7 +47,7 @@ class JobResult:
         plan: its motions and waits.
         baselines: "fastest_then_wait" and "evenly_slowed"; None where a limit or a body forbids it.
         bound: J, a lower bound over all timings of the legs' first paths and shares of the time; None if not proven.
-        robust: under several models the minimised value: kind, total [J], and lower_bound [J] of that, or None.
+        robust: under several models the minimised value (kind, total, lower_bound or None), and the baselines' [J].
         cells: bodies that were kept clear of, by step.
         interrupted: stopped early: legs that had not been solved run evenly slowed.
         models: energies of the cycle under other models: name, total [J], and against the evenly slowed one

@@ -11,7 +11,7 @@ from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.judge.energy import Energy
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power.assumptions import Assumption
-from energy_opt.reports.words import limits_words
+from energy_opt.reports.words import limits_words, of_models
 
 
 @dataclass(frozen=True)
@@ -125,8 +125,8 @@ class Result:
         moves: data of the standard moves that it consists of; None for a free trajectory.
         models: its energies under each of several models: name, total and loss [J], share of the loss saved [%].
         robust: what was minimised if it is not `energy.total` but the "mean" or "worst" (`kind`) of the models'
-            totals, its value (`total`) [J], and a bound below it (`lower_bound`) or None; the gap in `optimality` is
-            between these.
+            totals, its value (`total`) [J], that of the `baselines` by name, and a bound below it (`lower_bound`) or
+            None; the gap in `optimality` is between `total` and this bound.
         assumptions: assumed values that were not given, with their source.
         break_even_friction: share of the effort limits at which dry friction, added to the model, ends the saving
             against "scaled"; None if no share below 0.2 does.
@@ -213,8 +213,7 @@ class Result:
     def bound(self) -> str:
         """The lower bound in J, with its meaning if it is not of the energy itself; empty without one."""
         known = self.optimality.lower_bound if self.robust is None else self.robust["lower_bound"]
-        of = "" if self.robust is None else f" ({self.robust['kind']} of the models)"
-        return "" if known is None else f"{known:.6f} J{of}"
+        return "" if known is None else f"{known:.6f} J{of_models(self.robust)}"
 
     def __repr__(self) -> str:
         e = self.energy

@@ -14,7 +14,7 @@ from energy_opt.reports.charts import Block, Chart, Line
 from energy_opt.reports.motion import Motion, Played, player
 from energy_opt.reports.optimize import assumed, motion_charts
 from energy_opt.reports.page import Report
-from energy_opt.reports.words import yearly
+from energy_opt.reports.words import of_models, yearly
 from energy_opt.robot import Robot
 
 LANES = {"move": "moves", "wait": "waits", "standby": "standby"}
@@ -61,14 +61,13 @@ def page(
     columns = {"step": "name", "begins [s]": "start", "takes [s]": "duration", "energy [J]": "energy_total"}
     columns |= {"payload [kg]": "payload", "mode": "source", "first path": "first_path", "status": "status"}
     report.records(shown, columns)
-    several = document.get("robust")
-    bound = (several or document["optimality"])["lower_bound"]
+    total, baselines, of = _minimised(document)
+    bound = (document.get("robust") or document["optimality"])["lower_bound"]
     report.section("Comparison with simple cycles").table(
-        ["", "energy of the cycle [J]"],
+        ["", f"energy of the cycle [J]{of}"],
         [
-            ["this plan", document["energy_total"]],
-            *([row["name"].replace("_", " "), row["energy_total"]] for row in document["baselines"]),
-            *([["this plan, mean of the models", several["total"]]] if several else []),
+            ["this plan", total],
+            *([name, energy] for name, energy in baselines.items()),
             *([] if bound is None else [["proven lower bound of retiming", bound]]),
         ],
         digits=7,
@@ -98,12 +97,20 @@ def timeline(steps: Sequence[Mapping[str, Any]]) -> list[Block]:
 
 def headline(document: Mapping[str, Any]) -> str:
     """One sentence: energy of the cycle, compared with simple timings of it."""
-    total = document["energy_total"]
-    text = f"{total:.5g} J a cycle"
-    for row in document["baselines"]:
-        if row["energy_total"] is not None:
-            text += f", {less(total, row['energy_total'])} than {row['name'].replace('_', ' ')}"
+    total, baselines, of = _minimised(document)
+    text = f"{total:.5g} J a cycle{of}"
+    for name, energy in baselines.items():
+        if energy is not None:
+            text += f", {less(total, energy)} than {name}"
     return text + "."
+
+
+def _minimised(document: Mapping[str, Any]) -> tuple[float, dict[str, float | None], str]:
+    """Energies [J] of the cycle and its baselines, in the mean of several models, and the words on this mean."""
+    several = document.get("robust")
+    energies = several["baselines"] if several else {r["name"]: r["energy_total"] for r in document["baselines"]}
+    named = {name.replace("_", " "): energy for name, energy in energies.items()}
+    return several["total"] if several else document["energy_total"], named, of_models(several)
 
 
 def less(energy: float, other: float) -> str:
@@ -124,28 +131,24 @@ def table(found: Mapping[str, Any], cycles: float | None) -> str:
             f"{row['name'][:24]:<24} {row['start']:>10.3f} {row['duration']:>10.3f} {row['energy_total']:>11.3f} "
             f"{row['payload']:>5.2g}"
         )
-    several, total = found.get("robust"), found["energy_total"]
-    models = found["models"] if several else []
-    under = f" (under {models[0]['name']})" if models else ""
-    lines.append(f"in a {found['cycle_time']:g} s cycle: this plan {total:.3f} J{under}")
-    for row in found["baselines"]:
-        name = row["name"].replace("_", " ")
-        if row["energy_total"] is None:
-            lines.append(f"  {name}: not possible within the limits")
-        else:
-            lines.append(f"  {name} {row['energy_total']:.3f} J (this plan takes {less(total, row['energy_total'])})")
-    against = [row["name"].replace("_", " ") for row in found["baselines"] if row["energy_total"] is not None]
-    for row in models[1:]:
+    several, (total, baselines, of) = found.get("robust"), _minimised(found)
+    lines.append(f"in a {found['cycle_time']:g} s cycle{of}: this plan {total:.3f} J")
+    for name, energy in baselines.items():
+        words = ": not possible within the limits"
+        lines.append(
+            f"  {name}" + (words if energy is None else f" {energy:.3f} J (this plan takes {less(total, energy)})")
+        )
+    for row in found["models"] if several else []:
         saved = row["saving_total_percent"]
-        than = "" if saved is None else f", {less(100 - saved, 100)} than {against[-1]}"
+        than = "" if saved is None else f", {less(100 - saved, 100)} than {list(baselines)[-1]}"
         lines.append(f"  under {row['name']}: {row['total']:.3f} J{than}")
-    choice, mean = found.get("choice"), " in the mean of the models" if several else ""
+    choice = found.get("choice")
     if choice and choice["greedy_nearest"] is not None:
         chosen, nearest = choice["energy_total"], choice["greedy_nearest"]
-        lines.append(f"positions at the poses: {chosen:.3f} J a cycle, with the nearest ones {nearest:.3f} J{mean}")
+        lines.append(f"positions at the poses: {chosen:.3f} J a cycle, with the nearest ones {nearest:.3f} J{of}")
     if "per_year" in found:
         lines.append(per_year_words(found["per_year"], cycles or 0.0))
-    bound, of = (several or found["optimality"])["lower_bound"], " (mean of the models)" if several else ""
+    bound = (several or found["optimality"])["lower_bound"]
     if bound is not None:
         gap = found["optimality"]["gap_percent"]
         lines.append(f"no timing of these paths takes less than {bound:.3f} J{of} (gap {gap:.2g} %)")

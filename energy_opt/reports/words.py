@@ -39,11 +39,21 @@ def goals_words(found: Mapping[str, Any]) -> str:
         return words + "no motion to the nearest one was found"
     if near["saving_joules"] <= ALLOWED * abs(energy):
         return words + "the nearest one is the cheapest"
-    percent = 100 * near["saving_joules"] / abs(near["energy"])
+    saved, whole = near["saving_joules"], near["energy"]
     same = "in the same time" if abs(near["duration"] - found["duration"]) < 1e-6 else f"in {near['duration']:.4g} s"
-    mean = " in the mean of the models" if found.get("robust") else ""
-    takes = f"the nearest one takes {near['energy']:.4f} J {same}"
-    return f"{words}{takes}: saved {near['saving_joules']:.4g} J, {percent:.3g} %{mean}"
+    return (
+        f"{words}the nearest one takes {whole:.4f} J {same}, this one {whole - saved:.4f} J: saved {saved:.4g} J, "
+        f"{100 * saved / abs(whole):.3g} %{of_models(found.get('robust'))}"
+    )
+
+
+def of_models(robust: Mapping[str, Any] | None) -> str:
+    """What an energy is of that a plan minimises: " (mean of the models)"; "" under one model.
+
+    Args:
+        robust: as results have it; None under one model.
+    """
+    return "" if robust is None else f" ({robust['kind']} of the models)"
 
 
 def limits_words(certificate: Mapping[str, Any], unit: Callable[[str, str], str]) -> str:
@@ -78,14 +88,17 @@ def input_words(document: Mapping[str, Any]) -> str:
     given, fastest = named.get("input"), named.get("toppra")
     if given is None or abs(given["duration"] / document["duration"] - 1) > 1e-6:
         return ""
-    total, own = document["energy"]["total"], given["energy"]["total"]
-    text = (
-        "" if fastest is None else f"fastest allowed {fastest['duration']:.3g} s: {fastest['energy']['total']:.4g} J; "
-    )
-    text += f"at your {given['duration']:.3g} s: {total:.5g} J, your own timing {own:.5g} J"
-    if not given["valid"]:
-        return f"{text} (which breaks a limit or touches something)"
-    return f"{text} (saves {own - total:.3g} J, {100 * (own - total) / own:.2g} %)"
+    robust = document.get("robust")
+    energies = robust["baselines"] if robust else {name: row["energy"]["total"] for name, row in named.items()}
+    total, own = (robust or document["energy"])["total"], energies["input"]
+    text = f"your timing: {given['duration']:.4g} s, {own:.5g} J"
+    text += "" if given["valid"] else " (breaks a limit or touches something)"
+    text += f"; this plan: {document['duration']:.4g} s, {total:.5g} J"
+    if given["valid"]:
+        text += f" (saves {own - total:.3g} J, {100 * (own - total) / own:.2g} %)"
+    if fastest is not None:
+        text += f"; fastest timing: {fastest['duration']:.4g} s, {energies['toppra']:.5g} J"
+    return text + of_models(robust)
 
 
 def floored(value: float, digits: int = 2) -> str:

@@ -94,6 +94,8 @@ def test_a_job_under_several_models_states_what_its_mean_is_held_against(tmp_pat
     found = json.loads((tmp_path / "o" / "job.json").read_text())
     planned = [row["total"] for row in found["models"][:2]]
     assert found["robust"]["total"] == pytest.approx(sum(planned) / 2)
+    slowed = [row["total"] + row["saving_joules"] for row in found["models"][:2]]
+    assert found["robust"]["baselines"]["evenly_slowed"] == pytest.approx(sum(slowed) / 2)
     bound, known = found["robust"]["lower_bound"], found["optimality"]
     assert bound is None or bound <= found["robust"]["total"] * (1 + 1e-12)
     assert known["lower_bound"] is None and (known["gap_percent"] is None) == (bound is None)

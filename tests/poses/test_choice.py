@@ -126,10 +126,13 @@ def test_the_saving_is_quoted_against_the_nearest_goal_at_equal_duration() -> No
         "energy": {"total": 10.0},
         "duration": 1.5,
     }
-    said = "goals: 3 looked at, 2 solved in full; the nearest one takes 12.0000 J in the same time: saved 2 J, 16.7 %"
+    said = "goals: 3 looked at, 2 solved in full; the nearest one takes 12.0000 J in the same time, "
+    said += "this one 10.0000 J: saved 2 J, 16.7 %"
     assert goals_words(found) == said
     assert "in 1.7 s" in goals_words({**found, "nearest": {**near, "duration": 1.7}})
     assert goals_words({"energy": {"total": 10.0}}) == ""
+    found |= {"energy": {"total": 7.0}, "robust": {"kind": "worst", "total": 10.0}}  # 7 J is under the first model
+    assert goals_words(found) == f"{said} (worst of the models)"
 
 
 @pytest.mark.slow

@@ -191,8 +191,7 @@ class RobustPlanner:
         """
         names = ("scaled",) if move.duration is not None else ("scaled", "toppra")
         known = [baseline for baseline in best.result.baselines if baseline.name in names and baseline.valid]
-        totals = [np.array([scorer.energy(b.trajectory).total for scorer in self._scorers]) for b in known]
-        even = [(self._value(total), baseline) for total, baseline in zip(totals, known, strict=True)]
+        even = [(self._value_of(baseline), baseline) for baseline in known]
         value, baseline = min(even, key=lambda found: found[0], default=(np.inf, None))
         if baseline is None or not (best.costlier().any() or exceeds(self._value(best.totals), value)):
             return best
@@ -308,6 +307,9 @@ class RobustPlanner:
         """The minimised value [J] of the energies (K,) under all judges."""
         return float(totals[: len(self.rivals)].mean() if self.kind == "mean" else totals.max())
 
+    def _value_of(self, baseline: Baseline) -> float:
+        return self._value(np.array([scorer.energy(baseline.trajectory).total for scorer in self._scorers]))
+
     def _stated(self, answer: UnderJudges) -> Result:
         """The result with the first model's energies, and a record for every model."""
         result, scorer = answer.result, self._scorers[0]
@@ -339,10 +341,11 @@ class RobustPlanner:
         )
 
     def _minimised(self, answer: UnderJudges) -> dict[str, Any]:
-        """The minimised value, its lower bound and the gap; the energy itself then has no bound."""
+        """The minimised value, that of the baselines, a lower bound and the gap; the energy itself has no bound."""
         value = self._value(answer.totals)
         bound = None if answer.bound is None else min(answer.bound, value)
         gap = None if bound is None else 100 * (value - bound) / max(abs(value), 1e-12)
         kind = "global" if gap is not None and gap <= GLOBAL_GAP else "local"
-        robust = {"kind": self.kind, "total": value, "lower_bound": bound}
+        baselines = {baseline.name: self._value_of(baseline) for baseline in answer.result.baselines}
+        robust = {"kind": self.kind, "total": value, "lower_bound": bound, "baselines": baselines}
         return {"robust": robust, "optimality": Optimality(kind, None, gap)}

@@ -25,6 +25,7 @@ from energy_opt.front.given import as_loaded, cell_of, payload_document, robot_o
 from energy_opt.front.models import rivals_of
 from energy_opt.front.motion_files import motion_files, put_motions
 from energy_opt.front.moves import documents
+from energy_opt.reports.words import INVALID
 from energy_opt.requests.verbs import EvaluateRequest
 from energy_opt.results import exit_of
 from energy_opt.robot import Robot
@@ -258,7 +259,7 @@ def table(found: Sequence[Evaluation]) -> str:
             )
     line("peak power [W]", [e.certificate.peak_power for e in found], 1)
     if not all(b.valid for e in found for b in e.baselines):
-        lines.append("* breaks a limit or is not clear of bodies: no energy to compare with")
+        lines.append(INVALID)
     for evaluation in found:
         lines.append(f"{evaluation.motion.name}: {_judged(evaluation)}")
     return "\n".join(lines)

@@ -35,7 +35,7 @@ from energy_opt.power.assumptions import assumptions_line, until
 from energy_opt.power.model import model_from_document
 from energy_opt.power.per_year import per_year_words
 from energy_opt.reports.optimize import page
-from energy_opt.reports.words import clearance_words, energy_records, goals_words, input_words, limits_words
+from energy_opt.reports.words import INVALID, clearance_words, energy_records, goals_words, input_words, limits_words
 from energy_opt.requests.moves import OptimizeRequest
 from energy_opt.results import exit_of
 from energy_opt.robot import Robot
@@ -131,12 +131,12 @@ def with_files(answer: Answer, write: Callable[[Result, Path], list[Written]]) -
 
 
 def _lost(result: Result, robot: Robot, document: Mapping[str, Any]) -> dict[str, dict[str, np.ndarray]]:
-    """Losses (n,) [J] by joint and effect of the result and of "scaled", under the model of the request."""
+    """Losses (n,) [J] by joint and effect of the result and of a valid "scaled", under the model of the request."""
     model = (document.get("request") or {}).get("model")
     if model is None:
         return {}
     scorer, scaled = Scorer(robot, model_from_document(model, "request")), result.baseline("scaled")
-    motions = {"result": result.trajectory, **({} if scaled is None else {"scaled": scaled.trajectory})}
+    motions = {"result": result.trajectory, **({"scaled": scaled.trajectory} if scaled and scaled.valid else {})}
     return {name: loss_by_joint(scorer, motion) for name, motion in motions.items()}
 
 
@@ -148,9 +148,10 @@ def _why_less(result: Result) -> list[str]:
     power, own, least = result.energy.standby / duration, f"{duration:.4g}", f"{fastest.duration:.4g}"
     if own == least:
         return []
+    rest = duration - fastest.duration
     return [
-        f"toppra is the fastest timing: {least} s instead of {own} s; standby alone is "
-        f"{power:.3g} W, {power * (duration - fastest.duration):.4g} J of the difference"
+        f"The fastest timing takes {least} s. In the remaining {rest:.3g} s, standby ({power:.3g} W) takes "
+        f"{power * rest:.4g} J."
     ]
 
 
@@ -175,15 +176,17 @@ def table(result: Result, out: Path, robot: Robot, year: str = "") -> str:
         year: the line on the saving per year, or empty.
     """
     columns = [("result", result.trajectory.duration, result.energy)]
-    columns += [(b.name, b.duration, b.energy) for b in result.baselines]
+    columns += [(b.marked, b.duration, b.energy) for b in result.baselines]
     lines = [f"{'energy [J]':<22}" + "".join(f"{name:>12}" for name, _, _ in columns)]
     for name, *values in energy_records([(duration, vars(energy)) for _, duration, energy in columns], "{}", "  {}"):
         cells = "".join(f"{value:>12.4f}" if isinstance(value, float) else f"{'-':>12}" for value in values)
         lines.append(f"{name:<22}{cells}")
+    lines += [] if all(b.valid for b in result.baselines) else [INVALID]
     beside = input_words(result.document())
     lines += [beside] if beside else _why_less(result)
     several = len(result.models) > 1
-    lines.append(f"{result.saved} (under {result.models[0]['name']})" if several else result.saved)
+    under = f" (under {result.models[0]['name']})" if several and result.saving is not None else ""
+    lines.append(result.saved + under)
     lines += [_under(row) for k, row in enumerate(result.models) if (several and k) or "saving_interval" in row]
     goals = goals_words(result.document())
     lines += [goals] if goals else []

@@ -11,7 +11,7 @@ from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.judge.energy import Energy
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power.assumptions import Assumption
-from energy_opt.reports.words import limits_words, of_models
+from energy_opt.reports.words import INVALID, first_path_words, limits_words, of_models
 
 
 @dataclass(frozen=True)
@@ -37,6 +37,11 @@ class Baseline:
     def duration(self) -> float:
         """Duration [s]."""
         return self.trajectory.duration
+
+    @property
+    def marked(self) -> str:
+        """The name, with a star if it is not valid."""
+        return self.name if self.valid else f"{self.name}*"
 
     def document(self) -> dict[str, object]:
         """As result.json has it."""
@@ -196,15 +201,14 @@ class Result:
         """The saving at equal duration, in words."""
         saving = self.saving
         if saving is None:
-            fastest, path = self.baseline("toppra"), "path that it starts from"
+            fastest, own = self.baseline("toppra"), f"{self.duration:.4g} s"
             if fastest is None or fastest.duration <= self.duration:
-                return "no saving is stated: the move slowed evenly is not within the limits"
-            path = "straight path" if self.first_path is None or self.first_path.source == "straight" else path
+                return "no saving is stated: the evenly slowed move breaks a limit or touches something"
+            path = first_path_words(None if self.first_path is None else self.first_path.source)
             return (
-                f"no saving is stated: the move is faster than the fastest one on the {path} "
-                f"({fastest.duration:.4g} s), so no baseline has its duration"
+                f"no saving is stated: this move takes {own}, the {path} at least {fastest.duration:.4g} s, so it "
+                f"cannot be compared at {own}"
             )
-
         shares = (saving["total_percent"], saving["loss_percent"])
         total, loss = ("-" if share is None else f"{share:.2f} %" for share in shares)
         return f"saved at equal duration: {saving['joules']:.3f} J, {total} of the total, {loss} of the loss"
@@ -240,7 +244,7 @@ class Result:
         )
 
     def _repr_html_(self) -> str:
-        head = ["", *("this move", *(b.name for b in self.baselines))]
+        head = ["", *("this move", *(b.marked for b in self.baselines))]
         energies = [self.energy, *(b.energy for b in self.baselines)]
         table = [
             [part, *(f"{getattr(e, part):.5g}" for e in energies)] for part in ("total", "standby", "stored", "loss")
@@ -248,7 +252,8 @@ class Result:
         cells = "".join("<tr>" + "".join(f"<td>{escape(c)}</td>" for c in row) + "</tr>" for row in table)
         title = "".join(f"<th>{escape(c)}</th>" for c in head)
         lines = "<br>".join(escape(line) for line in str(self).splitlines())
-        return f"<p>{lines}</p><table><caption>energy [J]</caption><tr>{title}</tr>{cells}</table>"
+        note = "" if all(b.valid for b in self.baselines) else f"<p>{INVALID}</p>"
+        return f"<p>{lines}</p><table><caption>energy [J]</caption><tr>{title}</tr>{cells}</table>{note}"
 
     def document(self) -> dict[str, object]:
         """The content of result.json."""

@@ -31,7 +31,7 @@ def page(
 
     Args:
         document: the content of result.json.
-        baselines: trajectories by name; "scaled" is drawn beside the result.
+        baselines: trajectories by name; "scaled" is drawn beside the result, if it is valid.
         cell: bodies for drawing the moving arm; None: the arm's own.
         lost: loss by each effect at each joint (n,) [J], by motion.
     """
@@ -42,7 +42,7 @@ def page(
     report.warning(*document.get("warnings", ()))
     if document.get("message"):
         report.warning(f"{document['status']}: {document['message']}")
-    beside = {name: motion for name, motion in baselines.items() if name == BESIDE}
+    beside = {} if _slowed(document) is None else {BESIDE: baselines[BESIDE]}
     motions = [Played("result", result), *(Played(name, motion, ghost=True) for name, motion in beside.items())]
     report.player(player(robot, motions, cell, _closest(document)))
     report.section("Motion").charts(*motion_charts(result, beside, robot))
@@ -98,8 +98,8 @@ def _numbers(document: Mapping[str, Any]) -> dict[str, str]:
     out["energy"] = f"{document['energy']['total']:.4g} J"
     out["duration"] = f"{document['duration']:.4g} s"
     if document.get("peak_power") is not None:
-        peaks = [b.get("peak_power") for b in document["baselines"] if b["name"] == BESIDE]
-        slowed = f"; slowed evenly {peaks[0]:.4g} W" if peaks and peaks[0] is not None else ""
+        peak = (_slowed(document) or {}).get("peak_power")
+        slowed = "" if peak is None else f"; evenly slowed {peak:.4g} W"
         out[f"peak power{slowed}"] = f"{document['peak_power']:.4g} W"
     clearance = document["certificate"].get("clearance")
     if clearance and clearance["verdict"] == "proven":
@@ -110,6 +110,11 @@ def _numbers(document: Mapping[str, Any]) -> dict[str, str]:
         what, _, near = clearance_words(clearance).partition(": ")
         out[near or "of the arm and its cell"] = what
     return out
+
+
+def _slowed(document: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """The record of the baseline that savings are stated against; None if it is not valid."""
+    return next((b for b in document["baselines"] if b["name"] == BESIDE and b["valid"]), None)
 
 
 def _closest(document: Mapping[str, Any]) -> Closest | None:
@@ -193,7 +198,7 @@ def _energy(report: Report, document: Mapping[str, Any]) -> None:
     """Energies of the result and of its baselines, by part and by effect."""
     columns = [("result", document["duration"], document["energy"], True)]
     columns += [(b["name"], b["duration"], b["energy"], b.get("valid", True)) for b in document["baselines"]]
-    compared = {name: energy["by_effect"] for name, _, energy, _ in columns if name in ("result", BESIDE)}
+    compared = {name: energy["by_effect"] for name, _, energy, valid in columns if valid and name in ("result", BESIDE)}
     bars = {name: {k: v for k, v in parts.items() if k != "standby"} for name, parts in compared.items()}
     report.section("Energy")
     report.charts(Chart("Energy by effect, standby left out", "energy [J]", "", bars=bars, pictured=True))

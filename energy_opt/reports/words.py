@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 ALLOWED = 1e-6  # share of a bound: tolerance, as in the certificate
+INVALID = "* breaks a limit or is not clear of bodies: no energy to compare with"
 
 
 def clearance_words(found: Mapping[str, Any]) -> str:
@@ -45,6 +46,11 @@ def goals_words(found: Mapping[str, Any]) -> str:
         f"{words}the nearest one takes {whole:.4f} J {same}, this one {whole - saved:.4f} J: saved {saved:.4g} J, "
         f"{100 * saved / abs(whole):.3g} %{of_models(found.get('robust'))}"
     )
+
+
+def first_path_words(source: str | None) -> str:
+    """The first path of a move, by its source; "straight path" if that is unknown."""
+    return "straight path" if source in (None, "straight") else "first path"
 
 
 def of_models(robust: Mapping[str, Any] | None) -> str:

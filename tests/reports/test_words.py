@@ -1,6 +1,5 @@
 """What the console and reports say of a result, and where its losses come from."""
 
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +14,7 @@ from energy_opt.power import PowerModel
 from energy_opt.reports.job import headline as headline_of_job
 from energy_opt.reports.job import table as table_of_job
 from energy_opt.reports.job import timeline
-from energy_opt.reports.optimize import headline
+from energy_opt.reports.optimize import headline, page
 from energy_opt.reports.words import clearance_words, input_words, limits_words
 from energy_opt.robot import load_robot
 
@@ -58,27 +57,43 @@ def test_no_line_of_the_table_repeats_another(tmp_path):
     move = Move(np.zeros(6) + [0, 1, -1, 0, 0, 0], np.array([0.8, 1.5, -1.3, 0.3, 0.2, 0.1]), "retime", 2.0)
     result = Planner(robot, model).solve(move)
     lines = table(result, tmp_path, robot).splitlines()
-    values = [line.split(maxsplit=1)[1] for line in lines[1 : lines.index(next(x for x in lines if "toppra is" in x))]]
+    reason = next(line for line in lines if line.startswith("The fastest timing takes "))
+    values = [line.split(maxsplit=1)[1] for line in lines[1 : lines.index(reason)]]
     assert len(set(values)) == len(values)  # mechanical work is what is stored, copper loss the whole loss
     fastest = result.baseline("toppra").duration
-    reason = next(line for line in lines if line.startswith("toppra is the fastest timing"))
-    assert f"{88.04 * (2 - fastest):.4g} J of the difference" in reason
+    rest = f"In the remaining {2 - fastest:.3g} s, standby (88 W) takes {88.04 * (2 - fastest):.4g} J."
+    assert reason == f"The fastest timing takes {fastest:.4g} s. {rest}"
     assert any(line.startswith("all limits kept; tightest: ") for line in lines)
 
 
 def test_durations_that_read_alike_are_not_compared(tmp_path):
-    """ "toppra is the fastest timing: 0.519 s instead of 0.519 s" was printed."""
+    """ "The fastest timing: 0.519 s instead of 0.519 s" was printed."""
     robot, model = load_robot("z1"), MODEL
     move = Move(np.zeros(6) + [0, 1, -1, 0, 0, 0], np.array([0.8, 1.5, -1.3, 0.3, 0.2, 0.1]), "retime")
     planner = Planner(robot, model)
     shortest = planner.minimum_time(move)
-    found = {}
-    for factor in (1.001, 1.00002):
+    for factor, stated in ((1.001, True), (1.00002, False)):
         result = planner.solve(replace(move, duration=shortest * factor))
-        lines = table(result, tmp_path, robot).splitlines()
-        found[factor] = [re.findall(r"([0-9.]+) s", x)[:2] for x in lines if x.startswith("toppra is")]
-    assert len(found[1.001]) == 1 and all(float(fastest) < float(own) for fastest, own in found[1.001])
-    assert not found[1.00002]
+        assert ("The fastest timing takes " in table(result, tmp_path, robot)) == stated
+
+
+def test_a_baseline_that_is_not_valid_is_marked_and_nothing_is_compared_with_it(tmp_path):
+    """The report compared the peak power with that of a baseline that breaks a limit."""
+    robot = load_robot("z1")
+    move = Move(np.zeros(6) + [0, 1, -1, 0, 0, 0], np.array([0.8, 1.5, -1.3, 0.3, 0.2, 0.1]), "retime", 2.0)
+    result = Planner(robot, MODEL).solve(move)
+    records = [{"name": name, "total": 1.0, "saving_joules": None, "saving_loss_percent": None} for name in "ab"]
+    result = replace(result, models=tuple(records))  # under two models
+    for valid in (True, False):
+        found = replace(result, baselines=tuple(replace(b, valid=valid) for b in result.baselines))
+        lines, html = table(found, tmp_path, robot).splitlines(), found._repr_html_()
+        motions = {b.name: b.trajectory for b in found.baselines}
+        report = page(found.document(), found.trajectory, motions, robot).html()
+        assert ("scaled*" in lines[0]) == ("scaled*" in html) == (not valid)
+        assert any(line.startswith("* breaks a limit") for line in lines) == ("* breaks a limit" in html) == (not valid)
+        assert ("peak power; evenly slowed " in report) == valid
+        assert any(line.endswith("of the loss (under a)") for line in lines) == valid
+    assert "no saving is stated: the evenly slowed move breaks a limit or touches something" in lines
 
 
 def test_losses_by_joint_are_those_of_the_formula():

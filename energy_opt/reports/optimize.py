@@ -13,7 +13,15 @@ from energy_opt.power.assumptions import Assumption, grouped
 from energy_opt.reports.charts import Chart, Line
 from energy_opt.reports.motion import Closest, Motion, Played, player
 from energy_opt.reports.page import Report
-from energy_opt.reports.words import clearance_words, energy_records, goals_words, input_words, limits_words, yearly
+from energy_opt.reports.words import (
+    clearance_words,
+    energy_records,
+    first_path_words,
+    goals_words,
+    input_words,
+    limits_words,
+    yearly,
+)
 from energy_opt.robot import Robot
 
 BESIDE = "scaled"  # the baseline that savings are stated against
@@ -77,8 +85,9 @@ def headline(document: Mapping[str, Any]) -> str:
     energy, saving = document["energy"], document["saving"]
     text = f"{energy['total']:.4g} J in {document['duration']:.4g} s"
     if saving is not None and saving["joules"] is not None:
-        share = "" if saving["loss_percent"] is None else f" ({saving['loss_percent']:.3g} % of its loss)"
-        text += f": {saving['joules']:.3g} J{share} less than the same move slowed evenly"
+        share = "" if saving["loss_percent"] is None else f", {saving['loss_percent']:.3g} % of that one's loss"
+        path = first_path_words((document.get("first_path") or {}).get("source"))
+        text += f": {saving['joules']:.3g} J less than the evenly slowed {path}{share}"
     beside = input_words(document)
     text += f". {beside[0].upper()}{beside[1:]}" if beside else ""
     clearance = document["certificate"].get("clearance")

@@ -32,6 +32,11 @@ def test_one_clearance_is_stated_everywhere():
     }
     words = "clearance proven ≥ 2.2 mm (nearest measured 56.1 mm: A–B)"  # a bound is never rounded up
     assert clearance_words(found) == words and headline(document) == f"10 J in 2 s. C{words[1:]}."
+    document["saving"] = {"joules": 3.88, "loss_percent": 39.4}
+    said = "10 J in 2 s: 3.88 J less than the evenly slowed straight path, 39.4 % of that one's loss. Clearance proven"
+    assert headline(document).startswith(said)  # the share was said to be of the result's loss
+    document["first_path"] = {"source": "ompl"}
+    assert "the evenly slowed first path, " in headline(document)
     touching = {"verdict": "colliding", "depth": 0.003, "pair": ["A", "B"], "time": 1.0, "min_distance": -0.003}
     assert clearance_words(touching) == "collision: A–B at 1 s, 3 mm deep"
 

@@ -162,7 +162,7 @@ def _worst(looks: Sequence[tuple[Certificate, float]]) -> Certificate:
                   for places in found.values())  # fmt: skip
     certificates = [certificate for certificate, _ in looks]
     clearances = [c.clearance for c in certificates if c.clearance is not None]
-    clearance = next((c for c in clearances if not c.proven), clearances[0] if clearances else None)
+    clearance = min(clearances, key=lambda c: (c.proven, c.lower_bound is None, c.lower_bound), default=None)
     samples, power = sum(c.samples for c in certificates), max(c.peak_power for c in certificates)
     return Certificate(samples, worst, power, clearance, all(c.proven for c in certificates))
 

@@ -14,17 +14,19 @@ from poses import GOAL, START
 from urscript_arm import Controller
 
 import energy_opt as eo
+from energy_opt.cell.cell import Clearance
 from energy_opt.cli.main import main
 from energy_opt.formats import FORMATS, read_trajectory, write
 from energy_opt.formats.controller_files import wanted
 from energy_opt.formats.controller_program import Part
 from energy_opt.formats.cycle_file import certificates, without_jumps, write_cycle
-from energy_opt.formats.judging import CycleJudging, apart
+from energy_opt.formats.judging import CycleJudging, Window, apart
 from energy_opt.jobs import job_files
 from energy_opt.jobs.file import load_job
 from energy_opt.jobs.job_files import write_programs
 from energy_opt.jobs.solve_job import run_job
 from energy_opt.motion import Settings
+from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.trajectory import Trajectory, standing, whole
 from energy_opt.motion.trajectory import joined as joined_parts
@@ -290,3 +292,20 @@ def test_files_are_made_and_judged_in_the_call(ur5: Robot, tmp_path: Path, monke
         saved = json.loads((found.save(tmp_path / name) / f"{name}.json").read_text())
         assert saved["written"][-1] == found["written"][-1] and saved["warnings"] == found["warnings"]
         assert saved["written"][-1]["valid"] is False and (tmp_path / name / "trajectory.coarse.csv").is_file()
+
+
+@pytest.mark.parametrize(
+    ("bounds", "least"), [([0.03, 0.01, None], 0.01), ([None, None], None), ([0.03, "undecided", 0.01], "undecided")]
+)
+def test_the_clearance_of_a_cycle_is_the_least_of_its_parts(bounds: list[object], least: object) -> None:
+    """It was that of the first part."""
+
+    def judged(bound: object) -> Certificate:
+        verdict, bound = ("undecided", None) if bound == "undecided" else ("proven", bound)
+        found = Clearance(verdict, pairs=1, disabled_pairs=(), source="", lower_bound=bound)
+        return Certificate(1, (), 0.0, found, True)
+
+    windows = [Window(k, k + 1.0, lambda part, bound=bound: judged(bound)) for k, bound in enumerate(bounds)]
+    t, q = np.linspace(0.0, len(bounds), 50), np.zeros((50, 1))
+    found = CycleJudging(None, (), windows=tuple(windows))(Trajectory(("a",), t, q, q, q)).clearance
+    assert (found.lower_bound if found.proven else found.verdict) == least

@@ -32,7 +32,7 @@ ROBOTS = ("panda", "ur5e", "ur5", "xarm7", "ur10e", "kinova", "z1")
 FORMATS = ("csv", "yaml", "json", "mcap", "follow-joint-trajectory")
 ROOT = Path(__file__).resolve().parents[1]
 LONGEST = 60.0  # [s] of CPU
-SLOWED = "cost less than the same move slowed evenly, which is written instead"
+SLOWED = "cost less than the evenly slowed move, which is written instead"
 KEPT = "--as moves with --mode retime keeps the straight line"
 FOLLOWED = "--as moves cannot follow a given path"
 

@@ -275,7 +275,7 @@ def _savings_shown(report: Report, savings: Sequence[dict[str, Any]], records: S
     if not savings:
         report.text("None: no move was solved.")
         return
-    report.text("Against the same path at the same duration, timed by TOPP-RA and slowed evenly.")
+    report.text("Against the evenly slowed move on the same path, at the same duration.")
     columns = _columns(OF_SAVINGS) | {"moves": "loss_percent.count"}
     columns |= {f"loss {q} [%]": f"loss_percent.{q}" for q in ("mean", "worst", "p10", "median", "p90", "best")}
     report.records(savings, columns | {"total mean [%]": "total_percent.mean"})

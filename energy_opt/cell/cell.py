@@ -22,6 +22,7 @@ from energy_opt.cell.proof import Proof, Touch, one_inside_the_other, prove
 from energy_opt.cell.request import CLEARANCE, CellRequest
 from energy_opt.cell.scene import FLOOR, TOOL, Scene, out_of_scale, unknown_names
 from energy_opt.cell.solids import GJK_ERROR, Solid, mesh, primitive
+from energy_opt.cell.words import clearance_words
 from energy_opt.robot import Robot, tool_of
 from energy_opt.robot.kinematics import Kinematics, pose_of
 from energy_opt.robot.srdf import semantics
@@ -65,17 +66,7 @@ class Clearance:
         return self.verdict == "proven"
 
     def __str__(self) -> str:
-        if self.pair is None or self.min_distance is None:
-            return f"{self.verdict}: no two bodies come near each other (pairs: {self.pairs})"
-        a, b = self.pair
-        if self.proven:
-            return f"no contact; nearest measured {1e3 * self.min_distance:.3g} mm: {a}–{b} at {self.time:.4g} s"
-        if self.depth is not None:
-            return f"{a} touches {b} at {self.time:.4g} s, {1e3 * self.depth:.3g} mm deep"
-        return (
-            f"{a} comes as near as {1e3 * self.min_distance:.3g} mm to {b} at {self.time:.4g} s; the clearance that is "
-            "asked for is not proven"
-        )
+        return clearance_words(self.document())
 
     def document(self) -> dict[str, object]:
         """As it is in result.json."""

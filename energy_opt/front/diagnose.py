@@ -160,8 +160,8 @@ def _next_motion(result: Diagnosis, seed: int, surroundings: CellRequest) -> Tra
         return None
     result.document["next_motion"] = NEXT
     result.document["next_step"] = next_step(result.document)
-    more = "beyond what links, level and their own parameters can explain"
-    text = f"Record {NEXT} next: over it the alternatives differ by {motion.difference:.3g} W rms {more}."
+    text = f"Record {NEXT} next: on this motion the alternatives predict powers that differ by "
+    text += f"{motion.difference:.3g} W (rms)."
     if count is None:
         text += f" Even {MOST} recordings may not decide between them, because they are too similar."
         if not result.document["usable"]:

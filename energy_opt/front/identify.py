@@ -121,7 +121,7 @@ def _suggest(request: IdentifyRequest, count: int, robot: Robot, mass: PointMass
     desk.keep(answer)
     desk.say(
         f"{path}: {count} poses, |gravity torque|^2 from {found.load.min():.4g} to {found.load.max():.4g} "
-        f"(N m)^2; 95 % interval of r_over_kt2: +-{found.width:.3g} W/(N m)^2 per watt of scatter about the line"
+        f"(N m)^2; if the readings scatter by 1 W, the 95 % interval of r_over_kt2 is +-{found.width:.3g} W/(N m)^2"
     )
     return answer
 

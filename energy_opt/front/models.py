@@ -222,9 +222,9 @@ def said(records: Sequence[Mapping[str, Any]], what: str) -> list[str]:
         text = f"planned under {records[0]['name']} alone, without friction; under {row['name']} {what} takes "
         text += f"{row['total']:.5g} J"
         if joules is not None and abs(joules) <= NEGLIGIBLE * abs(row["total"]):
-            text += ", as much as the same slowed evenly"
+            text += ", as much as the evenly slowed one"
         elif joules is not None:
-            text += f", {abs(joules):.3g} J {'less' if joules >= 0 else 'more'} than the same slowed evenly"
+            text += f", {abs(joules):.3g} J {'less' if joules >= 0 else 'more'} than the evenly slowed one"
             text += "" if joules >= 0 else "; plan with a model that was calibrated"
         out.append(text)
     return out
@@ -250,8 +250,8 @@ def compared(result: Result, rivals: Sequence[Rival], robot: Robot) -> Result:
     judges = [*with_careful(rivals, robot), *_explaining(rivals[0])]
     records = records_under(judges, result.trajectory, slowed, robot)
     warnings = [
-        f"under the model {row['name']!r} this move takes {-row['saving_joules']:.3g} J more than the same move slowed "
-        "evenly; plan with --robust mean, or with a model that was calibrated"
+        f"under the model {row['name']!r} this move takes {-row['saving_joules']:.3g} J more than the evenly "
+        "slowed one; plan with --robust mean, or with a model that was calibrated"
         for row in records[1:]
         if (row["saving_joules"] or 0.0) < -NEGLIGIBLE * abs(row["total"])
     ]

@@ -35,7 +35,7 @@ from energy_opt.power.assumptions import assumptions_line, until
 from energy_opt.power.model import model_from_document
 from energy_opt.power.per_year import per_year_words
 from energy_opt.reports.optimize import page
-from energy_opt.reports.words import INVALID, clearance_words, energy_records, goals_words, input_words, limits_words
+from energy_opt.reports.words import INVALID, energy_records, goals_words, input_words, limits_words
 from energy_opt.requests.moves import OptimizeRequest
 from energy_opt.results import exit_of
 from energy_opt.robot import Robot
@@ -204,7 +204,7 @@ def table(result: Result, out: Path, robot: Robot, year: str = "") -> str:
             f"{joint} travels {row['path']:.3g} {units}, its goal is only {row['straight']:.3g} {units} away{remedy}"
         )
     if result.certificate.clearance is not None:
-        lines.append(clearance_words(result.certificate.clearance.document()))
+        lines.append(str(result.certificate.clearance))
     if result.bound:
         lines.append(
             f"no timing of this path takes less than {result.bound} (proven on a grid of {INTERVALS} intervals; gap "

@@ -129,4 +129,4 @@ def worth_words(worth: dict[str, Any]) -> str:
         f"worth: the longest move of the set ({worth['file']}, {worth['duration']:.3g} s) takes {plan:.5g} J planned "
         f"with the diagnosed model and {blind:.5g} J planned with the declared one"
     )
-    return text + ("" if evenly is None else f", {evenly:.5g} J slowed evenly") + "; all under the diagnosed model"
+    return text + ("" if evenly is None else f", {evenly:.5g} J evenly slowed") + "; all under the diagnosed model"

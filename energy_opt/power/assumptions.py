@@ -171,6 +171,5 @@ def break_even(saved: Callable[[PowerModel], float], model: PowerModel, robot: R
 
 def until(share: float | None) -> str:
     """Sentence on the dry friction, beyond that of the model, up to which a plan saves."""
-    if share is None:
-        return f"the plan saves at any additional dry friction up to {100 * MOST_FRICTION:g} % of the effort limits"
-    return f"the plan saves as long as additional dry friction is below {100 * share:.2g} % of the effort limits"
+    size = f"up to {100 * MOST_FRICTION:g}" if share is None else f"less than {100 * share:.2g}"
+    return f"the plan still saves energy if each joint has {size} % of its effort limit as further dry friction"

@@ -1,4 +1,4 @@
-"""The answer in standard moves, under one model or several: never costlier than the move slowed evenly."""
+"""The answer in standard moves, under one model or several: never costlier than the evenly slowed one."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def standard_moves(
 
 
 def costlier(result: Result) -> bool:
-    """True if a move costs more than the same slowed evenly, under a model that it was planned with."""
+    """True if a move costs more than the evenly slowed one, under a model that it was planned with."""
     slowed = result.baseline("scaled")
     if slowed is None or not slowed.valid:
         return False
@@ -99,8 +99,8 @@ def _slowed(planner: Planner, robust: RobustPlanner | None, move: Move, referenc
         energy=slowed.energy,
         certificate=planner.certify(slowed.trajectory, move),
         optimality=replace(reference.optimality, kind="local", lower_bound=None, gap_percent=None),
-        message=f"no standard moves through up to {tried} via points cost less than the same move slowed evenly, which "
-        "is written instead",
+        message=f"no standard moves through up to {tried} via points cost less than the evenly slowed move, which is "
+        "written instead",
         models=(),
         robust=None,
     )

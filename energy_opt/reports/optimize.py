@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from energy_opt.cell.cell import Cell
-from energy_opt.power.assumptions import Assumption, grouped
+from energy_opt.cell.words import clearance_words
+from energy_opt.power.assumptions import Assumption, grouped, until
 from energy_opt.reports.charts import Chart, Line
 from energy_opt.reports.motion import Closest, Motion, Played, player
 from energy_opt.reports.page import Report
 from energy_opt.reports.words import (
-    clearance_words,
     energy_records,
     first_path_words,
     goals_words,
@@ -220,11 +220,11 @@ def assumed(report: Report, document: Mapping[str, Any]) -> None:
     """The section of values that were not given, with sources; of friction that ends the saving; of long travel."""
     records = [Assumption(**row) for row in document.get("assumptions", ())]
     if records:
-        report.section("Assumed values")
+        report.section("Values that were not given")
         report.table(["what", "value", "source", "note"], [list(row) for row in grouped(records)])
     share = document.get("break_even_friction")
     if records and share is not None:
-        report.text(f"It saves as long as additional dry friction is below {100 * share:.2g} % of the effort limits.")
+        report.text(f"{until(share).capitalize()}.")
     if far := document.get("travel"):
         joints = [f"{row['step']}: {row['joint']}" if "step" in row else row["joint"] for row in far]
         lengths = [[round(row[key], 5) for key in ("path", "straight")] for row in far]  # hundredths of a mrad or mm

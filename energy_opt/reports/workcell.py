@@ -40,7 +40,7 @@ def _within(start: float, duration: float, cycle: float) -> list[tuple[float, fl
 
 BRIEF = 1e-6  # [s] shorter waits are not shown
 SLOWED = (
-    "Up to paths, levers are schedules of moves slowed evenly along their first paths: exact for these, but not kept "
+    "Up to paths, levers are schedules of evenly slowed moves along their first paths: exact for these, but not kept "
     "apart from other arms. From paths on, moves are optimized and the arms are proven apart."
 )
 

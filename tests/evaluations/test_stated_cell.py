@@ -171,7 +171,7 @@ def test_each_step_of_a_job_is_judged_in_its_own_scene(
     scenes: tuple[str, str | None], verdict: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
-    """They were judged in none, with the verdict "no contact"."""
+    """They were judged in none, and called clear."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "full.yaml").write_text(SCENE.replace("2.2", "0.8"))
     (tmp_path / "empty.yaml").write_text(SCENE.replace("2.2", "9.2"))

@@ -10,10 +10,10 @@ from energy_opt.front.models import said
 @pytest.mark.parametrize(
     ("joules", "expected"),
     [
-        (4e-14, "takes 60.729 J, as much as the same slowed evenly"),
-        (-4e-14, "takes 60.729 J, as much as the same slowed evenly"),
-        (2.0, "takes 60.729 J, 2 J less than the same slowed evenly"),
-        (-2.0, "takes 60.729 J, 2 J more than the same slowed evenly; plan with a model that was calibrated"),
+        (4e-14, "takes 60.729 J, as much as the evenly slowed one"),
+        (-4e-14, "takes 60.729 J, as much as the evenly slowed one"),
+        (2.0, "takes 60.729 J, 2 J less than the evenly slowed one"),
+        (-2.0, "takes 60.729 J, 2 J more than the evenly slowed one; plan with a model that was calibrated"),
         (None, "takes 60.729 J"),
     ],
 )

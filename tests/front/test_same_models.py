@@ -80,4 +80,4 @@ def test_a_job_has_the_energies_of_single_moves(alone: dict[str, float], tmp_pat
     assert all(row["saving_joules"] >= -1e-6 for row in found["models"])
     assert found["request"]["robust"]["kind"] == "mean" and found["assumptions"]
     assert {row["step"] for row in found["travel"]} <= {"there", "back"} and "break_even_friction" in found
-    assert "Assumed values" in (out / "report.html").read_text()
+    assert "Values that were not given" in (out / "report.html").read_text()

@@ -58,7 +58,7 @@ def test_a_job_over_its_cycle_time(tmp_path, capsys):
     assert (tmp_path / "front/tradeoff.csv").read_text().splitlines()[0].startswith("duration,energy_total")
     report = (tmp_path / "front/report.html").read_text()
     assert (tmp_path / "front/plot.png").is_file() and "cycle time" in report
-    assert found["assumptions"] and "Assumed values" in report
+    assert found["assumptions"] and "Values that were not given" in report
 
     text = JOB.replace("cycle_time = 6.0", "cycle_time = 4.0")  # a point is what `job` makes of that cycle time
     (tmp_path / "four.toml").write_text(text)

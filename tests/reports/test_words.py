@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from energy_opt.cell.words import clearance_words
 from energy_opt.effects import CopperLoss, Standby, ViscousFriction
 from energy_opt.front.optimize import optimize, table
 from energy_opt.motion import Move, Planner
@@ -15,7 +16,7 @@ from energy_opt.reports.job import headline as headline_of_job
 from energy_opt.reports.job import table as table_of_job
 from energy_opt.reports.job import timeline
 from energy_opt.reports.optimize import headline, page
-from energy_opt.reports.words import clearance_words, input_words, limits_words
+from energy_opt.reports.words import input_words, limits_words
 from energy_opt.robot import load_robot
 
 MODEL = PowerModel("z1", (Standby(power=88.04), CopperLoss(r_over_kt2=0.0036)))

@@ -88,7 +88,7 @@ def test_command_line(tmp_path, capsys):
     assert code == 0
     assert found == json.loads((tmp_path / "tradeoff.json").read_text())
     assert [p["status"] for p in found["points"]] == ["infeasible", "solved", "solved", "solved"]
-    assert found["assumptions"] and "Assumed values" in (tmp_path / "report.html").read_text()
+    assert found["assumptions"] and "Values that were not given" in (tmp_path / "report.html").read_text()
     assert found["break_even_friction"] is None or 0 < found["break_even_friction"] < 0.2
     assert {row["joint"] for row in found["travel"]} <= set(found["joints"])
     assert found["cycle"]["minimum"]["energy_total"] <= found["cycle"]["at_free_minimum"]["energy_total"] * (1 + 1e-9)

@@ -68,7 +68,7 @@ def page(result: Result) -> Report:
             [
                 ["planned with the diagnosed model", worth["diagnosed_plan"]],
                 ["planned with the declared model", worth["declared_plan"]],
-                ["fastest timing, slowed evenly", worth["evenly_slowed"]],
+                ["evenly slowed", worth["evenly_slowed"]],
             ],
         )
     report.section("Signals that the residual depends on")

@@ -6,6 +6,7 @@ Otherwise a solver would find nothing, and could not say why.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import ceil
 
 import numpy as np
 
@@ -62,14 +63,18 @@ def check_pose(limits: Sequence[Limit], robot: Robot, model: PowerModel, q: np.n
             continue
         j = int(np.argmax(fixed.excess[0]))
         if fixed.excess[0, j] > (HELD if fixed.holding else ALLOWED):
-            joint, hint = limit.where(robot.joints, j), ""
-            if fixed.holding:
-                overhead = model.constant_power(robot.n)
-                hint = "; a lighter payload or another posture would work"
-                if isinstance(limit, Power) and overhead > limit.scale.min():
-                    hint = f"; {overhead:.4g} W of it are drawn whatever the arm does: expected a larger limit"
+            joint = limit.where(robot.joints, j)
+            said = f"{joint}: {fixed.text(0, j)}"
+            if isinstance(limit, Power):
+                needed = limit.scale[j] * (1 + fixed.excess[0, j])
+                said = (
+                    f"--max-power {limit.scale[j]:g} is too small: the arm at rest needs {needed:.4g} W "
+                    f"({model.constant_power(robot.n):.4g} W of it is standby); give at least {ceil(needed)} W"
+                )
+            elif fixed.holding:
+                said += "; a lighter payload or another posture would work"
             raise Infeasible(
-                f"{what}: {joint}: {fixed.text(0, j)}{hint}",
+                f"{what}: {said}",
                 joint=joint,
                 limit=limit.name,
                 position={"start": 0.0, "goal": 1.0}.get(what),

@@ -190,8 +190,7 @@ class RobustPlanner:
             others: gives other answers, the best first, to try before the evenly slowed move.
         """
         names = ("scaled",) if move.duration is not None else ("scaled", "toppra")
-        known = [baseline for baseline in best.result.baselines if baseline.name in names and baseline.valid]
-        even = [(self._value_of(baseline), baseline) for baseline in known]
+        even = [(self._value_of(b), b) for b in best.result.baselines if b.name in names and b.valid]
         value, baseline = min(even, key=lambda found: found[0], default=(np.inf, None))
         if baseline is None or not (best.costlier().any() or exceeds(self._value(best.totals), value)):
             return best
@@ -218,7 +217,7 @@ class RobustPlanner:
         best = self._best_answer(lambda planner, _: find(planner), self.stopped)
         result = self._stated(best)
         costly = [judge.name for judge, more in zip(self._judges, best.costlier(), strict=True) if more]
-        said = [f"under the model {name!r} this move takes more than the same move slowed evenly" for name in costly]
+        said = [f"under the model {name!r} this move takes more than the evenly slowed one" for name in costly]
         return replace(result, warnings=(*result.warnings, *said))
 
     def _best_answer(self, find: Find, stopped: Callable[[], bool], move: Move | None = None) -> UnderJudges:

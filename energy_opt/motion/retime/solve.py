@@ -257,7 +257,7 @@ def _feasible_start(work: Retiming, start: Timing, reason: str, bound: float | N
     plan = _Plan(start, work.energy(start), bound, True)
     if plan.gap <= GLOBAL_GAP / 100:
         return plan
-    return replace(plan, converged=False, message=f"{reason}: this is the minimum-time timing, slowed evenly")
+    return replace(plan, converged=False, message=f"{reason}: this is the evenly slowed move")
 
 
 def _stretched(work: Retiming, timing: Timing, duration: float) -> Timing:

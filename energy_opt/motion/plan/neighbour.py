@@ -225,8 +225,8 @@ class Neighbours:
         found = repaired_clear(self._context, work.search, task, work.best)
         if found.trajectory is None or found.outcome is None:
             return None
-        judged = self._context.judge(found.trajectory)
-        return Optimum(found.trajectory, judged.energy, True, found.outcome) if judged.certificate.valid else None
+        judged = with_rests(self._context, self._context.judge(found.trajectory))
+        return Optimum(judged.trajectory, judged.energy, True, found.outcome) if judged.certificate.valid else None
 
     def _with_busy_joints(self, move: Move, timing: Timing, neighbour: Optimum) -> Optimum | None:
         """The optimum with joints that need all the time at the first path's timing; None if nothing valid is found."""

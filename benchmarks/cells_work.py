@@ -225,5 +225,4 @@ def _stated(result: Result) -> dict[str, Any]:
 def absolute_work(planner: Planner, trajectory: Trajectory) -> float:
     """Integral of sum |tau v| over a trajectory, J."""
     filled = planner.scorer.filled(trajectory)
-    assert filled.effort is not None
     return float(np.trapezoid(np.abs(filled.effort * filled.velocity).sum(axis=1), filled.time))

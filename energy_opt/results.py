@@ -10,6 +10,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Self
 
+from energy_opt.errors import suggest
 from energy_opt.files import plain, to_json
 from energy_opt.folders import written_whole
 
@@ -39,8 +40,15 @@ class Found:
         return 0
 
     def __getitem__(self, key: str) -> Any:
-        """A value of the document: `found["energy_total"]` is what its JSON file has under this name."""
-        return plain(self._content()[key])
+        """A value of the document: `found["energy_total"]` is what its JSON file has under this name.
+
+        Raises:
+            KeyError: the document has no such name; says which it has.
+        """
+        content = self._content()
+        if key not in content:
+            raise KeyError(f"no value {key!r}; values are {', '.join(content)}{suggest(str(key), content)}")
+        return plain(content[key])
 
     def _content(self) -> Any:
         return self.document() if callable(self.document) else self.document

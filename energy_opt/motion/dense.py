@@ -6,14 +6,14 @@ the samples: a plan under several models, or one that compares baselines, comput
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from threading import Lock
 
 import numpy as np
 
 from energy_opt.effects import Effect
-from energy_opt.motion.trajectory import Trajectory
+from energy_opt.motion.trajectory import Filled, Trajectory
 from energy_opt.power import PowerModel
 from energy_opt.power.drive_law import rigid_torque
 from energy_opt.robot import RigidBody, Tool
@@ -139,6 +139,6 @@ class Dense:
         return weight
 
     @property
-    def filled(self) -> Trajectory:
+    def filled(self) -> Filled:
         """The trajectory with effort and power at its samples."""
-        return replace(self.trajectory, effort=self.effort[:: self.factor], power=self.power[:: self.factor])
+        return self.trajectory.filled(self.effort[:: self.factor], self.power[:: self.factor])

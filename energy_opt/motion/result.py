@@ -7,9 +7,10 @@ from dataclasses import asdict, dataclass, field
 from html import escape
 from operator import itemgetter
 
+from energy_opt.errors import BadInput, suggest
 from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.judge.energy import Energy
-from energy_opt.motion.trajectory import Trajectory
+from energy_opt.motion.trajectory import Filled
 from energy_opt.power.assumptions import Assumption
 from energy_opt.reports.words import INVALID, first_path_words, limits_words, of_models
 
@@ -26,7 +27,7 @@ class Baseline:
     """
 
     name: str
-    trajectory: Trajectory
+    trajectory: Filled
     energy: Energy
     max_violation: float
     valid: bool
@@ -102,6 +103,7 @@ class SolverReport:
     starts: int = 0
 
 
+BASELINES = ("toppra", "scaled", "input")
 ROUNDING = 1e-9  # share of an energy by which its parts may differ by rounding alone
 
 
@@ -145,7 +147,7 @@ class Result:
     robot: str
     mode: str
     chosen: str
-    trajectory: Trajectory
+    trajectory: Filled
     energy: Energy
     baselines: tuple[Baseline, ...]
     certificate: Certificate
@@ -165,7 +167,13 @@ class Result:
     progress: tuple[tuple[float, float], ...] = ()
 
     def baseline(self, name: str) -> Baseline | None:
-        """The baseline of that name; "toppra" and "scaled" are None if the first path has no timing."""
+        """The baseline "toppra", "scaled" or "input"; None where the first path has no timing, or no input was given.
+
+        Raises:
+            BadInput: another name.
+        """
+        if name not in BASELINES:
+            raise BadInput(f"no baseline {name!r}; baselines are {', '.join(BASELINES)}{suggest(name, BASELINES)}")
         return next((b for b in self.baselines if b.name == name), None)
 
     @property

@@ -75,8 +75,8 @@ class Trajectory:
     """Samples of a motion: time (N,) [s]; position, velocity, acceleration (N, n) [rad, rad/s, rad/s^2].
 
     The columns are in the order of `joints`; joints that slide have m in place of rad. effort (N, n) [N m] (the motors'
-    torque) and power (N,) [W] are set once a model has been applied; until then they are None. Sequences are accepted,
-    and tables whose columns have the names of `joints`, in any order.
+    torque) and power (N,) [W] are None until a model has been applied. Sequences are accepted, and tables whose columns
+    have the names of `joints`, in any order.
 
     Raises:
         BadInput: an array does not consist of numbers, has another shape, or there are fewer than two samples.
@@ -176,6 +176,10 @@ class Trajectory:
 
     def __repr__(self) -> str:
         return f"Trajectory({len(self.joints)} joints, {len(self.time)} samples, {self.duration:.4g} s)"
+
+    def filled(self, effort: np.ndarray, power: np.ndarray) -> Filled:
+        """The trajectory with effort (N, n) [N m] and power (N,) [W]."""
+        return Filled(self.joints, self.time, self.position, self.velocity, self.acceleration, effort, power)
 
     def denser(self, factor: int) -> np.ndarray:
         """Times of a grid `factor` times denser than the samples, samples included; shape ((N - 1) * factor + 1,)."""
@@ -323,3 +327,10 @@ def joined(trajectories: Sequence[Trajectory]) -> Trajectory:
         at += float(time[-1])
     q, v, a = (np.concatenate(part) for part in zip(*samples, strict=True))
     return Trajectory(trajectories[0].joints, whole(np.concatenate(times)), q, v, a)
+
+
+class Filled(Trajectory):
+    """A trajectory to which a model has been applied: it has effort and power."""
+
+    effort: np.ndarray
+    power: np.ndarray

@@ -20,6 +20,7 @@ from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.limits.clearance import ClearanceConstraints
 from energy_opt.motion.reshape.clear import REACH, Margins, Places
 from energy_opt.motion.reshape.nodes import NodeFunctions, node_functions
+from energy_opt.motion.trajectory import Filled
 from energy_opt.numerics import ipopt
 from energy_opt.numerics.compile import compiled
 from energy_opt.power.structure import size_of
@@ -53,7 +54,7 @@ class StandardMoves:
 
     kind: str
     chain: Chain
-    trajectory: Trajectory
+    trajectory: Filled
     energy: Energy
     certificate: Certificate
     kept: float | None

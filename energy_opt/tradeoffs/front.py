@@ -180,7 +180,8 @@ class _Tracer:
             return Point(path_fastest, "solved")
         result = self.planner.with_settings(objective="time", starts=1).solve(self.free)
         self._count()
-        found, solved = result.trajectory, result.status == "solved"
+        found: Trajectory = result.trajectory
+        solved = result.status == "solved"
         if found.duration > path_fastest:
             timed = self.planner.slowed(self.free, path_fastest)
             if timed is None:

@@ -4,10 +4,12 @@ import json
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
+import numpy as np
 import pytest
 
 import energy_opt as eo
 from energy_opt.front.verbs import VERBS, function_of
+from energy_opt.motion import Baseline
 from energy_opt.results import Found, exit_of
 
 
@@ -70,6 +72,17 @@ def test_a_result_in_python(tmp_path: Path) -> None:
     document = json.loads(found.to_json())
     assert {name: found[name] for name in document} == document and found["candidates"]
     assert found.saving is not None and found.saving.loss_percent == found["saving"]["loss_percent"]
+    with pytest.raises(eo.BadInput, match="baselines are toppra, scaled, input; did you mean 'scaled'"):
+        found.baseline("scale")
+    with pytest.raises(KeyError, match="did you mean 'saving'"):
+        found["savings"]
+
+
+def test_a_type_checker_knows_that_a_result_has_effort_and_power() -> None:
+    """`result.trajectory.power` was `ndarray | None`."""
+    for kind in (eo.Result, Baseline):
+        held = get_type_hints(get_type_hints(kind)["trajectory"])
+        assert held["effort"] is held["power"] is np.ndarray
 
 
 @pytest.mark.parametrize(("interrupted", "good", "code"), [(0, 1, 0), (0, 0, 4), (1, 1, 130), (1, 0, 130)])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from energy_opt.motion.dense import Dense
 from energy_opt.motion.judge.energy import DENSER, Energy, Scorer, blocks
 from energy_opt.motion.judge.proven import proven
 from energy_opt.motion.limits.base import Limit, Violation
-from energy_opt.motion.trajectory import Trajectory
+from energy_opt.motion.trajectory import Filled, Trajectory
 from energy_opt.robot.limits import TURNING as OF_JOINTS
 
 PEAKS, FINER = 64, 64  # highest peaks of a limit to check again, and parts into which a place is divided for this
@@ -137,7 +137,7 @@ def certify(
 
 def certify_and_score(
     trajectory: Trajectory, scorer: Scorer, limits: Sequence[Limit]
-) -> tuple[Certificate, Energy, Trajectory]:
+) -> tuple[Certificate, Energy, Filled]:
     """Certificate under `limits`, energy, and the trajectory with effort and power, in one pass with bounded memory."""
     spent: list[tuple[float, dict[str, float]]] = []
     effort: list[np.ndarray] = []
@@ -150,7 +150,7 @@ def certify_and_score(
         power.append(dense.power[own].copy())
 
     certificate = _pieces(trajectory, scorer, limits, DENSER, look)
-    filled = replace(trajectory, effort=np.concatenate(effort), power=np.concatenate(power))
+    filled = trajectory.filled(np.concatenate(effort), np.concatenate(power))
     return certificate, scorer.energy_of_pieces(trajectory, spent), filled
 
 

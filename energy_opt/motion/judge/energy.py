@@ -16,7 +16,7 @@ import numpy as np
 from energy_opt.effects.parameter import MOVING_SPEED
 from energy_opt.motion.dense import Dense, grid_of
 from energy_opt.motion.judge.analytic import TorqueBound
-from energy_opt.motion.trajectory import Trajectory
+from energy_opt.motion.trajectory import Filled, Trajectory
 from energy_opt.numerics.batch import Batch
 from energy_opt.power import PowerModel, drive_function
 from energy_opt.power.drive_law import body_of, returned_power, rigid_inputs, rigid_torque, store_of
@@ -298,7 +298,7 @@ class Scorer:
             by_effect["mechanical"] -= share
         return total, by_effect
 
-    def filled(self, trajectory: Trajectory, past: Past = NONE) -> Trajectory:
+    def filled(self, trajectory: Trajectory, past: Past = NONE) -> Filled:
         """The trajectory with effort and power at its samples."""
         return self._dense(trajectory, 1, past)[0].filled
 

@@ -74,7 +74,6 @@ def _loosened(task: Task, busy: np.ndarray) -> Task:
 def _at_limits(context: Context, timing: Trajectory) -> np.ndarray:
     """Which joints are at a limit of their own for a twentieth of a timing's samples or more, (n,) of bool."""
     filled = context.judge(timing).filled
-    assert filled.effort is not None
     values = {"v": filled.velocity, "a": filled.acceleration, "jerk": filled(filled.time, 3), "effort": filled.effort}
     limits = [limit for limit in context.limits if isinstance(limit, JointLimit)]
     use = np.max([np.abs(values[limit.reads]) / limit.bound for limit in limits], axis=0)

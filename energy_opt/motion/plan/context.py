@@ -29,7 +29,7 @@ from energy_opt.motion.reshape.search import Reshaper, trajectory_of
 from energy_opt.motion.retime.fastest import minimum_time
 from energy_opt.motion.retime.sums import LimitByStructure
 from energy_opt.motion.timing.spline_timing import Timing
-from energy_opt.motion.trajectory import Trajectory
+from energy_opt.motion.trajectory import Filled, Trajectory
 from energy_opt.numerics.compile import compiled
 from energy_opt.power import PowerModel
 from energy_opt.power.structure import SharedByStructure
@@ -59,11 +59,11 @@ class Judged:
         return self.scorer.dense(self.trajectory) if short else None
 
     @cached_property
-    def _looked_at(self) -> tuple[Certificate, Energy, Trajectory]:
+    def _looked_at(self) -> tuple[Certificate, Energy, Filled]:
         return certify_and_score(self.trajectory, self.scorer, self.limits)
 
     @cached_property
-    def filled(self) -> Trajectory:
+    def filled(self) -> Filled:
         """The trajectory with effort and power."""
         return self._looked_at[2] if self._dense is None else self._dense.filled
 

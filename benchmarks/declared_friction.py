@@ -63,7 +63,7 @@ def examine(arm: str, change: str, seed: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         path, calm = Path(folder) / "set", Instruments(noise=0.6, power_resolution=0.05)
         made = make_set(path, arm, [true, usual], seed=seed, instruments=calm, declared=owned)
-        said = diagnose(read_set(made.folder), owned).document
+        said = diagnose(read_set(made.folder), owned).document()
     return {"arm": arm, "change": change, "verdict": said["verdict"], "named": [row["name"] for row in said["effects"]],
             "open": said["alternatives"], "kind": kind_of(said, [true.name])}  # fmt: skip
 

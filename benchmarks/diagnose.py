@@ -106,7 +106,7 @@ def run(job: Job) -> dict[str, Any]:
         except Exception as error:
             return {**row, "error": repr(error)}
         row["seconds"] = time.process_time() - begun
-        d = result.document
+        d = result.document()
         named = sorted(e["name"] for e in d["effects"])
         row.update(verdict=d["verdict"], named=named, alternatives=[sorted(a) for a in d["alternatives"]])
         row["right"] = _right(job, row)

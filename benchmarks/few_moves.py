@@ -70,7 +70,7 @@ def examine(arm: str, causes: Sequence[str], seed: int) -> dict[str, Any]:
         played.append(Reference(f"plan{k}", plan.time, plan.position, plan.velocity))
     with tempfile.TemporaryDirectory() as folder:
         simulate(played, Plant(true), body, Path(folder), seed=seed, instruments=NOISE)
-        said = diagnose(read_set(Path(folder), body), declared).document
+        said = diagnose(read_set(Path(folder), body), declared).document()
     named, others = sorted(row["name"] for row in said["effects"]), [sorted(x) for x in said["alternatives"]]
     kind = kind_of(said, causes)
     return {"arm": arm, "causes": [*causes], "verdict": said["verdict"], "named": named, "open": others, "kind": kind}

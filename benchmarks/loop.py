@@ -147,7 +147,7 @@ def calibrate(
     references += [Reference(f"plan{k}", p.time, p.position, p.velocity) for k, p in enumerate(plans, start=1)]
     simulate(references, plant, body, folder, seed=seed, instruments=NOISE)
     diagnosis = diagnose(read_set(folder, body), declared)
-    found = diagnosis.document
+    found = diagnosis.document()
     return diagnosis.model, found["verdict"], tuple(row["name"] for row in found["effects"])
 
 
@@ -211,16 +211,16 @@ def settled(name: str, robot: str, seed: int, motions: int = 1) -> str:
             return diagnose(read_set(Path(place) / folder, body), declared)
 
         before = found(session, "before")
-        rivals = [" + ".join(names) or "nothing" for names in before.document["alternatives"]]
+        rivals = [" + ".join(names) or "nothing" for names in before.document()["alternatives"]]
         if len(rivals) < 2:
-            return f"{name} of {robot}: {before.document['verdict']}; nothing is open"
+            return f"{name} of {robot}: {before.document()['verdict']}; nothing is open"
         motion = propose(rivals_of(before.inference, body.n), body)
         if motion is None:
             return f"{name} of {robot}: open between {' or '.join(rivals)}; no motion tells them apart"
         t = motion.trajectory
         count = recordings(before.inference, t)
         takes = [Reference(f"next{k}", t.time, t.position, t.velocity) for k in range(1, (count or 3) + 1)]
-        after = found([*session, *takes], "after").document
+        after = found([*session, *takes], "after").document()
     causes = " + ".join(row["name"] for row in after["effects"]) or "nothing"
     return (
         f"{name} of {robot}: open between {' or '.join(rivals)}; a motion of {t.duration:.1f} s on which they differ "

@@ -117,8 +117,8 @@ def measured(out: Path, work: Path) -> None:
     at.plot(s.t[rows], s.power[rows], ".", color="0.6", ms=3, label="measured")
     at.plot(s.t[rows], predict(declared, s).reading[rows], color="tab:orange", label="declared model")
     at.plot(s.t[rows], predict(found.model, s).reading[rows], color="tab:blue", label="with the effect that was found")
-    names = ", ".join(row["name"] for row in found.document["effects"])
-    at.set(xlabel="time [s]", ylabel="power [W]", title=f"verdict: {found.document['verdict']}; found: {names}")
+    names = ", ".join(row["name"] for row in found.document()["effects"])
+    at.set(xlabel="time [s]", ylabel="power [W]", title=f"verdict: {found.document()['verdict']}; found: {names}")
     at.legend(fontsize=8, loc="center left", bbox_to_anchor=(1, 0.5))
     figure.savefig(out / "diagnose.png", dpi=110)
 

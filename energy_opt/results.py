@@ -25,14 +25,22 @@ def interrupted_words(interrupted: bool, more: str = "") -> list[str]:
     return [f"interrupted: this is the best so far, not a finished search{more}"] if interrupted else []
 
 
+class Document(dict[str, Any]):
+    """The content of a JSON file, from a result's `document()`; `document[name]` is version 0.1's form of it."""
+
+    def __call__(self) -> Self:
+        """The content."""
+        return self
+
+
 class Found:
     """The result of a verb.
 
-    Each result class has a `document`. It overrides `kept`, which writes its files, where it has any, and `text`
+    Each result class has a method `document`. It overrides `kept`, which writes its files, where it has any, and `text`
     where a terminal shows a table of it.
     """
 
-    document: Any  # the content of its JSON file, or a method that returns it
+    document: Any  # a method that returns the content of its JSON file
 
     @property
     def exit_code(self) -> int:
@@ -45,17 +53,14 @@ class Found:
         Raises:
             KeyError: the document has no such name; says which it has.
         """
-        content = self._content()
+        content = self.document()
         if key not in content:
             raise KeyError(f"no value {key!r}; values are {', '.join(content)}{suggest(str(key), content)}")
         return plain(content[key])
 
-    def _content(self) -> Any:
-        return self.document() if callable(self.document) else self.document
-
     def to_json(self) -> str:
         """The document as JSON text."""
-        return to_json(self._content())
+        return to_json(self.document())
 
     def text(self, out: Path) -> str:
         """Text that the command prints for a result saved in `out`; empty if the messages are enough."""

@@ -47,6 +47,7 @@ from energy_opt.files import write_json
 from energy_opt.measured import MeasuredSet
 from energy_opt.power import PowerModel
 from energy_opt.power.model import Uncertainty
+from energy_opt.results import Document
 
 LEAST = 0.1  # share of the rms residual that a signal must explain to be named
 FEWEST = 20  # least readings for a diagnosis
@@ -60,7 +61,7 @@ class Diagnosis(Result):
     @property
     def verdict(self) -> str:
         """As in diagnosis.json; "" where the search was stopped."""
-        return self.document["verdict"] or ""
+        return self.document()["verdict"] or ""
 
     def save(self, out: str | PathLike[str]) -> Path:
         """Write diagnosis.json, model.toml and report.html into a folder."""
@@ -68,17 +69,17 @@ class Diagnosis(Result):
 
         out = Path(out)
         out.mkdir(parents=True, exist_ok=True)
-        write_json(out / "diagnosis.json", self.document)
+        write_json(out / "diagnosis.json", self.document())
         self.model.save(out / "model.toml")
         page(self).write(out / "report.html")
         return out
 
     def __repr__(self) -> str:
         names = ", ".join(x.name for x in self.effects)
-        return f"Diagnosis({self.verdict or 'stopped'!r}, {self.document['robot']!r}, effects=[{names}])"
+        return f"Diagnosis({self.verdict or 'stopped'!r}, {self.document()['robot']!r}, effects=[{names}])"
 
     def __str__(self) -> str:
-        return summary(self.document)
+        return summary(self.document())
 
 
 def diagnose(
@@ -190,7 +191,7 @@ def diagnose(
     document["headline"] = headline(document)
     document["next_step"] = next_step(document, found.follows)
     return Diagnosis(
-        measured, declared, model, tuple(effects), document, side, samples, tuple(train), tuple(holdout),
+        measured, declared, model, tuple(effects), Document(document), side, samples, tuple(train), tuple(holdout),
         found,
     )  # fmt: skip
 
@@ -311,4 +312,4 @@ def _of_joints(measured: MeasuredSet, declared: PowerModel) -> Diagnosis:
         ],
         "next_step": "Next: record the power (a meter's file, or supply voltage and current) beside such motions.",
     }  # fmt: skip
-    return Diagnosis(measured, declared, model, tuple(effects), document, side)
+    return Diagnosis(measured, declared, model, tuple(effects), Document(document), side)

@@ -92,26 +92,26 @@ def run(request: DiagnoseRequest, desk: Desk) -> Diagnosed:
         show.stage("searching", 0.0, 1.0)
         found = diagnosed(measured, declared, request.seed, request.tolerance, given, stopped)
     result = Diagnosed(**{f.name: getattr(found, f.name) for f in fields(Diagnosis)}, request=asked)
-    result.document["request"] = document
+    result.document()["request"] = document
     since = changes_since(declared, result.model, measured.robot) if declared.uncertainty is not None else []
-    result.document["changes"] = [asdict(change) for change in since]
+    result.document()["changes"] = [asdict(change) for change in since]
     if words:
-        result.document["remarks"].insert(0, words)
+        result.document()["remarks"].insert(0, words)
     motion = None
     with desk.working() as (pressed, _):
         result = desk.keep(result)
-    if result.samples is not None and not result.document["interrupted"] and not pressed():
+    if result.samples is not None and not result.document()["interrupted"] and not pressed():
         motion = _next_motion(result, request.seed, surroundings)
         with desk.working() as (pressed, show):
             show("benefit of the diagnosis: two plans of the set's longest move")
             add_worth(result, surroundings, seed=request.seed, stopped=pressed)
             result = desk.keep(replace(result, next_motion=motion))
-    worth = [worth_words(result.document["worth"])] if result.document.get("worth") else []
+    worth = [worth_words(result.document()["worth"])] if result.document().get("worth") else []
     where = [] if desk.out is None else [f"written: {desk.out / ANSWER}, model.toml, report.html"]
     desk.say("\n".join([str(result), *worth, *where]))
     for change in (x for x in since if x.real):
         desk.say(f"changed since {request.model}: {change}")
-    return replace(result, interrupted=bool(result.document.get("interrupted") or pressed()))
+    return replace(result, interrupted=bool(result.document().get("interrupted") or pressed()))
 
 
 diagnose = verb(DiagnoseRequest, run)
@@ -138,7 +138,7 @@ def _next_motion(result: Diagnosis, seed: int, surroundings: CellRequest) -> Tra
     """The motion to record next, if one would help; a diagnosis does not fail if none is found."""
     if result.verdict not in ("ambiguous", "insufficient") or result.inference is None:
         return None
-    robot, remarks = result.measured.robot, result.document["remarks"]
+    robot, remarks = result.measured.robot, result.document()["remarks"]
     try:
         cell = load_cell(robot, surroundings)
         motion = propose(rivals_of(result.inference, robot.n), robot, seed, cell)
@@ -146,7 +146,7 @@ def _next_motion(result: Diagnosis, seed: int, surroundings: CellRequest) -> Tra
         if motion is not None and result.verdict == "ambiguous":
             count = recordings(result.inference, motion.trajectory)
     except KeyboardInterrupt:  # the results so far are written
-        result.document["interrupted"] = True
+        result.document()["interrupted"] = True
         remarks.append("No motion to record next is proposed: the search for one was interrupted.")
         return None
     except Exception as error:  # the results exist already; an error of bodies, meshes or limits must not lose them
@@ -158,14 +158,14 @@ def _next_motion(result: Diagnosis, seed: int, surroundings: CellRequest) -> Tra
             "No motion distinguishes the alternatives: the meter would show the same power under all of them."
         )
         return None
-    result.document["next_motion"] = NEXT
-    result.document["next_step"] = next_step(result.document)
+    result.document()["next_motion"] = NEXT
+    result.document()["next_step"] = next_step(result.document())
     text = f"Record {NEXT} next: on this motion the alternatives predict powers that differ by "
     text += f"{motion.difference:.3g} W (rms)."
     if count is None:
         text += f" Even {MOST} recordings may not decide between them, because they are too similar."
-        if not result.document["usable"]:
-            result.document["next_step"] = ALIKE
+        if not result.document()["usable"]:
+            result.document()["next_step"] = ALIKE
     elif count > 1:
         text += f" Record it {count} times: one recording is hardly enough."
     remarks.append(text)

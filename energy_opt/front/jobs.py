@@ -32,7 +32,7 @@ from energy_opt.motion.plan.robust_weights import Kind
 from energy_opt.poses.given import poses_of_request
 from energy_opt.power.assumptions import assumptions, assumptions_line
 from energy_opt.requests.moves import JobRequest, PlaceRequest, TradeoffRequest
-from energy_opt.results import exit_of
+from energy_opt.results import Document, exit_of
 from energy_opt.robot import Robot
 from energy_opt.tradeoffs.front_files import ANSWER, Tradeoff
 
@@ -211,7 +211,7 @@ def run_job(request: TradeoffRequest, times: list[float] | None, desk: Desk) -> 
     job, rivals, kind, asked = prepared(request, desk, durations=times)
     stamped = desk.take(ANSWER, asked)
     if request.resume and (known := desk.finished(ANSWER, stamped)):
-        return Tradeoff(known, asked, page, text, job.robot)
+        return Tradeoff(Document(known), asked, page, text, job.robot)
     answers = answers_of(request, job, rivals, settings, desk)
 
     def restated(result: JobResult, again: Callable[[Shares], JobResult]) -> JobResult:
@@ -232,7 +232,7 @@ def run_job(request: TradeoffRequest, times: list[float] | None, desk: Desk) -> 
             row: dict[str, Any] = next((row for row in found["points"] if row["duration"] == bend.get("duration")), {})
             slowed = row.get("evenly_slowed")
             found["per_year"] = worth.of(None if slowed is None else slowed - row["energy_total"])
-        front = desk.keep(Tradeoff(found, asked, page, text, job.robot))
+        front = desk.keep(Tradeoff(Document(found), asked, page, text, job.robot))
         if answers is not None and not stopped():
             answers.forget()
     desk.report((), assumptions_line(records), found["warnings"])

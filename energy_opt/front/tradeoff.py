@@ -27,7 +27,7 @@ from energy_opt.power.assumptions import assumptions_line as assumed
 from energy_opt.power.per_year import PerYear
 from energy_opt.reports.tradeoff import page
 from energy_opt.requests.moves import TradeoffRequest
-from energy_opt.results import interrupted_words
+from energy_opt.results import Document, interrupted_words
 from energy_opt.robot import Robot
 from energy_opt.tradeoffs.fixed_cycle import Cycle
 from energy_opt.tradeoffs.front import Front, trace
@@ -96,7 +96,7 @@ def run(request: TradeoffRequest, desk: Desk) -> Tradeoff:
         found = {**document_of(planner, rivals, move, front, cycle, document, worth), **goals}
         found["warnings"] = [*interrupted_words(front.interrupted), *found["warnings"], *notes]
         report = partial(page, motions=motions_of(front), robot=robot, cell=mean.cell)
-        answer = desk.keep(Tradeoff(found, asked, report, text, robot, front, move))
+        answer = desk.keep(Tradeoff(Document(found), asked, report, text, robot, front, move))
     desk.report((), assumed([Assumption(**row) for row in found["assumptions"]]), found["warnings"])
     if "message" in found:
         desk.complain(found["message"])

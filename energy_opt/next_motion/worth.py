@@ -110,7 +110,7 @@ def add_worth(
     result: Diagnosis, surroundings: CellRequest, *, seed: int = 0, stopped: Callable[[], bool] = lambda: False
 ) -> None:
     """Add `worth` to a diagnosis' document; None, with a remark on the reason, if it cannot be stated."""
-    document = result.document
+    document = result.document()
     document["worth"] = None
     if document["interrupted"] or stopped():
         return

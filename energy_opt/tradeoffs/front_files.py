@@ -23,7 +23,7 @@ from energy_opt.motion.plan.robust import RobustPlanner
 from energy_opt.power.per_year import per_year_words
 from energy_opt.reports.page import Report
 from energy_opt.requests.moves import TradeoffRequest
-from energy_opt.results import Found
+from energy_opt.results import Document, Found
 from energy_opt.robot import Robot
 from energy_opt.tradeoffs.fixed_cycle import Cycle
 from energy_opt.tradeoffs.front import Front, Point
@@ -109,13 +109,13 @@ class Tradeoff(Found):
     """Energy against duration of one move, or of a job over its cycle time.
 
     Attributes:
-        document: tradeoff.json. request: what was asked.
+        document: returns the content of tradeoff.json. request: what was asked.
         page: the report of the document. words: a short table of it for a terminal.
         front: of a move, its points, from fast to slow; None for a job.
         robot: the arm. move: what was solved.
     """
 
-    document: Mapping[str, Any]
+    document: Document
     request: TradeoffRequest
     page: Callable[[Mapping[str, Any]], Report]
     words: Callable[[Mapping[str, Any]], str]
@@ -126,38 +126,38 @@ class Tradeoff(Found):
     @property
     def exit_code(self) -> int:
         """Exit code of the command line."""
-        return EXITS[self.document["status"]]
+        return EXITS[self.document()["status"]]
 
     def text(self, out: Path) -> str:
         """A short table for a terminal, of a front that was saved into `out`."""
-        return f"{self.words(self.document)}\nfiles in {out}"
+        return f"{self.words(self.document())}\nfiles in {out}"
 
     @property
     def durations(self) -> np.ndarray:
         """(P,) [s]; cycle times of a job."""
-        return np.array([row["duration"] for row in self.document["points"]])
+        return np.array([row["duration"] for row in self.document()["points"]])
 
     @property
     def energies(self) -> np.ndarray:
         """Total energy at each duration, (P,) [J]; nan where none was found."""
-        return np.array([row["energy_total"] for row in self.document["points"]], dtype=float)
+        return np.array([row["energy_total"] for row in self.document()["points"]], dtype=float)
 
     def kept(self, out: Path) -> Tradeoff:
         """Write tradeoff.csv, tradeoff.json, plot.png, report.html and trajectories of the optima into a folder."""
         best = {} if self.front is None else {"minimum": self.front.minimum, "cycle_minimum": self.front.cycle_minimum}
         with written_whole(out, ANSWER) as aside:
-            write_text(aside / "tradeoff.csv", table(self.document))
+            write_text(aside / "tradeoff.csv", table(self.document()))
             for name, point in best.items():
                 if point is not None and point.trajectory is not None:
                     rows.write(point.trajectory, aside / f"trajectory_{name}.csv")
-            self.page(self.document).write(aside / "report.html", aside / "plot.png")
-            write_json(aside / ANSWER, self.document)
+            self.page(self.document()).write(aside / "report.html", aside / "plot.png")
+            write_json(aside / ANSWER, self.document())
         return self
 
     def __repr__(self) -> str:
-        least = self.document["minimum"]
+        least = self.document()["minimum"]
         best = "" if least is None else f", least {least['energy_total']:.4g} J at {least['duration']:.4g} s"
-        return f"Tradeoff({self.document['robot']!r}, {len(self.document['points'])} points{best})"
+        return f"Tradeoff({self.document()['robot']!r}, {len(self.document()['points'])} points{best})"
 
     def _repr_html_(self) -> str:
         records = zip(self.durations, self.energies, strict=True)

@@ -25,7 +25,7 @@ EXACT = (0.0, 0.0)
 def test_a_cause_is_found_and_nothing_else_is_missing(tmp_path, world):
     """The error had been three to seven times the noise, and no cause was named."""
     truth = write_world(world, tmp_path / "set")
-    d = diagnose(read_set(truth.folder, truth.robot), truth.declared).document
+    d = diagnose(read_set(truth.folder, truth.robot), truth.declared).document()
     assert (d["verdict"], [e["name"] for e in d["effects"]]) == ("explained", [world.cause])
 
 

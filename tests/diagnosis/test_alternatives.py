@@ -76,7 +76,7 @@ def test_turns_and_smooth_starts_are_no_misfit(tmp_path, arm, cause, seed, other
     """
     pytest.importorskip("mujoco")
     made = make_set(tmp_path / "set", arm, [cause], seed=seed)
-    document = diagnose(read_set(made.folder, made.robot), made.declared).document
+    document = diagnose(read_set(made.folder, made.robot), made.declared).document()
     named = document["alternatives"] or [[x["name"] for x in document["effects"]]]
     assert document["verdict"] == ("ambiguous" if others else "explained")
     assert sorted(named) == sorted([[cause], *([other] for other in others)])

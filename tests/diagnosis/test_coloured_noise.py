@@ -25,7 +25,7 @@ def test_a_wave_alone_is_noise(tmp_path, memory, eta, verdict):
     """Clean sets were "unexplained"; a loss of the supply is still found."""
     folder = record(tmp_path / "set", Hidden("panda"), lambda p: p / eta, memory=memory, seed=4)
     declared = PowerModel("panda", (Standby(power=STANDBY), CopperLoss(r_over_kt2=COPPER)))
-    found = diagnose(read_set(folder), declared).document
+    found = diagnose(read_set(folder), declared).document()
     assert found["verdict"] == verdict
     named = {row["name"]: row for row in found["effects"]}
     if eta < 1:
@@ -53,7 +53,7 @@ def test_a_meter_of_coarse_steps_leaves_no_structure(tmp_path):
     folder = record(tmp_path / "set", Hidden("z1"), lambda p: 2 * np.round(p / 2), noise=0.0, seed=5, runs=6)
     found = diagnose(read_set(folder), PowerModel("z1", (Standby(power=STANDBY), CopperLoss(r_over_kt2=COPPER))))
     assert found.verdict == "nothing_missing"
-    assert found.document["noise_floor"] == pytest.approx(2 / 12**0.5, rel=0.1)
+    assert found.document()["noise_floor"] == pytest.approx(2 / 12**0.5, rel=0.1)
 
 
 def test_repeated_readings_of_a_standstill_tell_no_more_than_one(tmp_path):

@@ -49,7 +49,7 @@ def test_less_friction_in_one_direction_is_no_spring(tmp_path):
     calm = Instruments(noise=0.6, power_resolution=0.05)
     made = make_set(tmp_path / "set", "ur5e", effects, seed=3, instruments=calm, declared=owned)
     found = diagnose(read_set(made.folder), owned)
-    document = found.document
+    document = found.document()
     assert document["verdict"] == "explained"
     assert [effect["name"] for effect in document["effects"]] == ["asymmetric_friction"]
     for name, truth in (("tau_plus", DRY + apart), ("tau_minus", DRY - apart)):

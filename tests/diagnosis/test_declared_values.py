@@ -22,7 +22,7 @@ def test_a_declared_friction_curve_is_fitted_anew(tmp_path, joints):
     now, declared = (FrictionCurve(speed=[0, 0.3, 1, 2], torque=t) for t in ((TORQUE.T * joints).T, TORQUE))
     owned, calm = base_model("panda").replaced(declared), Instruments(noise=0.6, power_resolution=0.05)
     made = make_set(tmp_path / "set", "panda", [now], seed=5, instruments=calm, declared=owned)
-    document = diagnose(read_set(made.folder), owned).document
+    document = diagnose(read_set(made.folder), owned).document()
     effect = document["effects"][0]
     assert effect["name"] == "friction_curve" and effect["refit"]
     assert document["verdict"] == "explained" or [effect["name"]] in document["alternatives"]
@@ -37,6 +37,6 @@ def test_a_second_declared_value_that_is_a_little_wrong_does_not_hide_the_first(
     owned = base_model("z1").replaced(CoulombFriction(tau_c=2 * now)).replaced(ViscousFriction(b=1.25 * now))
     effects = [CoulombFriction(tau_c=now), ViscousFriction(b=now)]
     made = make_set(tmp_path / "set", "z1", effects, seed=1, instruments=calm, declared=owned, motions=4)
-    document = diagnose(read_set(made.folder), owned).document
+    document = diagnose(read_set(made.folder), owned).document()
     assert document["verdict"] == "explained"
     assert [effect["name"] for effect in document["effects"]] == ["coulomb_friction", "viscous_friction"]

@@ -32,7 +32,7 @@ FRICTION = CoulombFriction(tau_c=[0.6, 0.5, 0.45, 0.5, 0.3, 0.25, 0.2])
 
 
 def names(result):
-    return [row["name"] for row in result.document["effects"]]
+    return [row["name"] for row in result.document()["effects"]]
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def found(coulomb):
 
 
 def test_friction_is_named_with_its_values(found):
-    d = found.document
+    d = found.document()
     assert d["verdict"] == "explained" and names(found) == ["coulomb_friction"]
     row = d["effects"][0]
     low, high = np.array(row["ci95"]["tau_c"]).T if np.ndim(row["ci95"]["tau_c"]) > 1 else row["ci95"]["tau_c"]
@@ -80,7 +80,7 @@ def test_what_goes_with_no_recorded_signal_is_not_looked_for_among_them():
 
 
 def test_errors_fall_to_the_noise_on_runs_never_fitted(found):
-    e = found.document["error"]
+    e = found.document()["error"]
     assert e["before"]["holdout"]["power_rmse"] > 1.2 * e["noise_floor"]
     assert e["after"]["holdout"]["power_rmse"] < 1.1 * e["noise_floor"]
     assert e["after"]["holdout"]["energy_percent"] < e["before"]["holdout"]["energy_percent"]
@@ -88,7 +88,7 @@ def test_errors_fall_to_the_noise_on_runs_never_fitted(found):
 
 
 def test_the_split_is_by_run(found, coulomb):
-    s = found.document["split"]
+    s = found.document()["split"]
     assert set(s["train"]) | set(s["holdout"]) == {r.file for r in coulomb.runs}
     assert not set(s["train"]) & set(s["holdout"]) and len(s["holdout"]) >= 2
 
@@ -96,14 +96,14 @@ def test_the_split_is_by_run(found, coulomb):
 def test_a_clean_set_has_nothing_missing(tmp_path):
     made = make_set(tmp_path / "set", "z1", seed=5)
     result = diagnose(read_set(made.folder), made.declared)
-    assert result.document["verdict"] == "nothing_missing" and names(result) == []
+    assert result.document()["verdict"] == "nothing_missing" and names(result) == []
     assert result.model == made.declared or result.model.effects == made.declared.effects
 
 
 def test_payload_is_found_with_its_centre(tmp_path):
     load = Payload(mass=1.8, com=[0.02, -0.03, 0.09])
     made = make_set(tmp_path / "set", "ur5", [load], seed=2, instruments=CALM)
-    row = diagnose(read_set(made.folder), made.declared).document["effects"][0]
+    row = diagnose(read_set(made.folder), made.declared).document()["effects"][0]
     assert row["name"] == "payload" and abs(row["parameters"]["mass"] - 1.8) < 0.05
     np.testing.assert_allclose(row["parameters"]["com"], load.values["com"], atol=0.02)
 
@@ -122,8 +122,8 @@ def test_two_effects_at_once(tmp_path):
 def test_what_no_effect_accounts_for_stays_unexplained(special, tmp_path):
     made = make_set(tmp_path / "set", "panda", specials=[special], seed=4)
     result = diagnose(read_set(made.folder), made.declared)
-    assert result.document["verdict"] == "unexplained" and names(result) == []
-    signal = result.document["residual_goes_with"][0]["signal"]
+    assert result.document()["verdict"] == "unexplained" and names(result) == []
+    signal = result.document()["residual_goes_with"][0]["signal"]
     assert signal.startswith("position" if special == "cogging" else "time")
 
 
@@ -143,8 +143,8 @@ def test_a_switched_load_is_no_drift_of_the_meter():
 def test_supply_and_gain_are_one_at_the_meter(tmp_path):
     made = make_set(tmp_path / "set", "z1", ["supply_efficiency"], seed=6)
     result = diagnose(read_set(made.folder), made.declared)
-    assert result.document["verdict"] == "ambiguous"
-    assert sorted(map(tuple, result.document["alternatives"])) == [("meter_gain",), ("supply_efficiency",)]
+    assert result.document()["verdict"] == "ambiguous"
+    assert sorted(map(tuple, result.document()["alternatives"])) == [("meter_gain",), ("supply_efficiency",)]
 
 
 @pytest.mark.parametrize("weak", [pytest.param("static_only", marks=pytest.mark.slow), "still_joint"])
@@ -171,7 +171,7 @@ def test_too_little_excitation(weak, tmp_path):
 def test_a_model_of_a_joint_that_never_moved_is_not_good_enough_to_plan_with(tmp_path):
     made = make_set(tmp_path / "set", "panda", [], seed=7, weak="still_joint")
     found = diagnose(read_set(made.folder, made.robot), made.declared)
-    document = found.document
+    document = found.document()
     assert document["verdict"] == "insufficient" and document["foreseen"]["difference_percent"] < 20
     assert not document["usable"] and "hardly moves" in document["foreseen"]["reason"]
     assert f"not shown to be good enough to plan with, as {document['foreseen']['reason']}" in str(found)
@@ -181,8 +181,8 @@ def test_wrong_declared_values_are_fitted_anew(tmp_path):
     made = make_set(tmp_path / "set", "ur5", seed=8, instruments=CALM)
     wrong = made.declared.replaced(Standby(power=89.0))
     result = diagnose(read_set(made.folder), wrong)
-    assert names(result) == ["standby"] and result.document["effects"][0]["refit"]
-    assert abs(result.document["effects"][0]["parameters"]["power"] - 92.6) < 0.1
+    assert names(result) == ["standby"] and result.document()["effects"][0]["refit"]
+    assert abs(result.document()["effects"][0]["parameters"]["power"] - 92.6) < 0.1
 
 
 def test_one_joint_whose_friction_has_changed_is_found_at_its_new_value(tmp_path):
@@ -191,7 +191,7 @@ def test_one_joint_whose_friction_has_changed_is_found_at_its_new_value(tmp_path
     made = make_set(tmp_path / "set", "panda", [CoulombFriction(tau_c=now)], seed=32, instruments=CALM)
     result = diagnose(read_set(made.folder), made.declared.replaced(FRICTION))
     assert names(result) == ["coulomb_friction"]
-    low, high = result.document["effects"][0]["ci95"]["tau_c"][2]
+    low, high = result.document()["effects"][0]["ci95"]["tau_c"][2]
     assert low < now[2] < high
 
 
@@ -199,14 +199,14 @@ def test_one_joint_whose_friction_has_changed_is_found_at_its_new_value(tmp_path
 def test_a_meter_that_wanders_is_no_cause(arm, seed, tmp_path):
     truth = write_world(World(arm, seed, (0.0, 0.0), "drift"), tmp_path)  # once a warm-up; once a wrong standby
     result = diagnose(read_set(truth.folder, truth.robot), truth.declared)
-    assert names(result) == [] and result.document["verdict"] == "nothing_missing"
+    assert names(result) == [] and result.document()["verdict"] == "nothing_missing"
 
 
 def test_a_warm_up_beyond_a_meters_wander_is_found(tmp_path):
     made = make_set(tmp_path / "set", "z1", [StandbyDrift(power=5.0, time_constant=46.0)], seed=10)
     result = diagnose(read_set(made.folder), made.declared)
     assert names(result) == ["standby_drift"]
-    assert abs(result.document["effects"][0]["parameters"]["power"] - 5.0) < 0.4
+    assert abs(result.document()["effects"][0]["parameters"]["power"] - 5.0) < 0.4
 
 
 def test_a_missing_overhead_counts_too(tmp_path):
@@ -239,7 +239,7 @@ def test_shared_sets(name):
     truth = read_toml(folder / "truth.toml")
     result = diagnose(read_set(folder), load_model(folder / "declared.toml"))
     expected = {"clean": "nothing_missing", "single": "explained", "unlisted": "unexplained"}[truth["category"]]
-    assert result.document["verdict"] == expected and names(result) == truth["names"]
+    assert result.document()["verdict"] == expected and names(result) == truth["names"]
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the shared recording is not here")

@@ -25,7 +25,7 @@ FRICTION = CoulombFriction(tau_c=[0.6, 0.5, 0.45, 0.5, 0.3, 0.25, 0.2])
 
 
 def names(result):
-    return [row["name"] for row in result.document["effects"]]
+    return [row["name"] for row in result.document()["effects"]]
 
 
 @pytest.fixture(scope="module")
@@ -63,8 +63,8 @@ def test_order_of_runs_and_units_change_nothing(coulomb, found, tmp_path):
     }
     write_toml(other / "log.toml", log)
     again = diagnose(read_set(other), coulomb.declared)
-    assert again.document["verdict"] == "explained" and names(again) == names(found)
-    assert set(again.document["split"]["holdout"]) == set(found.document["split"]["holdout"])
+    assert again.document()["verdict"] == "explained" and names(again) == names(found)
+    assert set(again.document()["split"]["holdout"]) == set(found.document()["split"]["holdout"])
 
 
 def test_a_slower_meter_with_its_own_clock_gives_the_same(coulomb, found, tmp_path):
@@ -81,7 +81,7 @@ def test_a_slower_meter_with_its_own_clock_gives_the_same(coulomb, found, tmp_pa
         write_table(other / row["file"], list(table), list(table.values()))
     write_toml(other / "log.toml", log)
     again = diagnose(read_set(other), coulomb.declared)
-    assert again.document["verdict"] == "explained" and names(again) == names(found)
+    assert again.document()["verdict"] == "explained" and names(again) == names(found)
 
 
 @pytest.mark.parametrize("kind", ["noise", "shuffled"])
@@ -94,9 +94,9 @@ def test_noise_in_place_of_power_gives_no_effect(coulomb, tmp_path, kind):
         table["power"] = noise if kind == "noise" else rng.permutation(table["power"])
         write_table(other / row["file"], list(table), list(table.values()))
     result = diagnose(read_set(other), coulomb.declared)
-    assert result.document["verdict"] == "unexplained" and names(result) == []
-    assert any("does not depend on the motion" in remark for remark in result.document["remarks"])
-    assert "same recording" in result.document["next_step"]
+    assert result.document()["verdict"] == "unexplained" and names(result) == []
+    assert any("does not depend on the motion" in remark for remark in result.document()["remarks"])
+    assert "same recording" in result.document()["next_step"]
 
 
 def test_power_that_an_unlisted_cause_rules_still_follows_the_motion(tmp_path):
@@ -154,10 +154,10 @@ def test_a_run_with_damaged_power_is_left_out_and_named(coulomb, found, tmp_path
     table["power"] = np.random.default_rng(1).uniform(0, 3000, len(table["power"]))
     write_table(path, list(table), list(table.values()))
     result = diagnose(read_set(other), coulomb.declared)
-    split = result.document["split"]
+    split = result.document()["split"]
     assert names(result) == names(found) == ["coulomb_friction"]
     assert path.name not in split["train"] + split["holdout"]
-    assert any(path.name in remark and "damaged" in remark for remark in result.document["remarks"])
+    assert any(path.name in remark and "damaged" in remark for remark in result.document()["remarks"])
 
 
 def test_power_in_kilowatts_without_a_unit_is_remarked(coulomb, tmp_path):
@@ -167,5 +167,5 @@ def test_power_in_kilowatts_without_a_unit_is_remarked(coulomb, tmp_path):
         table["power"] = table["power"] / 1000
         write_table(other / row["file"], list(table), list(table.values()))
     result = diagnose(read_set(other), coulomb.declared)
-    assert any("kW" in remark for remark in result.document["remarks"])
-    assert result.document["verdict"] == "unexplained" and names(result) == []
+    assert any("kW" in remark for remark in result.document()["remarks"])
+    assert result.document()["verdict"] == "unexplained" and names(result) == []

@@ -118,7 +118,7 @@ def test_every_claim_is_in_the_model_and_the_document_agrees_with_itself(repeate
 def test_a_diagnosis_prints_one_line_and_saves_what_the_command_writes(repeats, repeated, tmp_path):
     result = diagnose(repeats, repeated.declared)
     assert repr(result) == "Diagnosis('explained', 'z1', effects=[coulomb_friction])"
-    assert str(result).startswith(result.document["headline"])
+    assert str(result).startswith(result.document()["headline"])
     out = result.save(tmp_path / "out")
     assert {f.name for f in out.iterdir()} == {"diagnosis.json", "model.toml", "report.html"}
     assert load_model(out / "model.toml").get("coulomb_friction") is not None
@@ -144,7 +144,7 @@ def test_a_law_stays_claimed_beside_one_that_contains_it_where_more_than_the_noi
 ):
     """Dry friction that may differ by direction predicts the same readings: it is no sign of an unknown law."""
     monkeypatch.setattr(inference, "NOISE", 0.9)
-    d = diagnose(repeats, repeated.declared).document
+    d = diagnose(repeats, repeated.declared).document()
     assert (d["verdict"], [row["name"] for row in d["effects"]]) == ("partly", ["coulomb_friction"])
 
 
@@ -174,7 +174,7 @@ def test_results_stand_before_the_next_motion_is_looked_for(repeated, tmp_path, 
     monkeypatch.setattr(
         front,
         "_next_motion",
-        lambda result, *rest: before(result, *rest) if not result.document.update(verdict="ambiguous") else None,
+        lambda result, *rest: before(result, *rest) if not result.document().update(verdict="ambiguous") else None,
     )
     d = diagnosed(repeated, tmp_path / "out")
     assert d["next_motion"] is None and any("no collision bodies" in remark for remark in d["remarks"])
@@ -182,7 +182,7 @@ def test_results_stand_before_the_next_motion_is_looked_for(repeated, tmp_path, 
 
 def test_a_declared_model_without_copper_loss_is_no_fault(repeats):
     standby = PowerModel("z1", (Standby(power=ARMS["z1"].standby),))
-    document = diagnose(repeats, standby).document
+    document = diagnose(repeats, standby).document()
     assert "copper_loss" in document["model_effects"] and document["verdict"]
 
 
@@ -206,7 +206,7 @@ def test_a_level_that_effects_add_is_taken_back_in_standby(tmp_path):
 def test_links_that_are_off_are_the_cause_where_they_take_the_error_to_the_noise(tmp_path):
     truth = write_world(World("ur5", 79, (0.09, 0.10), motions=9, poses=4), tmp_path / "set")
     result = diagnose(read_set(truth.folder, truth.robot), truth.declared)
-    d = result.document
+    d = result.document()
     ratio = d["error"]["before"]["holdout"]["power_rmse"] / d["noise_floor"]
     assert ratio > 1.3  # the declared model does not fit
     assert d["verdict"] == "explained" and [row["name"] for row in d["effects"]] == ["link_inertia"]
@@ -264,7 +264,7 @@ def test_stamps_that_come_in_bunches_are_spread(repeated, tmp_path):
 def test_the_residual_of_a_partial_diagnosis_counts_in_differences_of_energy(tmp_path):
     """A differential wrist rubs by two motors' speeds: with dry friction of each joint differences are off by 77 %."""
     truth = write_world(World("xarm7", 11400104, (0.0, 0.05), "ar1", unlisted="coupled_friction"), tmp_path / "set")
-    d = diagnose(read_set(truth.folder, truth.robot), truth.declared).document
+    d = diagnose(read_set(truth.folder, truth.robot), truth.declared).document()
     assert d["verdict"] == "partly" and d["foreseen"]["difference_percent"] > 20 and not d["usable"]
 
 
@@ -281,7 +281,7 @@ def test_the_residual_of_a_partial_diagnosis_counts_in_differences_of_energy(tmp
 )
 def test_a_law_that_is_not_in_the_library_is_neither_named_nor_taken_for_noise(arm, seed, law, tmp_path):
     truth = write_world(World(arm, seed, (0.0, 0.05), "ar1", unlisted=law), tmp_path / "set")
-    d = diagnose(read_set(truth.folder, truth.robot), truth.declared).document
+    d = diagnose(read_set(truth.folder, truth.robot), truth.declared).document()
     assert d["verdict"] == "unexplained" and not d["effects"] and not d["usable"]
 
 
@@ -292,7 +292,7 @@ def test_beside_an_unknown_law_only_what_all_sets_share_is_claimed(tmp_path):
     truth = write_world(world, tmp_path / "set")
     found = diagnose(read_set(truth.folder, truth.robot), truth.declared)
     assert [x.name for x in found.effects] == ["armature"] and found.verdict == "partly"
-    assert found.model.get("viscous_friction") is None and not found.document["usable"]
+    assert found.model.get("viscous_friction") is None and not found.document()["usable"]
     (name, true) = next(iter(truth.values.items()))
     low, high = np.transpose(found.effects[0].ci95[name])
     assert np.mean((low <= true) & (true <= high)) > 0.8  # the stated intervals hold beside that law, too
@@ -330,7 +330,7 @@ def test_an_effect_that_improves_some_motions_and_harms_others_is_not_claimed(tm
 def test_a_payload_picked_up_in_mid_run_is_found_where_its_moment_is_uncertain(tmp_path):
     """Speeds from positions show begin and end of a dwell a few readings early or late."""
     truth = write_world(World("z1", 11120049, (0.03, 0.05), "ar1", "payload_change"), tmp_path / "set")
-    d = diagnose(read_set(truth.folder, truth.robot), truth.declared).document
+    d = diagnose(read_set(truth.folder, truth.robot), truth.declared).document()
     assert [e["name"] for e in d["effects"]] == ["payload_change"]
     low, high = d["effects"][0]["ci95"]["mass"]
     assert low < truth.values["mass"][0] < high

@@ -46,7 +46,7 @@ def changed(measured, kt, factor):
 
 def remarks(measured, declared):
     """What the diagnosis says of the joints' readings; it never takes them for a contact."""
-    document = diagnose(measured, declared).document
+    document = diagnose(measured, declared).document()
     assert document["verdict"] == "nothing_missing"
     said = [remark for remark in document["remarks"] if "logged" in remark or "pushed" in remark]
     assert not any("pushed" in remark for remark in said)
@@ -96,7 +96,7 @@ def test_torques_alone_in_another_unit_are_refused(recorded):
 def test_currents_in_milliamperes_are_named_and_not_used(recorded):
     measured, _, declared = recorded
     runs = tuple(dataclasses.replace(run, current=1000.0 * run.current) for run in measured.runs)
-    document = diagnose(dataclasses.replace(measured, runs=runs), declared).document
+    document = diagnose(dataclasses.replace(measured, runs=runs), declared).document()
     assert any("currents are not used" in said and "look like mA" in said for said in document["remarks"])
     assert document["verdict"] == "nothing_missing" and not document["joint_side"]
 

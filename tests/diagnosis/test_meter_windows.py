@@ -24,7 +24,7 @@ def test_a_moving_mean_is_named(tmp_path, name, seed):
     """ "explained" was: meter_filter of 0.057 s with meter_delay of 0.04 s, both with narrow intervals."""
     measured = read_set(record(tmp_path / "set", Hidden(name), over(0.2), seed=seed))
     declared = PowerModel(name, (Standby(power=STANDBY), CopperLoss(r_over_kt2=COPPER)))
-    found = diagnose(measured, declared).document
+    found = diagnose(measured, declared).document()
     assert found["verdict"] == "explained"
     (row,) = found["effects"]
     low, high = np.ravel(row["ci95"]["duration"])
@@ -38,6 +38,6 @@ def test_a_declared_window_is_applied_and_never_claimed(tmp_path):
     with (folder / "log.toml").open("a") as log:
         log.write("\n[meter]\nwindow = 0.2\n")
     declared = PowerModel("ur5e", (Standby(power=STANDBY), CopperLoss(r_over_kt2=COPPER)))
-    found = diagnose(read_set(folder), declared).document
+    found = diagnose(read_set(folder), declared).document()
     named = {row["name"] for row in found["effects"]}.union(*map(set, found["alternatives"]))
     assert "meter_window" not in named

@@ -259,13 +259,13 @@ def test_recorded_on_the_arm_it_settles_which_law_holds(tmp_path):
 
     robot, found = recorded(CoulombFriction, "xarm7", seed=4, noise=2.0, motions=1)
     before = found(tmp_path / "before")
-    assert before.document["verdict"] == "ambiguous" and ["coulomb_friction"] in before.document["alternatives"]
+    assert before.document()["verdict"] == "ambiguous" and ["coulomb_friction"] in before.document()["alternatives"]
     motion = propose(rivals_of(before.inference, robot.n), robot)
     assert motion.difference > motion.straight  # beyond what the numbers of either law can take up
     t, count = motion.trajectory, recordings(before.inference, motion.trajectory)
     assert count is not None
     takes = [Reference(f"next{k}", t.time, t.position, t.velocity) for k in range(1, count + 1)]
-    after = found(tmp_path / "after", takes).document
+    after = found(tmp_path / "after", takes).document()
     assert after["verdict"] == "explained" and [x["name"] for x in after["effects"]] == ["coulomb_friction"]
 
 
@@ -277,7 +277,7 @@ def test_laws_that_are_too_alike_are_not_said_to_be_settled_by_a_recording(tmp_p
     """
     robot, found = recorded(LoadFriction, "panda", seed=5, noise=3.0, motions=2)
     before = found(tmp_path / "set")
-    assert sorted(before.document["alternatives"]) == [["gear_efficiency"], ["load_friction"]]
+    assert sorted(before.document()["alternatives"]) == [["gear_efficiency"], ["load_friction"]]
     motion = propose(rivals_of(before.inference, robot.n), robot)
     assert motion.difference > motion.straight and recordings(before.inference, motion.trajectory) is None
     before.declared.save(tmp_path / "set" / "declared.toml")

@@ -49,7 +49,7 @@ def document_of(truth, tables, folder: Path) -> dict:
         runs.append({"file": f"{k}.csv", "kind": "static" if still else "motion", "start": start})
         start += float(table["time"][-1]) + 10.0
     write_toml(folder / "log.toml", {"format": "energy-opt/log/1", "robot": "ur5", "run": runs})
-    return diagnose(read_set(folder, truth.robot), truth.declared).document
+    return diagnose(read_set(folder, truth.robot), truth.declared).document()
 
 
 def settling(table) -> np.ndarray:
@@ -95,7 +95,7 @@ def test_totals_of_two_motions_are_too_few_for_a_verdict(rubbed):
                 window=np.ptp(run.time, keepdims=True), meter="total", start=100.0 * k)
         for k, run in enumerate(moving * 12)
     ]  # fmt: skip
-    d = diagnose(replace(measured, runs=tuple(runs)), truth.declared).document
+    d = diagnose(replace(measured, runs=tuple(runs)), truth.declared).document()
     assert d["verdict"] == "insufficient" and not d["split"]["holdout"] and not d["usable"]
 
 
@@ -116,6 +116,6 @@ def test_a_level_that_may_be_the_meters_is_stated(tmp_path):
     """A loss of the supply, which links and the meter's drift explain as well, is no cause, but is not concealed."""
     world = World("xarm7", 11120050, (0.03, 0.05), "ar1", cause="psu_loss")
     truth = write_world(world, tmp_path / "set")
-    d = diagnose(read_set(truth.folder, truth.robot), truth.declared).document
+    d = diagnose(read_set(truth.folder, truth.robot), truth.declared).document()
     assert d["verdict"] == "nothing_missing"
     assert any("above the declared model throughout" in remark for remark in d["remarks"])

@@ -64,7 +64,7 @@ def test_laws_that_resemble_each_other_are_alternatives(tmp_path, world, true):
     `true`: effects of which each alone is the same mechanism; of an unlisted law none need be named.
     """
     truth = write_world(world, tmp_path / "set")
-    d = diagnose(read_set(truth.folder, truth.robot), truth.declared).document
+    d = diagnose(read_set(truth.folder, truth.robot), truth.declared).document()
     said = [{e["name"] for e in d["effects"]}, *map(set, d["alternatives"])]
     assert any({name} in said for name in true) or bool(world.unlisted and not d["effects"])
 

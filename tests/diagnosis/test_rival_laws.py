@@ -116,7 +116,7 @@ def weakened(tmp_path_factory):
 
 @pytest.mark.slow
 def test_a_law_whose_shape_a_free_function_of_the_same_signal_betters_is_not_claimed(weakened):
-    d = weakened.document
+    d = weakened.document()
     assert d["verdict"] == "unexplained" and not d["effects"] and not d["usable"]
     assert d["remainder"][0]["signal"] == "velocity"
 
@@ -144,8 +144,8 @@ def test_a_model_can_plan_where_links_or_a_drift_leave_differences_as_they_are(a
     world = World(arm, number, (0.03, 0.10), noise, repeats=5, motions=5)
     truth = write_world(world, tmp_path / "set")
     d = diagnose(read_set(truth.folder, truth.robot), truth.declared)
-    assert d.document["usable"] and difference_error(truth, d.model, number) < 0.05
-    assert not doubt or any(doubt in names for names in d.document["alternatives"])
+    assert d.document()["usable"] and difference_error(truth, d.model, number) < 0.05
+    assert not doubt or any(doubt in names for names in d.document()["alternatives"])
 
 
 @pytest.mark.slow
@@ -201,7 +201,7 @@ def test_losses_of_the_supply_are_found_beside_links_that_are_off_and_noise_with
     truth = write_world(World(arm, number, (0.03, 0.05), "ar1", cause), tmp_path / "set")
     d = diagnose(read_set(truth.folder, truth.robot), truth.declared)
     named = [x.name for x in d.effects]
-    assert cause in named or [cause] in d.document["alternatives"]
+    assert cause in named or [cause] in d.document()["alternatives"]
     assert not set(named) - {"psu_loss", "supply_efficiency", "meter_gain", "link_inertia"}
 
 
@@ -273,7 +273,7 @@ def test_motions_held_out_do_not_speak_against_a_law_for_what_its_numbers_leave_
     truth = write_world(world, tmp_path / "set")
     found = diagnose(read_set(truth.folder), load_model(truth.folder / "declared.toml"))
     assert found.verdict == "ambiguous"
-    said = {name for names in found.document["alternatives"] for name in names}
+    said = {name for names in found.document()["alternatives"] for name in names}
     assert said >= {"meter_gain", "psu_loss", "supply_efficiency"}  # psu_loss has the same law but for a square
 
 

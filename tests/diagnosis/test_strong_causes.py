@@ -61,7 +61,7 @@ def recorded(folder, friction, seed, count=8, settles=0.0, copper=COPPER, arm="u
 
 def diagnosed(*arguments, **options):
     """Document of a set that is `recorded` with these arguments."""
-    return diagnose(*recorded(*arguments, **options)).document
+    return diagnose(*recorded(*arguments, **options)).document()
 
 
 def sets_of(document):

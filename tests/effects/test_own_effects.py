@@ -155,7 +155,7 @@ def test_a_fan_that_follows_temperature_is_found_in_a_log(tmp_path, own):
         table["power"] = table["power"] + 0.5 * (np.mean(list(warm.values()), axis=0) - 25)
         columns = {**table, **warm}
         write_table(made.folder / run.file, list(columns), list(columns.values()))
-    found = diagnose(read_set(made.folder), made.declared).document
+    found = diagnose(read_set(made.folder), made.declared).document()
     assert [row["name"] for row in found["effects"]] == ["fan"] and found["verdict"] == "explained"
     assert found["effects"][0]["parameters"]["per_kelvin"] == pytest.approx(0.5, abs=0.03)
 

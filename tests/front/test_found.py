@@ -10,7 +10,7 @@ import pytest
 import energy_opt as eo
 from energy_opt.front.verbs import VERBS, function_of
 from energy_opt.motion import Baseline
-from energy_opt.results import Found, exit_of
+from energy_opt.results import Document, Found, exit_of
 
 
 class Table(Found):
@@ -28,10 +28,10 @@ class Table(Found):
 
 
 class Said(Found):
-    """A result whose messages said all; its document is an attribute."""
+    """A result whose messages said all; its document is a value."""
 
     def __init__(self) -> None:
-        self.document = {"b": [2.0]}
+        self.document = Document({"b": [2.0]})
 
     def __str__(self) -> str:
         return "two & more"
@@ -49,6 +49,7 @@ def test_a_result_is_text_files_and_a_view(tmp_path: Path) -> None:
     assert Table()._repr_html_() == "<pre>a &lt; b</pre>"
     assert str(Table()) == "a < b" and str(silent := Found()) == repr(silent)
     assert Table()["a"] == 1 and Said()["b"] == [2.0]
+    assert Said().document()["b"] == Said().document["b"], "the form of version 0.1"
     assert json.loads(Said().to_json()) == {"b": [2.0]} and Said()._repr_html_() == "<pre>two &amp; more</pre>"
 
 

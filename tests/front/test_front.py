@@ -193,7 +193,7 @@ def test_a_payload_is_added_to_a_planner_without_building_it_again(monkeypatch):
 def test_a_front_and_measured_data_through_the_door(panda, tmp_path):
     found = eo.tradeoff(panda, start=START, goal=GOAL, mode="retime", durations=[2.0, 3.0])
     assert found.durations.tolist() == [2.0, 3.0] and np.isfinite(found.energies).all() and "2 points" in repr(found)
-    assert found.document["status"] == "solved" and found.document["models"][1]["name"] == "careful"
+    assert found.document()["status"] == "solved" and found.document()["models"][1]["name"] == "careful"
     found.save(tmp_path / "front")
     assert (tmp_path / "front/tradeoff.json").is_file()
     with pytest.raises(eo.BadInput, match=r"log\.toml"):
@@ -203,7 +203,7 @@ def test_a_front_and_measured_data_through_the_door(panda, tmp_path):
 def test_a_front_keeps_clear_and_says_what_cannot_be_done(tmp_path):
     ends = {"start": [0, 1, -1, 0, 0, 0], "goal": [0.5, 1, -1, 0, 0, 0], "mode": "retime"}
     found = eo.tradeoff("z1", **ends, durations=[0.01, 0.02])
-    assert found.document["status"] == "infeasible" and "shortest possible one" in found.document["message"]
+    assert found.document()["status"] == "infeasible" and "shortest possible one" in found.document()["message"]
     (tmp_path / "s.yaml").write_text("objects: [{name: box, type: box, size: [2, 2, 2], position: [0, 0, 1.2]}]")
     with pytest.raises(eo.Infeasible, match="touches box"):
         eo.tradeoff("z1", **ends, durations=[2.0], scene=tmp_path / "s.yaml")

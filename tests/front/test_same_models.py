@@ -44,14 +44,14 @@ def alone() -> dict[str, float]:
 
 def test_a_front_has_the_energies_of_single_moves(alone: dict[str, float]) -> None:
     front = eo.tradeoff("ur5", start=START, goal=GOAL, durations=[2.0, 3.0], mode="retime", compile="never")
-    point = front.document["points"][0]
+    point = front.document()["points"][0]
     assert point["energy_loss"] == pytest.approx(alone["loss"], rel=1e-3)
     assert point["energy_total"] == pytest.approx(alone["total"], rel=1e-5)
-    names = [row["name"] for row in front.document["models"]]
+    names = [row["name"] for row in front.document()["models"]]
     assert names[:2] == ["source-method-2", "careful"] and len(names) == 6  # and the corners of assumed friction
-    assert front.document["request"]["robust"]["kind"] == "mean"
-    assert any(row["source"] == "assumed" for row in front.document["assumptions"])
-    for row in front.document["models"]:
+    assert front.document()["request"]["robust"]["kind"] == "mean"
+    assert any(row["source"] == "assumed" for row in front.document()["assumptions"])
+    for row in front.document()["models"]:
         assert row["saving_joules"] is None or row["saving_joules"] >= -1e-6
     scorer = Scorer(front.robot, careful(front.robot))
     assert scorer.energy(front.front.points[0].trajectory).total == pytest.approx(alone["careful"], rel=1e-5)

@@ -84,21 +84,21 @@ def test_a_front_of_a_job_holds_torque_limits_under_every_model_and_carries_the_
     }  # fmt: skip
     asked = {"robot": weak_robot, "self_collision": False}
     alone = eo.job(job, model=[model, rough], **asked).document()
-    front = eo.tradeoff(job=job, model=[model, rough], durations=[1.6], **asked).document
+    front = eo.tradeoff(job=job, model=[model, rough], durations=[1.6], **asked).document()
     assert front["points"][0]["energy_total"] == pytest.approx(alone["energy_total"], rel=1e-6)
     assert front["points"][0]["status"] == "solved"
     assert not [text for text in front["warnings"] if "torque" in text]
 
     rougher = model + eo.effects.CoulombFriction(tau_c=(0.15 * weak_robot.limits.effort).tolist())
-    said = eo.tradeoff(job=job, model=[model, rougher], durations=[1.6], **asked).document["warnings"]
+    said = eo.tradeoff(job=job, model=[model, rougher], durations=[1.6], **asked).document()["warnings"]
     assert any(text.startswith("cycle of 1.6 s: under another model than 'model 1' joint") for text in said)
 
     carried = [model + eo.effects.Payload(mass=0.2, com=[0.0, 0.0, 0.05])]
     alone = eo.job(job, model=carried, **asked).document()
-    front = eo.tradeoff(job=job, model=carried, durations=[1.6], **asked).document
+    front = eo.tradeoff(job=job, model=carried, durations=[1.6], **asked).document()
     assert alone["steps"][0]["payload"] == 0.2
     assert front["points"][0]["energy_total"] == pytest.approx(alone["energy_total"], rel=1e-5)  # room for files
-    empty = eo.tradeoff(job=job, model=[model], durations=[1.6], **asked).document
+    empty = eo.tradeoff(job=job, model=[model], durations=[1.6], **asked).document()
     assert front["points"][0]["energy_total"] > 1.001 * empty["points"][0]["energy_total"]
 
 

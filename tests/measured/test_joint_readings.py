@@ -88,7 +88,7 @@ def test_a_hand_on_the_arm_is_seen_and_its_runs_are_left_out(tmp_path):
     assert enough and len(kept.runs) == len(measured.runs) - 2
     alone = dataclasses.replace(measured, runs=tuple(r for r in measured.runs if r.kind == "static" or r.file in (
         "run05.csv", "run07.csv")))  # fmt: skip
-    document = diagnose(alone, truth.declared).document
+    document = diagnose(alone, truth.declared).document()
     assert document["effects"] == [] and document["verdict"] == "insufficient"
     assert any("pushed" in remark for remark in document["remarks"])
 
@@ -99,9 +99,9 @@ def test_currents_settle_what_the_power_leaves_open(tmp_path, drags):
         tmp_path / "set", World("ur5", 41, cause="coulomb_friction", currents=True, motions=6, poses=2)
     )
     result = diagnose(measured, truth.declared)
-    assert [row["name"] for row in result.document["effects"]] == ["coulomb_friction"]
+    assert [row["name"] for row in result.document()["effects"]] == ["coulomb_friction"]
     true = float((tmp_path / "set/size.txt").read_text()) * drags[41].drag
-    for row, c in zip(result.document["joint_side"], true, strict=True):
+    for row, c in zip(result.document()["joint_side"], true, strict=True):
         for key in ("own", "together"):
             low, high = row[key]["ci95"]
             assert low <= c <= high, (row["joint"], key)

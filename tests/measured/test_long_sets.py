@@ -38,7 +38,7 @@ def whole(made):
 def test_averaged_readings_name_the_same_cause(made, whole, monkeypatch):
     """Three neighbours a reading: friction is found at the values with which the arm was moved, and said to be so."""
     monkeypatch.setattr(recordings, "MOST_READINGS", 700)
-    d = diagnose(whole, made.declared).document
+    d = diagnose(whole, made.declared).document()
     assert d["verdict"] == "explained" and [row["name"] for row in d["effects"]] == ["coulomb_friction"]
     low, high = np.array(d["effects"][0]["ci95"]["tau_c"]).T
     true, slack = FRICTION.values["tau_c"], (high - low) / 4

@@ -215,7 +215,7 @@ def test_diagnose_finds_them_in_worlds_of_other_formulas(cause, arm, seed, tmp_p
     from misfit_world import World, write_world
 
     truth = write_world(World(arm, seed, (0.0, 0.0), cause=cause), tmp_path / "set")
-    found = eo.diagnose(truth.folder, truth.declared).document
+    found = eo.diagnose(truth.folder, truth.declared).document()
     assert [row["name"] for row in found["effects"]] == [cause]
 
 

@@ -62,7 +62,7 @@ def test_a_front_begins_with_a_reshaped_move(number: int) -> None:
     front = eo.tradeoff(
         robot, "source-method-2", start=move.start, goal=move.goal, durations=[fastest, 1.08 * fastest], **known
     )
-    first, second = front.document["points"]
+    first, second = front.document()["points"]
     assert first["status"] == "solved" and first["energy_loss"] < 1.2 * second["energy_loss"]
 
 

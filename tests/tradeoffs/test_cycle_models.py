@@ -15,8 +15,8 @@ def test_the_fastest_move_with_a_wait_is_stated_under_the_first_model(panda: Rob
     asked = {"start": START, "goal": GOAL, "mode": "retime", "cycle": 3.0, "durations": [2.0], "cycles_per_year": 1000}
     first = eo.source_model(panda)
     loaded = first + eo.effects.Payload(mass=3.0, com=[0.0, 0.0, 0.15])
-    found = eo.tradeoff(panda, [first, loaded], **asked).document
-    alone = eo.tradeoff(panda, first, **asked).document
+    found = eo.tradeoff(panda, [first, loaded], **asked).document()
+    alone = eo.tradeoff(panda, first, **asked).document()
     over, of_one = found["cycle"]["fastest_then_wait"], alone["cycle"]["fastest_then_wait"]
     assert over["energy_stored"] == pytest.approx(of_one["energy_stored"], abs=1e-6)
     assert over["energy_total"] == pytest.approx(of_one["energy_total"], rel=1e-3)

@@ -169,7 +169,7 @@ def test_a_stated_tilt_is_not_found_again(tmp_path: Path) -> None:
     plant, on_a_wall = tmp_path / "plant.toml", [0, 0, 0, 1.2, 0, 0]
     base_model("panda").save(plant)
     eo.simulate(moves, plant, tmp_path / "set", static=1.0, base=on_a_wall, self_collision=False)
-    found = eo.diagnose(tmp_path / "set", model=plant, base=on_a_wall).document
+    found = eo.diagnose(tmp_path / "set", model=plant, base=on_a_wall).document()
     assert found["verdict"] == "nothing_missing" and found["effects"] == []
 
 

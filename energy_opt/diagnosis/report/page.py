@@ -32,7 +32,7 @@ MOSTLY = 0.5  # least share of all joints' speed for a reading to be shown as on
 
 def page(result: Result) -> Report:
     """Build the HTML report."""
-    d = result.document
+    d = result.document()
     report = Report(f"Diagnosis of {result.measured.path.name}: {d['verdict'] or 'stopped'}")
     report.headline(d["headline"])
     report.text(WORDS.get(d["verdict"], "Stopped before a verdict was reached; this page shows the results so far."))

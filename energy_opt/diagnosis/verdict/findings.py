@@ -18,6 +18,7 @@ from energy_opt.effects import Effect, LinkInertia
 from energy_opt.effects.parameter import Parameter
 from energy_opt.measured import MeasuredSet
 from energy_opt.power import PowerModel
+from energy_opt.results import Document
 from energy_opt.robot.limits import sliding
 
 STUDENT = 1.96
@@ -175,7 +176,7 @@ class Result:
     Attributes:
         measured, declared, model: the set, the model handed in, and the calibrated one.
         effects: claimed effects.
-        document: the content of diagnosis.json.
+        document: returns the content of diagnosis.json.
         samples, train, holdout: all runs, and the indices of those fitted and kept; None and none without a meter.
         inference: result of the search, None without a meter.
         side: fit of the joints' own readings, None if there are none.
@@ -185,7 +186,7 @@ class Result:
     declared: PowerModel
     model: PowerModel
     effects: tuple[Finding, ...]
-    document: dict[str, Any]
+    document: Document
     side: JointSide | None
     samples: Samples | None = None
     train: tuple[int, ...] = ()

@@ -102,7 +102,7 @@ class FoundSet(Found):
 
 @dataclass(frozen=True)
 class Listing(Found):
-    """Records that a verb only shows: the content of its document, and the same as words for a terminal."""
+    """Records that a verb only shows: `found` holds them by name, and `words` is the text that is printed."""
 
     found: Mapping[str, Any]
     words: str

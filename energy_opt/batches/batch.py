@@ -27,7 +27,8 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, repr=False)
 class Batch(Found):
-    """A batch, finished or interrupted.
+    """A batch, finished or interrupted: the `records` of its moves, its folder `out`; by name, as `["status"]`, the
+    values of summary.json.
 
     Attributes:
         records: of every finished move, in the order of the suite. summary: summary.json.

@@ -46,11 +46,7 @@ from energy_opt.workcell.as_job import check_workcell
 
 @dataclass(frozen=True)
 class Checked(Found):
-    """Faults of files.
-
-    Attributes:
-        faults: of each file. remarks: further remarks for the user, for each file.
-    """
+    """Whether all files are `usable`, and the `faults` and further `remarks` of each."""
 
     faults: Mapping[str, list[str]]
     remarks: Mapping[str, list[str]] = field(default_factory=dict)

@@ -12,9 +12,9 @@ import re
 import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import Field, dataclass, field
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar, cast
+from typing import Any, ParamSpec, TypeVar, cast, get_args, get_type_hints
 from warnings import warn
 
 from energy_opt import __version__
@@ -31,7 +31,7 @@ FORMS = {
     "model": "also a `PowerModel`",
     "models": "also a `PowerModel` or a `Robot`",
     "plant": "also a `PowerModel`",
-    "trajectories": "also each `Trajectory` or result of `optimize` or `job`",
+    "AnyMotion": "also each `Trajectory` or result of `optimize` or `job`",
     "lock": "a mapping from joint names to positions",
     "payload": "a mass, (mass, x, y, z), or an `effects.Payload`",
     "start": "a sequence (n,) in the robot's order, a mapping from joint names, or a pose (`pose_from`)",
@@ -45,7 +45,6 @@ FORMS = {
     "conditions": "objects of `energy_opt.conditions`, your own limits, or names of files that define them",
     "durations": "a sequence, or text FIRST:LAST:COUNT",
     "job": "a file, or its content as a mapping",
-    "files": "names of files (`evaluate` also takes each `Trajectory` and result of `optimize` or `job`)",
     "request": "a file, or its content as a mapping",
 }
 
@@ -215,13 +214,13 @@ def verb(request: Callable[P, Asked], run: Callable[[Asked, Desk], Given], name:
         argument.
     """
     kind = cast(type[Request], request)
-    spelled = {name: found for name, (_, found) in options_of(kind).items()}
+    options = options_of(kind)
 
     @functools.wraps(run)
     def called(*args: P.args, **given: P.kwargs) -> Given:
         for name in given:
-            if name not in spelled:
-                hint = "; save(FOLDER) of the result writes files" if name == "out" else suggest(name, spelled)
+            if name not in options:
+                hint = "; save(FOLDER) of the result writes files" if name == "out" else suggest(name, options)
                 raise BadInput(f"no argument {name!r}{hint}")
         try:
             asked = request(*args, **given)
@@ -236,8 +235,7 @@ def verb(request: Callable[P, Asked], run: Callable[[Asked, Desk], Given], name:
     called.__name__ = called.__qualname__ = name or kind.verb
     returned = inspect.signature(run).return_annotation
     called.__signature__ = inspect.signature(request).replace(return_annotation=returned)  # type: ignore[attr-defined]
-    values = f"; `found[name]` is a value of {kind.answer}" if kind.answer else ""
-    parts = [inspect.cleandoc(run.__doc__ or ""), _arguments(request, spelled), f"Returns:\n    {returned}{values}."]
+    parts = [inspect.cleandoc(run.__doc__ or ""), _arguments(request, options), *_returned(run)]
     called.__doc__ = "\n\n".join(parts)
     return called
 
@@ -254,13 +252,25 @@ def warn_of(files: Iterable[Any]) -> None:
             warn(f"{row.file}: {row}", stacklevel=3)
 
 
-def _arguments(request: Callable[..., Request], spelled: Mapping[str, Option]) -> str:
+def _returned(run: Callable[..., Any]) -> Iterator[str]:
+    """What a verb returns, by the first paragraph on its class; of one that repeats another verb, nothing."""
+    kind = get_type_hints(run)["return"]
+    if kind is not Any:
+        kinds = get_args(kind) or (kind,)
+        words = [(each.__doc__ or "").partition("\n\n")[0].split() for each in kinds]
+        lines = [f"    {each.__name__}: {' '.join(said)}" for each, said in zip(kinds, words, strict=True)]
+        yield "\n".join(["Returns:", *lines])
+
+
+def _arguments(request: Callable[..., Request], options: Mapping[str, tuple[Field[Any], Option]]) -> str:
     """The arguments of a verb's function, in the order of its signature, in the words of Python."""
     lines = ["Args:"]
     for name in sorted(inspect.signature(request).parameters, key=["stopped"].__contains__):
-        text = spelled[name].help.replace("repeatable", "one or several").replace("DIR", "`out`")
-        text = text if "out" in spelled else text.replace("--out", "folder")
-        for other, found in spelled.items():
+        declared, spelled = options[name]
+        text = spelled.help.replace("repeatable", "one or several").replace("DIR", "`out`")
+        text = text if "out" in options else text.replace("--out", "folder")
+        for other, (_, found) in options.items():
             text = re.sub(rf"{flag_of(other, found)}\b(?!-)", f"`{other}`", text)
-        lines.append(f"    {name}: {text}." + (f" In Python: {FORMS[name]}." if name in FORMS else ""))
+        form = FORMS.get("AnyMotion" if "AnyMotion" in str(declared.type) else name)
+        lines.append(f"    {name}: {text}." + (f" In Python: {form}." if form else ""))
     return "\n".join(lines)

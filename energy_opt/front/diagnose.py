@@ -43,7 +43,8 @@ ALIKE = (
 
 @dataclass(frozen=True, repr=False)
 class Diagnosed(Found, Diagnosis):
-    """A diagnosis with its request.
+    """A diagnosis: `verdict`, the claimed `effects`, the calibrated `model`, `next_motion`; by name, as `["usable"]`,
+    the values of diagnosis.json.
 
     Attributes:
         request: the request; `run` repeats it.

@@ -39,7 +39,8 @@ WIDTH = 14  # [characters] least width of a column
 
 @dataclass(frozen=True, repr=False, kw_only=True)
 class Answers(Answered):
-    """Evaluations of all motions, with the robot and the request.
+    """Evaluations of all motions: `found`, each with `energies` by model, `certificate` and `baselines`; by name, as
+    `["motions"]`, the values of evaluate.json.
 
     Attributes:
         given: the motions as given; `save` writes those that are no files, so that the request can be repeated.

@@ -29,10 +29,8 @@ ANSWER = "identify.json"
 
 @dataclass(frozen=True, repr=False)
 class Suggested(Found):
-    """Static poses that determine an arm's copper loss best.
-
-    Attributes: robot: the arm. found: the poses (K, n) [rad], their |gravity torque|^2 (K,) [(N m)^2], and their
-    expected accuracy.
+    """Static poses that determine the copper loss of the arm `robot` best: `found.poses` (K, n) [rad], `found.load`
+    (K,), their |gravity torque|^2 [(N m)^2], and `found.width`, their expected accuracy.
     """
 
     robot: Robot

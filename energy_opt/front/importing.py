@@ -202,10 +202,10 @@ def _rising(samples: Sequence[tuple[float, Any]]) -> tuple[np.ndarray, list[Any]
 
 @dataclass(frozen=True, repr=False)
 class Set(FoundSet):
-    """A measured set that was written, with its folder and its sources.
+    """A measured set that was written into the folder `out`; by name: `["guesses"]`, `["remarks"]`, `["runs"]`.
 
     Attributes:
-        out: the folder. imported: its robot, runs, guesses and remarks. request: what was asked.
+        imported: its robot, runs, guesses and remarks. request: what was asked.
     """
 
     out: Path

@@ -119,7 +119,8 @@ JOB = "job.json"
 
 @dataclass(frozen=True, repr=False, kw_only=True)
 class JobAnswer(Answered):
-    """A solved cycle of one robot or of several, with its request.
+    """A solved cycle of one robot or of several: `result`, and of one robot its `trajectory`; by name, as
+    `["energy_total"]` [J], the values of job.json.
 
     Attributes:
         result: `solve_job.JobResult` of one robot, `solve_cell.CellResult` of several.

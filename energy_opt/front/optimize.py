@@ -48,7 +48,8 @@ STILL = 1e-6  # [rad, m] a joint whose ends are nearer to each other stays where
 
 @dataclass(frozen=True, repr=False, kw_only=True)
 class Answer(Result, Answered):
-    """A result with its robot and request, which can be saved.
+    """A planned move: `status`, `trajectory`, `energy` [J], `saving`, `baseline(name)`, `certificate`; by name, as
+    `["peak_power"]`, the values of result.json.
 
     Attributes:
         arm: the robot.

@@ -36,7 +36,8 @@ ENDS = ("to", "pose", "free", "pose_tolerance")  # keys of a step that say where
 
 @dataclass(frozen=True, repr=False, kw_only=True)
 class PlaceAnswer(Answered):
-    """A placement with its request.
+    """A placement: `placement.place`, the pose [m, rad], and `placement.result`, the job solved there; by name, as
+    `["energy_total"]` [J], the values of place.json.
 
     Attributes:
         placement: the base pose, and the job solved there.

@@ -21,7 +21,7 @@ KINDS = ("lower", "upper", "velocity", "acceleration", "jerk", "effort")
 
 @dataclass(frozen=True)
 class Robots(Found):
-    """Robots, with their joints and limits."""
+    """`robots`, each a `Robot` with its joints and limits."""
 
     robots: tuple[Robot, ...]
 

@@ -35,10 +35,10 @@ MOST_SECONDS = 3600.0  # [s] longest motion: 4 million steps, some minutes and 2
 
 @dataclass(frozen=True, repr=False)
 class Simulation(FoundSet):
-    """A measured set of a virtual arm, in a folder.
+    """A measured set of a virtual arm, in the folder `out`: `runs`, each with its true `energy` [J].
 
     Attributes:
-        out: the folder. robot: the arm. plant: its true effects.
+        robot: the arm. plant: its true effects.
         runs: what was played and measured. sources: the file that each comes from. request: what was asked.
     """
 

@@ -124,7 +124,7 @@ def _files_of(job: Any) -> Iterator[str]:
 
 
 def run(request: RunRequest, desk: Desk) -> Any:
-    """Repeat a request from a file.
+    """Repeat a request from a file; returns what its verb returns.
 
     Raises:
         BadInput: no such request; and what its verb raises.

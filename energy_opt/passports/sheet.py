@@ -27,7 +27,9 @@ MOST = 12  # most arms in a comparison
 
 @dataclass(frozen=True, repr=False)
 class Passport(Found):
-    """One or several arms, and the differences between the first and each other one."""
+    """One or several `arms`, the `changes` from the first to each other one, a `headline`; by name, as `["arms"]`, the
+    values of passport.json.
+    """
 
     arms: tuple[Arm, ...]
     changes: tuple[Change, ...]

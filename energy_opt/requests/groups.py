@@ -201,7 +201,7 @@ class ConditionGroup(Request):
     conditions: Sequence[Condition | Limit | str | PathLike[str]] = option(
         (), "Python file that defines your own limits (repeatable)", "FILE.py", many=True
     )
-    own_limits: Sequence[Limit] = option((), "your own limits", internal=True, written=False, many=True)
+    own_limits: Sequence[Limit] = option((), "set by `conditions`, not given", internal=True, written=False, many=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -96,7 +96,7 @@ class Request:
     whether its text is `printed` with --quiet, too, because it is the answer.
 
     Attributes:
-        stopped: called from time to time while the verb works; True ends the work with the best result so far.
+        stopped: called from time to time while a verb searches; True ends the work with the best result so far.
     """
 
     verb: ClassVar[str] = ""
@@ -108,8 +108,9 @@ class Request:
     always: ClassVar[tuple[str, ...]] = ()  # fields that the document always contains
 
     stopped: Callable[[], bool] | None = option(
-        None, "a function; if it returns True, the work ends with the best result so far", internal=True, written=False
-    )
+        None, "a function; if it returns True, optimize, tradeoff, job, place and diagnose end with the best result so "
+        "far; other verbs ignore it", internal=True, written=False,
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         for name, (declared, spelled) in options_of(type(self)).items():

@@ -51,7 +51,8 @@ class Pose:
 
 @dataclass(frozen=True, repr=False)
 class Identification(Found):
-    """Results of both methods.
+    """Results of both methods: `standby` [W] of Method 1, `line` of Method 2, `model_1()`, `model_2()`; by name, as
+    `["poses"]`, the values of identify.json.
 
     Attributes:
         standby: overhead of Method 1, W; its 95 % interval `standby_ci95` (None for a single pose).

@@ -106,7 +106,8 @@ def table(found: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True, repr=False)
 class Tradeoff(Found):
-    """Energy against duration of one move, or of a job over its cycle time.
+    """Energy against duration of one move, or of a job over its cycle time: `durations` (P,) [s], `energies` (P,) [J];
+    by name, as `["minimum"]`, the values of tradeoff.json.
 
     Attributes:
         document: returns the content of tradeoff.json. request: what was asked.

@@ -1,6 +1,9 @@
 """What all results share: a document as JSON text, files in a folder, a view in notebooks."""
 
+import inspect
 import json
+import re
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
@@ -41,6 +44,19 @@ class Said(Found):
 def test_every_verb_returns_a_result_of_this_base(verb: str) -> None:
     returned = get_type_hints(function_of(verb))["return"]
     assert all(issubclass(kind, Found) for kind in get_args(returned) or (returned,))
+
+
+@pytest.mark.parametrize("verb", [name for name in VERBS if name not in ("run", "effects")])
+def test_the_text_of_a_verb_names_what_its_result_has(verb: str) -> None:
+    """It ended with "Returns: Checked.", and promised identify.json for suggested poses."""
+    returned = get_type_hints(function_of(verb))["return"]
+    text = inspect.getdoc(getattr(eo, {"import": "import_logs"}.get(verb, verb))) or ""
+    lines = text.partition("Returns:\n")[2].splitlines()
+    for kind, line in zip(get_args(returned) or (returned,), lines, strict=True):
+        first = re.findall(r"`(\w+)", line)[0]
+        assert line.startswith(f"    {kind.__name__}: ")
+        assert hasattr(kind, first) or first in {field.name for field in fields(kind)}
+        assert ".json" not in line or kind.__name__ != "Suggested"
 
 
 def test_a_result_is_text_files_and_a_view(tmp_path: Path) -> None:

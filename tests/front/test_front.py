@@ -270,9 +270,11 @@ def test_the_text_of_a_verb_speaks_of_arguments(verb) -> None:
     assert "--" not in text.replace("`energy-opt --example suite`", "")
     given = [name for name in inspect.signature(verb).parameters if name != "stopped"]
     assert listed == [*given, "stopped"]
+    assert "`evaluate` also" not in text
     if verb is eo.optimize:
+        assert "own_limits: set by `conditions`" in text
         assert "a sequence (n,) in the robot's order" in text and "`standard` moves may add" in text
-        assert inspect.getdoc(verb).endswith("Returns:\n    Answer; `found[name]` is a value of result.json.")
+        assert inspect.getdoc(verb).endswith('by name, as `["peak_power"]`, the values of result.json.')
 
 
 def test_the_document_of_a_duration_that_is_too_short_has_the_time_of_its_message() -> None:

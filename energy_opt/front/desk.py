@@ -28,9 +28,8 @@ from energy_opt.results import Found
 # The values that Python takes, where they differ from those of the command line. n: number of joints.
 FORMS = {
     "robot": "also a `Robot`",
-    "model": "also a `PowerModel`",
+    **dict.fromkeys(("model", "plant"), "also a `PowerModel`"),
     "models": "also a `PowerModel` or a `Robot`",
-    "plant": "also a `PowerModel`",
     "AnyMotion": "also each `Trajectory` or result of `optimize` or `job`",
     "lock": "a mapping from joint names to positions",
     "payload": "a mass, (mass, x, y, z), or an `effects.Payload`",
@@ -39,13 +38,10 @@ FORMS = {
     "scene": "also the unchanged `Scene` of `load_scene(FILE)`",
     "path": "an array (K, n), a table with joint names, a `Trajectory` or result, a function q(s) on [0, 1], or a file",
     "via": "each as `start`",
-    "start_pose": "as `pose_from` takes it",
-    "goal_pose": "as `start_pose`",
-    "via_pose": "as `start_pose`",
+    **dict.fromkeys(("start_pose", "goal_pose", "via_pose"), "as `pose_from` takes it"),
     "conditions": "objects of `energy_opt.conditions`, your own limits, or names of files that define them",
     "durations": "a sequence, or text FIRST:LAST:COUNT",
-    "job": "a file, or its content as a mapping",
-    "request": "a file, or its content as a mapping",
+    **dict.fromkeys(("job", "request"), "a file, or its content as a mapping"),
 }
 
 P = ParamSpec("P")

@@ -10,7 +10,6 @@ import numpy as np
 
 from energy_opt.cell.load import load_cell
 from energy_opt.errors import BadInput
-from energy_opt.files import plain
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import carried, cell_of, request_of_set, robot_of, robot_of_set
 from energy_opt.measured import read_set
@@ -38,10 +37,8 @@ class Suggested(Found):
 
     def document(self) -> dict[str, Any]:
         """Robot, joints, poses and their loads, as JSON has them."""
-        joints = list(self.robot.joints)
-        return dict(
-            plain({"robot": self.robot.name, "joints": joints, "poses": self.found.poses, "load": self.found.load})
-        )
+        found = {"poses": self.found.poses.tolist(), "load": self.found.load.tolist()}
+        return {"robot": self.robot.name, "joints": list(self.robot.joints), **found}
 
     def kept(self, out: Path) -> Suggested:
         """Write suggested_poses.csv into the folder `out`."""
@@ -92,10 +89,8 @@ def run(request: IdentifyRequest, desk: Desk) -> Identification | Suggested:
         desk.say(f"note: the arm carries {mass.mass:g} kg, as its recorder states")
     asked = request_of_set(request, measured.robot)
     document = desk.take(ANSWER, asked)
-    result = replace(
-        of_poses(measured.robot.name, poses_of(measured, mass, _gravity(request, measured.robot))), request=document
-    )
-    result = desk.keep(result)
+    found = of_poses(measured.robot.name, poses_of(measured, mass, _gravity(request, measured.robot)))
+    result = desk.keep(replace(found, request=document))
     desk.say(str(result) + ("" if desk.out is None else f"\nwritten: {desk.out}"))
     return result
 

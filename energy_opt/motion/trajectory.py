@@ -48,9 +48,7 @@ def whole(time: np.ndarray | float) -> np.ndarray:
 
 
 def row_step(duration: float) -> float:
-    """Largest time [s] between two samples of a trajectory that takes `duration`: beyond 80 s it grows with the
-    duration.
-    """
+    """Largest time [s] between two samples of a trajectory that takes `duration`, with which it grows beyond 80 s."""
     return max(min(ROW_STEP, duration / (LEAST_SAMPLES - 1)), duration / MOST_SAMPLES)
 
 
@@ -63,9 +61,7 @@ def _powers(x: np.ndarray, order: int) -> np.ndarray:
 
 @lru_cache(maxsize=8)
 def _places(factor: int) -> np.ndarray:
-    """Matrix from a quintic's data to its derivatives 0 ... 3 at `factor` even places between two samples, (4,
-    factor, 6).
-    """
+    """Matrix (4, factor, 6) from a quintic's data to derivatives 0 ... 3 at `factor` even places between samples."""
     x = np.arange(factor) / factor
     return np.stack([_powers(x, order) @ _HERMITE for order in range(4)])
 
@@ -164,9 +160,7 @@ class Trajectory:
         return out[0], out[1], out[2], out[3]
 
     def jerk_before_samples(self) -> np.ndarray:
-        """Jerk (N - 1, n) just before each sample but the first; it jumps at samples, and `sample` gives the value
-        after.
-        """
+        """Jerk (N - 1, n) just before each sample but the first; it jumps there, `sample` gives the value after."""
         step, data = np.diff(self.time)[:, None], self._pieces()
         return np.asarray(np.tensordot(_powers(np.ones(1), 3) @ _HERMITE, data, axes=1)[0] / step**3)
 
@@ -247,11 +241,8 @@ class Trajectory:
         now, then = (self._position_integral(t) for t in (end, end - width))
         q, v, a = (np.asarray((x - y) / width, dtype=float) for x, y in zip(now, then, strict=True))
         still = self._is_at_rest(time - width, time)  # set rest exactly, without rounding
-        q[still], v[still], a[still] = (
-            self.sample(np.clip(self.time[0] + time[still], *self.time[[0, -1]]))[0],
-            0.0,
-            0.0,
-        )
+        q[still] = self.sample(np.clip(self.time[0] + time[still], *self.time[[0, -1]]))[0]
+        v[still] = a[still] = 0.0
         q[[0, -1]], v[[0, -1]], a[[0, -1]] = self.position[[0, -1]], 0.0, 0.0
         return Trajectory(self.joints, time, q, v, a)
 

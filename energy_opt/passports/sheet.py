@@ -27,9 +27,7 @@ MOST = 12  # most arms in a comparison
 
 @dataclass(frozen=True, repr=False)
 class Passport(Found):
-    """One or several `arms`, the `changes` from the first to each other one, a `headline`; by name, as `["arms"]`, the
-    values of passport.json.
-    """
+    """One or several `arms`, `changes` from the first to each other one; by name the values of passport.json."""
 
     arms: tuple[Arm, ...]
     changes: tuple[Change, ...]

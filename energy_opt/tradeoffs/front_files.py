@@ -180,10 +180,8 @@ def text(found: Mapping[str, Any]) -> str:
         lines.append(f"{p['duration']:12.4f} {cells}  {p['status']}{': ' + p['reason'] if 'reason' in p else ''}")
     if found["fastest"] is not None:
         lines.append(f"fastest: {found['fastest']:.4f} s")
-    if found["minimum"] is not None:
-        lines.append(
-            f"minimum energy: {found['minimum']['energy_total']:.4f} J at {found['minimum']['duration']:.4f} s"
-        )
+    if least := found["minimum"]:
+        lines.append(f"minimum energy: {least['energy_total']:.4f} J at {least['duration']:.4f} s")
     cycle = found.get("cycle", {})
     best, fastest = cycle.get("minimum"), cycle.get("fastest_then_wait")
     if best:

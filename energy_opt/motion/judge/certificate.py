@@ -157,9 +157,7 @@ def certify_and_score(
 def _pieces(
     trajectory: Trajectory, scorer: Scorer, limits: Sequence[Limit], factor: int, look: Callable[[Dense], None]
 ) -> Certificate:
-    """The certificate, piece by piece; each piece is passed to `look`. Via points are searched among all samples at
-    once.
-    """
+    """The certificate, piece by piece; each piece is passed to `look`. Via points are searched among all."""
     parts = blocks(trajectory, factor)
     if len(parts) == 1:
         dense = scorer.dense(trajectory, factor)

@@ -109,11 +109,10 @@ class Choice:
 
 @dataclass(frozen=True)
 class Rest:
-    """Where the arm waits for the remaining time: after step `after`, at `power` W, held by brakes or by motors."""
+    """Where the arm waits for the remaining time: after step `after`, at `power` W."""
 
     after: int
     power: float
-    brakes: bool = False
 
 
 def standing_power(scorers: Scorers, step: Step, brakes: bool) -> float:
@@ -123,8 +122,7 @@ def standing_power(scorers: Scorers, step: Step, brakes: bool) -> float:
 
 def cheapest_rest(job: Job, scorers: Scorers) -> Rest:
     """The place where waiting costs least; among equals the latest."""
-    held = [(k, step, step.brakes or job.brakes) for k, step in enumerate(job.steps) if step.stop]
-    rests = [Rest(k, standing_power(scorers, step, brakes), brakes) for k, step, brakes in held]
+    rests = [Rest(k, standing_power(scorers, step, job.brakes)) for k, step in enumerate(job.steps) if step.stop]
     return min(reversed(rests), key=lambda rest: rest.power)
 
 
@@ -145,7 +143,7 @@ class Plan:
         """
         pairs = zip(self.legs, self.answers, strict=True)
         answers = tuple(replace(a, energy=scorers.of(leg.step).energy(a.trajectory, factor)) for leg, a in pairs)
-        power = standing_power(scorers, job.steps[self.rest.after], self.rest.brakes)
+        power = standing_power(scorers, job.steps[self.rest.after], job.brakes)
         return replace(self, answers=answers, rest=replace(self.rest, power=power))
 
 
@@ -177,7 +175,7 @@ def assembled(job: Job, scorers: Scorers, plan: Plan) -> tuple[Piece, ...]:
                 )
             )  # fmt: skip
         if more:
-            wait("time left over", (), k, more, rest.brakes)
+            wait("time left over", (), k, more, job.brakes)
     return _in_order(job, scorers, out)
 
 

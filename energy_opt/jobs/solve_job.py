@@ -266,7 +266,7 @@ def _plain(
     """The plain cycles: at full speed and then waiting, or all slowed evenly."""
     out: dict[str, Plan | None] = {}
     steps = work.job.steps
-    rest = Rest(len(steps) - 1, standing_power(work.scorers, steps[-1], False))  # at the end, held by the motors
+    rest = Rest(len(steps) - 1, standing_power(work.scorers, steps[-1], work.job.brakes))  # at the end
     # one factor for all legs, also for those at their least duration
     factor = time / shortest.sum() if shortest.sum() > 0 else 1.0
     most = np.array([leg.most for leg in legs])

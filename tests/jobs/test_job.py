@@ -17,7 +17,8 @@ from energy_opt.cli.main import main
 from energy_opt.errors import Infeasible
 from energy_opt.formats import read_trajectory
 from energy_opt.jobs.allocate import Front, Solved, allocate
-from energy_opt.jobs.file import load_job
+from energy_opt.jobs.cycle import Answer, assembled
+from energy_opt.jobs.file import job_of, load_job
 from energy_opt.jobs.job_files import split
 from energy_opt.jobs.solve_job import run_job
 from energy_opt.motion import Settings
@@ -142,6 +143,26 @@ def test_waits_last_as_long_as_the_job_says(panda: Robot, tmp_path: Path) -> Non
     assert (rest.name, rest.trajectory.duration, rest.mode) == ("rest", 0.6, "")
     assert left.mode == "brakes" and left.energy == pytest.approx(88.04 * left.trajectory.duration, rel=1e-9)
     assert rest.energy > 88.1 * 0.6
+
+
+@pytest.mark.parametrize("brakes", [False, True])
+def test_brakes_hold_in_unused_time_where_the_job_says_so(brakes: bool, panda: Robot) -> None:
+    """They held wherever a wait had brakes; baselines never had them, so a part of the saving was that of brakes."""
+    bound = {"mode": "retime", "max_duration": 1.2}
+    job = {
+        "format": "energy-opt/job/1", "robot": "panda", "cycle_time": 4.0, "brakes": brakes,
+        "step": [
+            {"to": [0.9, 0.35, 0.2, -1.9, 0.0, 2.2, 0.9], **bound},
+            {"wait": 0.1, "brakes": True},
+            {"to": [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785], **bound},
+        ],
+    }  # fmt: skip
+    result = run_job(job_of(job, Path("job.toml"), lambda _: panda), source_method_2())
+    for plan in (result.plan, *result.baselines.values()):
+        assert plan is not None
+        left = next(p for p in assembled(result.job, result.scorers, plan) if p.name == "time left over")
+        assert left.trajectory.duration > 1.0
+        assert (left.energy == pytest.approx(88.04 * left.trajectory.duration, rel=1e-9)) == brakes
 
 
 def test_no_lower_bound_is_above_the_energy() -> None:

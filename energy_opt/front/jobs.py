@@ -43,7 +43,8 @@ Asked = TypeVar("Asked", JobRequest, TradeoffRequest, PlaceRequest)
 def content_of(request: JobRequest | TradeoffRequest | PlaceRequest) -> tuple[dict[str, Any], Path]:
     """A job's document, and the file whose folder contains its other files."""
     if isinstance(request.job, Mapping):
-        return plain(request.job), Path(request.folder or ".") / "job"
+        path = Path(request.folder or ".")  # or the file of a request that holds the job
+        return plain(request.job), path if path.is_file() else path / "job"
     path = Path(str(request.job))
     return read_toml(path, "job"), path
 

@@ -101,26 +101,24 @@ def _found(
     for name in [name for name in document if name in kinds]:
         value, named = document[name], kinds[name] is Path
         out[name] = [one(each, named) for each in value] if isinstance(value, list) else one(value, named)
-    folder = document.get("folder")
-    if isinstance(folder, str) and not os.path.isdir(folder):  # of a job, and moved or removed
-        names = set(_files_of(document.get("job")))
-        out["folder"] = next((str(each) for each in folders if any((each / n).is_file() for n in names)), folder)
-        if out["folder"] != folder:
-            say(f"{folder} does not exist; the files of the job are read from {out['folder']}")
+    job, folder = document.get("job"), document.get("folder")
+    if isinstance(job, Mapping) and (folder is None or (isinstance(folder, str) and not os.path.isdir(folder))):
+        names = {word for word in _words_of(job) if not os.path.isabs(word)}  # those of its files, too
+        at = (each for each in (Path.cwd(), *folders) if any(os.path.isfile(each / name) for name in names))
+        found = next(at, None)
+        out["folder"] = str(file if found in (None, folders[0]) else found)
+        if folder is not None and found is not None:
+            say(f"{folder} does not exist; the files of the job are read from {found}")
     return out
 
 
-def _files_of(job: Any) -> Iterator[str]:
-    """Scenes, robots and models that a job's document names, which may be files."""
-    if isinstance(job, list):
-        for entry in job:
-            yield from _files_of(entry)
-    elif isinstance(job, Mapping):
-        for key, value in job.items():
-            if key in ("scene", "robot", "model") and isinstance(value, str):
-                yield value
-            else:
-                yield from _files_of(value)
+def _words_of(job: Any) -> Iterator[str]:
+    """All texts of a job's document, without names."""
+    if isinstance(job, str):
+        yield job
+    elif isinstance(job, (list, Mapping)):
+        for entry in job if isinstance(job, list) else (job[key] for key in job if key != "name"):
+            yield from _words_of(entry)
 
 
 def run(request: RunRequest, desk: Desk) -> Any:

@@ -232,37 +232,6 @@ def test_a_request_by_hand_and_its_faults(
         assert says in capsys.readouterr().err
 
 
-def test_files_of_a_request_are_found_from_any_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A result names files as its command did; it could be repeated only where that command was given."""
-    for folder in ("project/out", "elsewhere"):
-        (tmp_path / folder).mkdir(parents=True)
-    project = tmp_path / "project"
-    for name in ("limits.yaml", "model.toml", "careful"):
-        (project / name).write_text("")
-    asked = {"verb": "tradeoff", "limits": "limits.yaml", "model": ["model.toml", "careful"], "scene": "gone.yaml"}
-    (project / "out/tradeoff.json").write_text(json.dumps({"request": {**asked, **MOVE}}))
-    monkeypatch.chdir(tmp_path / "elsewhere")
-    notes: list[str] = []
-    found = asked_in(project / "out/tradeoff.json", notes.append).document()
-    assert found["limits"] == str(project / "limits.yaml")
-    assert found["model"] == [str(project / "model.toml"), "careful"]
-    assert found["scene"] == "gone.yaml" and found["start"] == A and len(notes) == 2
-    (tmp_path / "elsewhere/limits.yaml").write_text("")
-    assert asked_in(project / "out/tradeoff.json")["limits"] == "limits.yaml"  # the current folder comes first
-
-
-def test_files_of_a_job_are_found_after_its_project_was_moved(tmp_path: Path) -> None:
-    """The result states the job's folder; a moved project could not be repeated."""
-    (tmp_path / "moved/out").mkdir(parents=True)
-    (tmp_path / "moved/cell.yaml").write_text("")
-    result, notes = tmp_path / "moved/out/job.json", list[str]()
-    for folder, found in ((tmp_path / "project", "moved"), (tmp_path, "")):  # another one that exists is the job's
-        job = {"robot": "z1", "step": [{"to": A}, {"to": B, "scene": "cell.yaml"}]}
-        result.write_text(json.dumps({"request": {"verb": "job", "job": job, "folder": str(folder)}}))
-        assert asked_in(result, notes.append)["folder"] == str(tmp_path / found)
-    assert len(notes) == 1 and notes[0].startswith(f"{tmp_path / 'project'} does not exist; the files of the job are")
-
-
 def test_requests_survive_being_written() -> None:
     for verb, rows in requests().items():
         for given in rows:

@@ -17,7 +17,7 @@ from energy_opt.cli.main import main
 from energy_opt.errors import Infeasible
 from energy_opt.formats import read_trajectory
 from energy_opt.jobs.allocate import Front, Solved, allocate
-from energy_opt.jobs.cycle import Answer, assembled
+from energy_opt.jobs.cycle import assembled
 from energy_opt.jobs.file import job_of, load_job
 from energy_opt.jobs.job_files import split
 from energy_opt.jobs.solve_job import run_job

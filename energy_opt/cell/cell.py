@@ -104,7 +104,7 @@ class Contact:
     def __str__(self) -> str:
         a, b = self.pair
         if self.distance <= TOUCHING:
-            return f"{a} touches {b} ({1e3 * self.depth:.3g} mm deep)"
+            return f"{a} touches {b} ({f'{1e3 * self.depth:.3g} mm deep' if np.isfinite(self.depth) else 'inside'})"
         return f"{a} is {1e3 * self.distance:.3g} mm from {b}"
 
 

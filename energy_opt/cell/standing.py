@@ -1,14 +1,17 @@
 """Overlaps of bodies that no joint moves: those of an arm's base, or of an object, with what is fixed in the cell.
 
-Fixed bodies may overlap as they are given: a base is bolted to its table. At another place they may not.
+Fixed bodies may overlap as they are given: a base is bolted to its table. At another place they may not. Also overlaps
+of the bodies on a joint, such as a hand, wherever the joints before it are.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from energy_opt.cell.bodies import Body
-from energy_opt.cell.cell import Cell
+from energy_opt.cell.cell import Cell, Contact
 from energy_opt.cell.proof import one_inside_the_other
 from energy_opt.cell.scene import FLOOR, Scene, facing
 from energy_opt.cell.solids import Ruler, placement
@@ -56,8 +59,7 @@ class Standing:
         """How deep [m] the bodies of each pair of names overlap; infinite if one is inside the other's surface."""
         out: dict[tuple[str, str], float] = {}
         for a, b, ruler in self._pairs:
-            at, bt = motion @ a.pose, self._faced(b, motion)
-            depth = _depth(ruler, *(placement(pose[:3, :3], pose[:3, 3]) for pose in (at, bt)))
+            depth = _depth(ruler, motion @ a.pose, self._faced(b, motion))
             out[a.name, b.name] = max(depth, out.get((a.name, b.name), 0.0))
         return out
 
@@ -68,8 +70,36 @@ class Standing:
         return motion @ facing(np.linalg.inv(motion) @ body.pose, self._joint)
 
 
-def _depth(ruler: Ruler, at: object, bt: object) -> float:
-    """How deep [m] two bodies overlap; infinite if one is inside the other's surface."""
+def touching_anyhow(
+    cell: Cell, joint: int, poses: Iterable[np.ndarray], moved: str | None, along: bool
+) -> Contact | None:
+    """The contact of the bodies on a joint with objects that do not move, at the pose where the deepest is least deep.
+
+    Args:
+        joint: its index. poses: (4, 4) of its frame in that of the base. moved: an object that is moved.
+        along: whether the poses move with that object, and so only touch it; else they touch only others.
+
+    Returns:
+        None if nothing touches at one of the poses. Planes do not count: they leave the side of the arm free.
+    """
+    bodies, found = cell.bodies, list[tuple[float, str, str]]()
+    pairs = [
+        (bodies.ruler(p), bodies.all[a], bodies.all[b]) for p, (a, b) in enumerate(bodies.pairs.tolist())
+        if bodies.joint[a] == joint and b >= cell.obstacles and bodies.still[b] and not bodies.flat[b]
+        and (bodies.all[b].name == moved) == along
+    ]  # fmt: skip
+    for pose in poses:
+        depths = ((_depth(ruler, pose @ a.pose, b.pose), a.name, b.name) for ruler, a, b in pairs)
+        found.append(max(depths, default=(0.0, "", "")))
+        if not found[-1][0]:
+            return None
+    depth, *names = min(found)
+    return Contact((names[0], names[1]), -depth, depth, listed=True)
+
+
+def _depth(ruler: Ruler, a: np.ndarray, b: np.ndarray) -> float:
+    """How deep [m] two bodies overlap at poses (4, 4); infinite if one is inside the other's surface."""
+    at, bt = (placement(pose[:3, :3], pose[:3, 3]) for pose in (a, b))
     near = ruler.near(at, bt)
     if near >= 0 or ruler.convex:
         return max(-near, 0.0)

@@ -183,7 +183,7 @@ class Desk:
 
     def failed(self, answer: str, error: Infeasible, **about: Any) -> None:
         """Write the reason why there is no answer; `about` is added to the error's document."""
-        error.about = about
+        error.about = about | error.about
         if self.out is not None:
             with written_whole(self.out, answer) as aside:
                 write_json(aside / answer, error.document())

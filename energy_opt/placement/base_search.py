@@ -19,7 +19,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from energy_opt.cell.request import CellRequest
-from energy_opt.cell.standing import Standing
+from energy_opt.cell.standing import Standing, touching_anyhow
 from energy_opt.errors import Infeasible
 from energy_opt.jobs.file import Job
 from energy_opt.jobs.legs import pose_in_base
@@ -28,9 +28,12 @@ from energy_opt.jobs.solve_job import JobResult, RoughCycles
 from energy_opt.jobs.work import Cells
 from energy_opt.motion.move import Settings
 from energy_opt.placement.placement import Looked, PlaceRequest, Rough, fixture_pose, in_scene
+from energy_opt.poses.freedom import places
 from energy_opt.poses.inverse import ToolKinematics
+from energy_opt.poses.sets import contact_error
 from energy_opt.power import PowerModel
 from energy_opt.robot.kinematics import pose_of
+from energy_opt.robot.tool import tool_of
 
 FARTHEST = 0.5  # share of the box: longest step of bent motions
 SHORTER = 0.25  # share of a step to try where the whole one leads to contact, or to a higher energy
@@ -65,7 +68,8 @@ class Search:
         self.free = np.flatnonzero(self.span > 0)
         self.rough = RoughCycles(model, settings, self.job, stopped)
         self.path: list[Looked] = []
-        cells = {id(at): at for at in map(Cells(self.job, cell).of, self.job.steps) if at is not None}
+        self._cells = Cells(self.job, cell)
+        cells = {id(at): at for at in map(self._cells.of, self.job.steps) if at is not None}
         self._standing = [Standing(at, request.fixture) for at in cells.values()]
         self._pool: dict[int, np.ndarray] | None = None
         self._tool = ToolKinematics(job.robot, cell.tool)
@@ -79,6 +83,19 @@ class Search:
         """x, y, z, roll, pitch, yaw (6,) at x, y, z, yaw (4,)."""
         x, y, z, yaw = (float(value) for value in point)
         return x, y, z, self.given[3], self.given[4], yaw
+
+    def check_tool(self) -> None:
+        """Raise Infeasible if the tool's link touches something at a pose, wherever the base, or the fixture, is."""
+        tool, fixture = tool_of(self.job.robot.body, self.cell.tool), self.request.fixture
+        for step in (self.job.steps[k] for k in self.job.open):
+            cell, pose = self._cells.of(step), pose_in_base(step, self.job.robot, self.cell)
+            if cell is None or step.pose is None:
+                continue
+            poses, off = places(pose)
+            poses = poses @ np.linalg.inv(np.array(tool.pose))
+            contact = touching_anyhow(cell, tool.joint, poses, fixture, step.pose.frame == fixture)
+            if contact is not None and contact.depth > off:
+                raise contact_error(f"{pose.name}: no placement is possible", contact, cell)
 
     def overlap(self, point: np.ndarray) -> str | None:
         """What fixed bodies overlap at a placement (4,), and not as they are given; None if none do."""

@@ -49,6 +49,7 @@ def place(
             "placement takes the same energy (give `pose = [...]` in place of `to`)"
         )
     search = Search(job, model, request, settings or Settings(), cell, stopped, progress)
+    search.check_tool()
     given = search.point(search.given)
     progress("as it is given", 0.0)
     given_result = search.solve(given, "given")

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from energy_opt.cell.load import scene_of
 from energy_opt.cell.request import CellRequest
@@ -22,6 +21,7 @@ from energy_opt.jobs.job_files import write as write_job
 from energy_opt.jobs.posed import Ends
 from energy_opt.jobs.solve_job import JobResult
 from energy_opt.poses.given import WORLD
+from energy_opt.poses.pose import numbers_of
 from energy_opt.reports.page import Report
 from energy_opt.results import interrupted_words
 
@@ -119,8 +119,7 @@ def fixture_pose(job: Job, cell: CellRequest, fixture: str) -> tuple[float, ...]
     known = {thing.name: thing for thing in scene.objects}
     if fixture not in known:
         scene.with_object_at(fixture, np.eye(4))
-    at = known[fixture].place
-    return *map(float, at[:3, 3]), *map(float, Rotation.from_matrix(at[:3, :3]).as_euler("xyz"))
+    return numbers_of(known[fixture].place)
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,8 @@ from energy_opt.motion.reshape.open import bending
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.poses.distance import keeps
 from energy_opt.poses.estimate import energies
-from energy_opt.poses.inverse import SMALL, ToolKinematics, jacobian_of, solve
-from energy_opt.poses.pose import Freedom, Pose
+from energy_opt.poses.inverse import LENGTH, SMALL, ToolKinematics, jacobian_of, solve
+from energy_opt.poses.pose import TURNS, Freedom, Pose, about
 
 Cost = Callable[[np.ndarray], np.ndarray]  # (M, n) positions to (M,) J
 
@@ -38,6 +38,7 @@ WIDE = 1e-5  # [m, rad] least tolerance worth using
 LESS = 1.0, 0.8, 0.5  # shares of a tolerance to try: free directions turn with the pose, and their range may end there
 MARGIN = 5e-9  # [m, rad] unused part of a tolerance, for errors of inverse kinematics
 SAMPLES = 81
+PLACES = 181  # along a free turn: every two degrees
 PRICE = 10.0  # penalty for broken limits: times the loss and the squared excess; real motions adapt to limits locally
 BINDING = 0.98  # share of a limit from which it counts as binding
 
@@ -45,6 +46,20 @@ BINDING = 0.98  # share of a limit from which it counts as binding
 def has_freedom(tool: ToolKinematics, pose: Pose) -> bool:
     """True if a pose leaves a continuum of joint positions."""
     return bool(pose.free) or tool.moving.sum() > 6 or max(pose.tolerance) > WIDE
+
+
+def places(pose: Pose) -> tuple[np.ndarray, float]:
+    """Poses (K, 4, 4) of the tool along the only free turn of a pose, and the distance [m] of others from these.
+
+    It is that of a point `LENGTH` from the tool's origin; infinite if other directions are free.
+    """
+    turn = pose.free[0] if pose.free else Freedom("rz", 0.0, 0.0)
+    if len(pose.free) > 1 or turn.axis not in TURNS:
+        return pose.matrix[None], np.inf
+    low, high = (turn.low, turn.high) if turn.high - turn.low < 2 * np.pi else (-np.pi, np.pi)
+    turns = np.tile(np.eye(4), (PLACES, 1, 1))
+    turns[:, :3, :3] = about(TURNS.index(turn.axis), np.linspace(low, high, PLACES))
+    return pose.matrix @ turns, pose.tolerance[0] + LENGTH * (pose.tolerance[1] + (high - low) / PLACES)
 
 
 def jacobian(tool: ToolKinematics, pose: Pose, q: np.ndarray) -> np.ndarray:

@@ -200,6 +200,13 @@ def matrix_of(given: str | Sequence[float] | np.ndarray, name: str, most: float)
     return numbers
 
 
+def numbers_of(matrix: np.ndarray) -> tuple[float, ...]:
+    """x, y, z [m], roll, pitch, yaw [rad] of a pose (4, 4)."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # if two axes coincide, any split between them is valid
+        return *matrix[:3, 3].tolist(), *Rotation.from_matrix(matrix[:3, :3]).as_euler("xyz").tolist()
+
+
 FORM = "X,Y,Z,R,P,Y or X,Y,Z,QX,QY,QZ,QW with lengths in m and angles in rad"
 
 

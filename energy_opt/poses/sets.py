@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from energy_opt.cell.cell import Cell
+from energy_opt.cell.cell import Cell, Contact
 from energy_opt.errors import Infeasible
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.poses.distance import is_free, kept_by
 from energy_opt.poses.estimate import Curves, curves, holding
 from energy_opt.poses.inverse import SMALL, Reached, ToolKinematics, reach, solve
-from energy_opt.poses.pose import Pose
+from energy_opt.poses.pose import Pose, numbers_of
 from energy_opt.poses.turns import nearest_pairs
 
 Target = Pose | np.ndarray  # the end of a move: a pose of the tool, or joint positions (n,)
@@ -49,18 +49,25 @@ class Layer:
     turning: bool | np.ndarray = False
 
 
-def unreachable_error(pose: Pose, found: Reached) -> Infeasible:
-    """The error of a pose that no joint positions reach."""
+def unreachable_error(tool: ToolKinematics, pose: Pose, found: Reached) -> Infeasible:
+    """The error of a pose that no joint positions reach; `about` has the nearest one that can be reached."""
     joint, beyond = found.beyond
+    at = np.eye(4)
+    at[:3, :3], at[:3, 3] = (x[0] for x in tool(found.nearest[None]))
+    nearest = numbers_of(at)
+    words = ",".join(map(str, (np.round(nearest, 7) + 0.0).tolist()))
     length, angle = _above(1e3 * found.distance), _above(np.degrees(found.angle))
     close = found.distance < CLOSE and found.angle < CLOSE
     hint = f"; --pose-tolerance {length:g}mm,{angle:g}deg allows it" if close else ""
-    return Infeasible(
+    error = Infeasible(
         f"{pose.name}: no joint positions reach it; the nearest that can be reached is {length:g} mm and {angle:g} deg "
-        f"away{hint}{beyond and '; ' + beyond}",
+        f"away: {words} in the base frame{hint}{beyond and '; ' + beyond}; choose another pose, a free direction "
+        "(--free), or for a pose of the scene another --base",
         joint=joint or None,
         limit="position" if joint else "pose",
     )
+    error.about["nearest_pose"] = nearest
+    return error
 
 
 def as_reached(tool: ToolKinematics, pose: Pose, starts: np.ndarray | None = None) -> Pose:
@@ -106,7 +113,7 @@ def positions_of(
         return target[None]
     found = reach(tool, target, seed=seed, near=near)
     if not len(found.positions):
-        raise unreachable_error(target, found)
+        raise unreachable_error(tool, target, found)
     free = found.positions[kept_by(found.positions, cell)]
     if not len(free):
         assert cell is not None
@@ -117,8 +124,15 @@ def positions_of(
 def touching_error(name: str, positions: np.ndarray, cell: Cell) -> Infeasible:
     """The error of a pose that every position (K, n) reaches in contact; it names the contact that is least deep."""
     found = [contact for q in positions if (contact := cell.touching(q)) is not None]
-    least = min(found, key=lambda contact: contact.depth)
-    return Infeasible(f"{name}: every joint position that reaches it touches something; {least}", limit="clearance")
+    return contact_error(
+        f"{name}: every joint position that reaches it touches something", min(found, key=lambda at: at.depth), cell
+    )
+
+
+def contact_error(text: str, contact: Contact, cell: Cell) -> Infeasible:
+    """The error of a pose that cannot be reached without contact, with advice."""
+    tool = "" if cell.request.tool else "; it is a pose of the last joint's frame, unless --tool names the tool's"
+    return Infeasible(f"{text}; {contact}; {contact.remedy}{tool}", limit="clearance")
 
 
 def left_out(
@@ -153,7 +167,7 @@ def positions_near(tool: ToolKinematics, pose: Pose, starts: np.ndarray) -> np.n
         return q[error < SMALL]
     found = reach(tool, pose, near=starts[0], starts=FURTHER)
     if not len(found.positions):
-        raise unreachable_error(pose, found)
+        raise unreachable_error(tool, pose, found)
     return found.positions
 
 

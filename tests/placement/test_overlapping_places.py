@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -70,6 +71,46 @@ def test_a_fixture_is_put_into_no_body_and_not_into_the_base(tmp_path: Path) -> 
     assert tray.overlap(pose_of((-0.6, 0.6, 0.02))) == "tray would be 70 mm deep in pallet"
     base = tray.overlap(pose_of((-0.6, 0.0, 0.0)))
     assert base is not None and base.endswith("in base_link_inertia")
+
+
+POSED = "objects: [{{name: box, type: box, size: [0.3, 0.3, 0.3], position: [{}]}}]\n"
+
+
+@pytest.mark.parametrize(
+    ("position", "more", "says"),
+    [
+        ("0.45, 0.2, 0.1", "", r"part: no placement .* wrist_3_link touches box \(150 mm.* tool names"),
+        ("-0.2, 0.5, 0.2", "", r"\(place\): no placement is possible; wrist_3_link touches box"),
+        ("0.45, 0.2, 0.1", "allow: [[wrist_3_link, box]]", None),
+        ("0.45, 0.394, 0.1", "", None),  # the wrist is a little way inside
+        ("0.9, 0.2, 0.1", "", None),
+    ],
+)
+def test_a_tool_inside_a_body_wherever_the_base_is_is_refused_at_once(
+    tmp_path: Path, position: str, more: str, says: str | None
+) -> None:
+    """It was refused after a search of a minute and a half, without advice."""
+    robot, path, scene = load_robot("ur5e"), tmp_path / "job.toml", tmp_path / "scene.yaml"
+    path.write_text(JOB)
+    scene.write_text(POSED.format(position) + more)
+    box = PlaceRequest((-0.4, -0.3, -0.1, 0.1, 0.0, 0.0))
+    job, cell = load_job(path, lambda _: robot), CellRequest(scene=scene)
+    search = Search(job, source_model(robot), box, Settings(), cell, lambda: False, lambda *_: None)
+    with nullcontext() if says is None else pytest.raises(Infeasible, match=says):
+        search.check_tool()
+
+
+@pytest.mark.parametrize(("pose", "says"), [("-0.65, 0.3, 0.1", None), ("0, 0, 0", "wrist_3_link touches box")])
+def test_of_a_fixture_only_poses_in_its_frame_are_refused_at_once(tmp_path: Path, pose: str, says: str | None) -> None:
+    """`part` is inside of it, but stays where it is when it moves."""
+    robot, path, scene = load_robot("ur5e"), tmp_path / "job.toml", tmp_path / "scene.yaml"
+    path.write_text(JOB.replace("world: -0.2, 0.5, 0.2", f"box: {pose}"))
+    scene.write_text(POSED.format("0.45, 0.2, 0.1"))
+    box, cell = PlaceRequest((0.4, 0.8, 0.2, 0.3, 0.1, 0.1), fixture="box"), CellRequest(scene=scene)
+    job = load_job(path, lambda _: robot)
+    search = Search(job, source_model(robot), box, Settings(), cell, lambda: False, lambda *_: None)
+    with nullcontext() if says is None else pytest.raises(Infeasible, match=says):
+        search.check_tool()
 
 
 def test_a_box_inside_of_bodies_is_refused_with_both_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

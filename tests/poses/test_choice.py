@@ -40,7 +40,8 @@ def test_a_pose_out_of_reach_says_how_near_one_can_come(tmp_path: Path, capsys: 
     assert main(["optimize", *options]) == 3
     said = capsys.readouterr().err
     assert "no joint positions reach it" in said
-    assert "mm and" in said
+    assert "mm and" in said and "free direction (--free)" in said
+    assert len(json.loads((tmp_path / "result.json").read_text())["nearest_pose"]) == 6
     assert main(["optimize", *START, "--goal", "0,0,0,0,0,0", "--free", "rz", "--out", str(tmp_path)]) == 2
     assert "--free belongs to --goal-pose" in capsys.readouterr().err
     options = ["--goal", "0,0,0,0,0,0", "--via-pose", "0.4,0,0.4,3,0,0", "--mode", "retime", "--out", str(tmp_path)]

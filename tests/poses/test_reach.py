@@ -106,7 +106,7 @@ def test_a_pose_beyond_only_a_limit_names_the_joint(name: str, joint: int, by: f
         found = reach(tool, pose, starts=80)
         if not len(found.positions):
             break
-    error = unreachable_error(pose, found)
+    error = unreachable_error(tool, pose, found)
     assert error.joint in tool.robot.joints and error.limit == "position"
     value = float(str(error).rpartition("would have to be at ")[2].split()[0])
     k = tool.robot.joints.index(error.joint)
@@ -129,6 +129,18 @@ def test_the_stated_nearest_pose_is_the_nearest(name: str, words: str) -> None:
     starts = np.random.default_rng(8).uniform(low, high, (12, len(low)))
     least = min(2 * least_squares(missed_by, q, bounds=(low, high), max_nfev=60).cost for q in starts)
     assert (said.distance / 0.3) ** 2 + said.angle**2 < 1.01 * least
+
+
+@pytest.mark.parametrize(("name", "words"), [("panda", "2,0,0.5,3.14,0,0"), ("z1", "0.1,1,0.1,0,1.5707963,0")])
+def test_the_nearest_pose_is_stated(name: str, words: str) -> None:
+    """Only its distance was."""
+    tool, pose = ToolKinematics(load_robot(name)), pose_from(words)
+    found = reach(tool, pose)
+    error = unreachable_error(tool, pose, found)
+    said = pose_from(str(error).partition("deg away: ")[2].partition(" in the base frame")[0])
+    assert np.linalg.norm(said.matrix[:3, 3] - pose.matrix[:3, 3]) == pytest.approx(found.distance, abs=1e-6)
+    for stated, error_ in ((said, 2e-7), (pose_from(error.document()["nearest_pose"]), 1e-9)):
+        assert np.abs(stated.matrix - by_pinocchio(tool.robot, found.nearest)).max() < error_
 
 
 @pytest.mark.parametrize(("shift", "turn"), [(0.0, 0.3), (0.04, 0.0), (0.01, 0.2)])

@@ -139,6 +139,9 @@ def read_text(path: Path, most: int = LARGEST_TEXT) -> str:
 LONG_KEY = re.compile(r"""(?<![\w"'.-])(?:[\w"'-]++\s*+\.\s*+){64}""")
 
 
+# a key without quotes of other characters than TOML's letters, digits, - and _
+FOREIGN_KEY = re.compile(r"""[\s\[]*(?:[\w-]+\.)*([\w-]*[^\W\x00-\x7f][\w-]*)\s*[]=.]""")
+
 KINDS = {"model": ("model/1",), "log": ("log/1",), "suite": ("suite/1",), "job": ("job/1", "job/2")}  # formats of files
 
 
@@ -165,7 +168,10 @@ def read_toml(path: Path, *kinds: str) -> dict[str, Any]:
     try:
         document = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # ValueError also for numbers with thousands of digits
-        raise BadInput(f"{path}: not valid TOML: {_reason(error)}{wanted}") from None
+        at = re.search(r"at line (\d+)", reason := _reason(error))
+        foreign = at and FOREIGN_KEY.match(text.split("\n")[int(at[1]) - 1])
+        hint = f"; put the name {foreign[1]} in quotes" if foreign else ""
+        raise BadInput(f"{path}: not valid TOML: {reason}{hint}{wanted}") from None
     if kinds and "format" not in document:
         raise BadInput(f"{path}: {'format is missing' if document else 'an empty file'}{wanted}")
     return document

@@ -337,4 +337,6 @@ def _wrong_names(cell: WorkCell) -> list[str]:
 
 def _unknown(cell: WorkCell, name: str, where: str) -> list[str]:
     known = cell.step_names
-    return [] if name in known else [f"{where} = {name!r}: no such step{suggest(name, known)}; named `robot.step`"]
+    own = [full for full in known if full.endswith(f".{name}")]  # the robot is missing
+    hint = f"; did you mean {' or '.join(map(repr, own))}?" if own else suggest(name, known)
+    return [] if name in known else [f"{where} = {name!r}: no such step{hint}; named `robot.step`"]

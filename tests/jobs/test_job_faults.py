@@ -131,6 +131,13 @@ def test_positions_in_quotes_are_named(tmp_path: Path) -> None:
     assert "quaternion" in said and said.endswith("joint positions are a list of numbers, without quotes")
 
 
+@pytest.mark.parametrize("line", ["über = [0, 0]", "[poses.über]", "  zu.über.b = 1"])
+def test_a_name_that_needs_quotes_is_named(line: str, tmp_path: Path) -> None:
+    """Only line and column were."""
+    (said,) = faults_of(load_job, written(tmp_path, f'format = "energy-opt/job/1"\n[poses]\n{line}\n'), load_robot)
+    assert "at line 3" in said and "put the name über in quotes" in said
+
+
 def test_degrees_are_named(tmp_path: Path) -> None:
     """They were positions outside of limits, each step to `home` another fault, and in a suite a path in contact."""
     home = "[0, -45, 0, -135, 0, 90, 45]"

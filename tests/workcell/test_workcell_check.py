@@ -29,6 +29,12 @@ def test_a_step_does_not_come_after_itself(tmp_path: Path, capsys: pytest.Captur
     assert "robot a: step p: after = 'a.p' is the step itself; name another" in capsys.readouterr().err
 
 
+def test_the_robot_of_a_step_is_proposed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """`after` has it, also for a step of the same robot; nothing was proposed."""
+    assert refused(tmp_path, one_robot({"name": "A", "wait": 1.0}, {"wait": 1.0, "after": "A"})) == 2
+    assert "after = 'A': no such step; did you mean 'a.A'?" in capsys.readouterr().err
+
+
 def test_check_names_a_frame_that_no_pose_of_a_cell_can_be_in(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -20,7 +20,9 @@ from energy_opt.diagnosis.data.clusters import excited, parted, split
 from energy_opt.diagnosis.data.recordings import on_time, prepared, take_samples
 from energy_opt.diagnosis.data.samples import Samples
 from energy_opt.diagnosis.evidence.errors import errors
+from energy_opt.diagnosis.evidence.odds import SPREADS
 from energy_opt.diagnosis.evidence.residual import Attribution, goes_with, mode_words, modes_of
+from energy_opt.diagnosis.fit.posterior import Fit, fit
 from energy_opt.diagnosis.joint_side import free_runs, joint_side, push_words, pushes
 from energy_opt.diagnosis.report.joint_report import (
     friction_findings,
@@ -38,6 +40,7 @@ from energy_opt.diagnosis.report.words import (
     speeds_seen,
     summary,
 )
+from energy_opt.diagnosis.verdict.claims import written
 from energy_opt.diagnosis.verdict.findings import Finding, Result, evidence_records, findings_of, nuisance_of
 from energy_opt.diagnosis.verdict.inference import Inference, infer, plain_fit
 from energy_opt.diagnosis.verdict.usable import foreseen_by
@@ -140,8 +143,11 @@ def diagnose(
         measured = on_time(measured, found.late)
         samples, train, holdout, found = inferred(measured, False)
     model = replace(found.model, uncertainty=_covariance(found))
-    before = {"train": errors(declared, samples, train), "holdout": errors(declared, samples, holdout)}
-    after = {"train": errors(model, samples, train), "holdout": errors(model, samples, holdout)}
+
+    def judged(model: PowerModel) -> dict[str, Any]:
+        return {"train": errors(model, samples, train), "holdout": errors(model, samples, holdout)}
+
+    before, after = judged(declared), judged(model)
     # a fit without a claim is not written if it predicts held-out motions worse than the declared model
     unclaimed, one, other = not found.claims and not found.links, after["holdout"], before["holdout"]
     rejected = unclaimed and one is not None and other is not None and one["power_rmse"] > other["power_rmse"]
@@ -150,6 +156,9 @@ def diagnose(
     effects, left = findings_of(found), _attributions(found, joints)
     ahead = foreseen_by(found, model, samples, joints)
     floor = found.after.floor(found.verdict in ("partly", "unexplained"))
+    share, links = explained_share(before, after, floor), 0.0
+    if found.claims and model.get(LinkInertia.name) is not None:
+        links = max(share - explained_share(before, judged(_on_urdf(found.accepted)), floor), 0.0)
     records = side_records(side, found.accepted if enough else None)
     modes = modes_of(model, samples)
     document: dict[str, Any] = {
@@ -162,7 +171,8 @@ def diagnose(
         if len(found.rivals) > 1
         else [],
         "nuisance": nuisance_of(found),
-        "explained_share": explained_share(before, after, floor),
+        "explained_share": share,
+        "links_share": links,
         "usable": ahead.usable(after["holdout"] or after["train"], tolerance),
         "tolerance": tolerance,
         "foreseen": ahead.document(),
@@ -175,7 +185,7 @@ def diagnose(
         "declared_effects": [e.name for e in declared.effects],
         "fitted": list(given),
         "modes": [vars(mode) for mode in modes],
-        "remarks": [*remarks(found, measured, declared), *mode_words(modes)],
+        "remarks": [*remarks(found, measured, declared, links), *mode_words(modes)],
         "evidence": evidence_records(found),
     }
     if samples.group > 1:
@@ -224,6 +234,11 @@ def explained_share(before: dict[str, Any], after: dict[str, Any], floor: float)
     was = before[part]["power_rmse"] ** 2 - floor**2
     now = after[part]["power_rmse"] ** 2 - floor**2
     return float(np.clip(1 - now / was, 0.0, 1.0)) if was > 0.02 * floor**2 else 0.0
+
+
+def _on_urdf(f: Fit) -> PowerModel:
+    """Model of the effects of a fit, fitted again without deviating links."""
+    return written(fit(f.world, replace(f.nuisance, spread=min(SPREADS)), f.charts, f.numbers), links=False)
 
 
 def _attributions(found: Inference, joints: tuple[str, ...]) -> list[Attribution]:
@@ -300,6 +315,7 @@ def _of_joints(measured: MeasuredSet, declared: PowerModel) -> Diagnosis:
         "alternatives": [],
         "nuisance": ["link_inertia"],
         "explained_share": None,
+        "links_share": None,
         "usable": False,
         "residual_goes_with": [],
         "remainder": [],

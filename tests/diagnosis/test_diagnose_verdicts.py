@@ -200,7 +200,7 @@ def test_a_level_that_effects_add_is_taken_back_in_standby(tmp_path):
     d = diagnosed(truth, tmp_path / "out")
     before, after = (d["error"][when]["holdout"]["power_rmse"] for when in ("before", "after"))
     assert contradictions(tmp_path / "out", truth) == []
-    assert after <= before and 0 <= d["explained_share"] <= 1
+    assert after <= before and 0 <= d["links_share"] <= d["explained_share"] <= 1
 
 
 def test_links_that_are_off_are_the_cause_where_they_take_the_error_to_the_noise(tmp_path):

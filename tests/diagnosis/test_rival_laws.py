@@ -217,7 +217,7 @@ def test_the_headline_states_all_that_is_left(watts, signal, joint, said):
     error = {"train": None, "holdout": {"power_rmse": 5.0, "energy_percent": 4.0}}
     document = {
         "verdict": "unexplained", "effects": [], "error": {"before": error, "after": error}, "explained_share": 0.0,
-        "noise_floor": 3.0, "remainder": [{"signal": signal, "joint": joint, "watts": watts}],
+        "links_share": 0.0, "noise_floor": 3.0, "remainder": [{"signal": signal, "joint": joint, "watts": watts}],
     }  # fmt: skip
     assert headline(document).endswith(f"energy 4.0 → 4.0 %. {said}")
 
@@ -226,7 +226,7 @@ def test_the_headline_states_no_share_of_nothing():
     error = {"train": None, "holdout": {"power_rmse": 2.0, "energy_percent": 1.0}}
     document = {
         "effects": [{"name": "coulomb_friction"}], "error": {"before": error, "after": error}, "verdict": "explained",
-        "explained_share": 0.0, "fitted": [], "alternatives": [], "remainder": [],
+        "explained_share": 0.0, "links_share": 0.0, "fitted": [], "alternatives": [], "remainder": [],
     }  # fmt: skip
     said = headline(document)
     assert "0.0 %" not in said.split(";")[0] and "near the noise" in said

@@ -111,7 +111,7 @@ def _effects(report: Report, result: Result) -> None:
         report.text("None is claimed.")
         return
     table = [[x.name, 100 * x.share_of_residual, x.log_odds] for x in result.effects]
-    report.table(["effect", "share of the explained part [%]", "log odds"], table, digits=3)
+    report.table(["effect", "share of the explained part that is lost without it [%]", "log odds"], table, digits=3)
     header = ["effect", "parameter", "joint", "value", "95 % interval", "unit"]
     report.table(header, [line for x in result.effects for line in _values(x.document(), result.measured.robot)])
 

@@ -20,6 +20,7 @@ from energy_opt.robot.limits import unit_of
 UNKNOWN = 0.4  # posterior over prior standard deviation above which the data hardly determined a number
 WANDERS = 0.3  # share of the noise by which runs' levels must differ to be mentioned
 SHARE = 0.01  # least explained share that the headline states
+MUCH = 0.1  # least share of deviating links beside effects that calls for a check of links and payload
 UNRECORDED = "no signal that was recorded"  # the rest depends on it where it depends on none of the log
 PLAIN = {
     "coulomb_friction": "dry friction",
@@ -57,8 +58,11 @@ def headline(document: dict[str, Any]) -> str:
         said = f"Stopped before a verdict was reached: no cause is claimed; {held}."
         return said + (f" Likeliest so far: {listed(found)}." if found else "")
     one = len(names) == 1 and names != ["link_inertia"]
-    share = f"{'explains' if one else 'explain'} {100 * document['explained_share']:.1f} % of the residual above noise"
-    if document["explained_share"] < SHARE:
+    total, links = document["explained_share"], document["links_share"]
+    share = f"{'explains' if one else 'explain'} {100 * (total - links):.1f} % of the residual above noise"
+    if links >= SHARE:
+        share += f", deviating links another {100 * links:.1f} %"
+    if total < SHARE:
         share = f"{'lowers' if one else 'lower'} an error that was near the noise before"
     if names == ["link_inertia"]:
         said = f"The links differ from the URDF: their deviations {share}; {held}."
@@ -92,8 +96,8 @@ def joints_headline(names: Sequence[str], unit: str) -> str:
     return f"{said}; without a meter, standby, heat and supply cannot be diagnosed."
 
 
-def remarks(found: Inference, measured: MeasuredSet, declared: PowerModel) -> list[str]:
-    """Remarks on the verdict, one sentence each."""
+def remarks(found: Inference, measured: MeasuredSet, declared: PowerModel, links: float = 0.0) -> list[str]:
+    """Remarks on the verdict, one sentence each; `links`: share of the residual that links explain beside effects."""
     out = list(measured.remarks)
     joints = measured.robot.joints
     if not declared.is_of(measured.robot.name):
@@ -129,26 +133,24 @@ def remarks(found: Inference, measured: MeasuredSet, declared: PowerModel) -> li
             f"The remaining residual is {after.motion:.3g} W rms in motion and {after.rest:.3g} W at rest; noise alone "
             f"would leave {after.noise_motion:.3g} and {after.noise_rest:.3g} W."
         )
-    if found.links:
+    if found.links or links >= MUCH:
         out.append(_links(found.accepted, joints))
-    if (found.claims or found.links) and found.model.get("standby") is not None:
-        f = found.accepted
-        level = float(np.mean(f.levels))
-        if "standby" not in f.names and abs(level) > WANDERS * f.world.whiten.noise.white:
-            out.append(
-                f"The model's standby differs by {level:+.2g} W from the declared one, so that the mean power is the "
-                "measured one."
-            )
     model_fit = found.accepted
-    level = float(np.mean(model_fit.levels))
+    white = model_fit.world.whiten.noise.white
+    level, apart = float(np.mean(model_fit.levels)), float(np.std(model_fit.levels))
+    claimed, standby = found.claims or found.links, found.model.get("standby")
+    if claimed and standby is not None and "standby" not in model_fit.names and abs(level) > WANDERS * white:
+        out.append(
+            f"The model's standby differs by {level:+.2g} W from the declared one, so that the mean power is the "
+            "measured one."
+        )
     if found.verdict == "nothing_missing" and abs(level) > WANDERS * found.still.white:
         out.append(
             f"The readings are {abs(level):.2g} W {'above' if level > 0 else 'below'} the declared model throughout. "
             "A drift of the meter, another standby and a loss of the supply would look the same here."
         )
     out += _borrowed(model_fit, joints)
-    apart = float(np.std(model_fit.levels))
-    if apart > WANDERS * model_fit.world.whiten.noise.white and len(model_fit.levels) > 2:
+    if apart > WANDERS * white and len(model_fit.levels) > 2:
         out.append(
             f"The level of power differs from run to run by {apart:.2g} W (standard deviation), as if the meter or the "
             "standby drifts. The fit includes this; it is not stated as a cause."
@@ -233,7 +235,9 @@ def next_step(document: dict[str, Any], follows: bool = True) -> str:
     if not follows:
         return "Next: check that power and motion are of the same recording, and diagnose the set again."
     if document["usable"]:
-        return "Next: good enough to plan with (optimize --model model.toml)."
+        links = document["links_share"]
+        check = f"; check payload and links: they explain {100 * links:.0f} % of the residual" if links >= MUCH else ""
+        return f"Next: good enough to plan with (optimize --model model.toml){check}."
     if document["verdict"] in ("ambiguous", "insufficient"):
         if document["next_motion"] is None:
             return "Next: record more motions, every joint slowly and fast, and diagnose both sets together."
@@ -241,9 +245,8 @@ def next_step(document: dict[str, Any], follows: bool = True) -> str:
     if document["remainder"]:
         first = document["remainder"][0]
         if first["signal"] == UNRECORDED:
-            return (
-                "Next: check the power's unit and what else the meter measures: no recorded signal explains the rest."
-            )
+            said = "check the power's unit and what else the meter measures: no recorded signal explains the rest"
+            return f"Next: {said}."
         return f"Next: look for a cause that depends on {_source(first)}."
     return "Next: record more runs in other parts of the workspace, so that the held-out error is known better."
 
@@ -256,7 +259,7 @@ def summary(d: dict[str, Any]) -> str:
         odds = f", odds e^{row['log_odds']:.0f}" if row["log_odds"] is not None else ""
         percent = 100 * row["share_of_residual"]
         share = f"{percent:.0f} %" if percent >= 1 else "less than 1 %"
-        lines.append(f"  {row['name']}{refit}: {share} of the explained part{odds}")
+        lines.append(f"  {row['name']}{refit}: {share} of the explained part is lost without it{odds}")
         lines += [f"    {line}" for line in _values(row, d["joints"])]
     if d["joint_side"]:
         lines += ["joints' own readings:", *(f"  {line}" for line in side_words(d["joint_side"]))]

@@ -246,7 +246,7 @@ def _attributions(found: Inference, joints: tuple[str, ...]) -> list[Attribution
     if not found.follows or found.blind or found.verdict not in ("partly", "unexplained"):
         return []
     left = max(found.after.rmse**2 - found.after.noise**2, 0.0) ** 0.5
-    records = goes_with(plain_fit(found.search, found.accepted), found.best.free, joints)
+    records = goes_with(plain_fit(found.search, found.accepted), found.best.free, joints, found.model)
     accepted = {g.signal for g in found.best.free}
     kept = [row for row in records if row.watts > LEAST * left or row.signal in accepted]
     return kept or [Attribution(UNRECORDED, None, 1.0, left)]

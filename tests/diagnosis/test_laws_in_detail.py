@@ -1,6 +1,6 @@
 """What a law's effect depends on beside the motion: the set's other runs, the form of the law, numbers with steps.
 
-Also the signals that free functions follow, and the noise beside them.
+Also the noise beside free functions.
 """
 
 from __future__ import annotations
@@ -19,9 +19,8 @@ from energy_opt.diagnosis.data.predict import predict
 from energy_opt.diagnosis.data.recordings import take_samples
 from energy_opt.diagnosis.data.samples import Samples
 from energy_opt.diagnosis.evidence.errors import quality
-from energy_opt.diagnosis.evidence.residual import goes_with
 from energy_opt.diagnosis.fit.candidates import travel
-from energy_opt.diagnosis.fit.posterior import Free, Nuisance
+from energy_opt.diagnosis.fit.posterior import Nuisance
 from energy_opt.diagnosis.fit.posterior import World as Setting
 from energy_opt.diagnosis.hypothesis.links import links_of
 from energy_opt.diagnosis.hypothesis.terms import Scale, Term, chart
@@ -201,18 +200,3 @@ def test_a_law_of_negative_power_is_tried_in_place_of_effects_that_imitate_it(tm
     both = found.fitted(charts, [c.origin for c in charts], [], Nuisance(0.025, 0.01), amounts)
     likeliest = max([both, *other_drives(found, both)], key=found.score)
     assert [c.term for c in likeliest.charts] == [Term("regeneration", ("level=joint",))]
-
-
-@pytest.mark.parametrize("size", [0.2, 3.0])
-def test_a_signal_that_the_search_accepted_is_named_of_no_joint_if_it_has_none(monkeypatch, size):
-    """A function of the whole power, however little of the residual follows it: `foreseen` names it, too."""
-    rng = np.random.default_rng(0)
-    power = Free("power", np.abs(rng.normal(size=(400, 4))), 1.5)  # as many columns as two joints can share
-    samples = SimpleNamespace(n=2, weight=np.ones(400), parts=[slice(0, 400)])
-    world = SimpleNamespace(
-        samples=samples, whiten=SimpleNamespace(noise=Noise(0.1)), scale=SimpleNamespace(level=100.0)
-    )
-    residual = size * power.columns[:, 0] + rng.normal(size=400)
-    f = SimpleNamespace(world=world, residual=residual, levels=np.zeros(1), level_deviations=np.ones(1))
-    monkeypatch.setattr("energy_opt.diagnosis.evidence.residual.functions", lambda f: [power])
-    assert [(row.signal, row.joint) for row in goes_with(f, [power], "ab")] == [("power", None)]

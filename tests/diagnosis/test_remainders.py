@@ -1,8 +1,56 @@
-"""What is left of a residual, and the words for what links explain."""
+"""What is left of a residual: the signals that it follows, the words for links."""
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from energy_opt.diagnosis.data.noise import Noise
+from energy_opt.diagnosis.evidence import residual as module
+from energy_opt.diagnosis.fit.posterior import Free
 from energy_opt.diagnosis.report.words import headline, next_step
+from energy_opt.effects import Standby
+from energy_opt.power import PowerModel
+
+MODEL = PowerModel("", (Standby(power=20.0),))
+
+
+def attributions(monkeypatch, power, functions, free=(), levels=(0.0,), shown=0.0):
+    """Signals of readings `power` of a model that predicts 0 W, whose fit with links shows `shown`."""
+    at = np.arange(float(len(power)))
+    parts = [slice(*ends) for ends in np.array_split(at.astype(int), len(levels)) for ends in [(ends[0], ends[-1] + 1)]]
+    samples = SimpleNamespace(n=2, weight=np.ones(len(at)), parts=parts, at=at, power=power)
+    world = SimpleNamespace(
+        samples=samples, whiten=SimpleNamespace(noise=Noise(0.1)), scale=SimpleNamespace(level=100.0)
+    )
+    own = np.concatenate([np.full(p.stop - p.start, x) for p, x in zip(parts, levels, strict=True)])
+    f = SimpleNamespace(
+        world=world, residual=power - shown - own, model=MODEL, prediction=SimpleNamespace(reading=shown),
+        levels=np.array(levels), level_deviations=np.full(len(levels), 0.1),
+    )  # fmt: skip
+    monkeypatch.setattr(module, "functions", lambda f: functions)
+    monkeypatch.setattr(module, "predict", lambda model, s: SimpleNamespace(reading=np.zeros(len(at))))
+    return module.goes_with(f, free, "ab", MODEL)
+
+
+@pytest.mark.parametrize("size", [0.2, 3.0])
+def test_a_signal_that_the_search_accepted_is_named_of_no_joint_if_it_has_none(monkeypatch, size):
+    """A function of the whole power, however little of the residual follows it: `foreseen` names it, too."""
+    rng = np.random.default_rng(0)
+    power = Free("power", np.abs(rng.normal(size=(400, 4))), 1.5)  # as many columns as two joints can share
+    rows = attributions(monkeypatch, size * power.columns[:, 0] + rng.normal(size=400), [power], [power])
+    assert [(row.signal, row.joint) for row in rows] == [("power", None)]
+
+
+def test_what_links_imitate_is_left_where_the_model_lacks_them(monkeypatch):
+    """A spring at one joint: links of the fit followed it, so that no recorded signal was said to explain it."""
+    rng = np.random.default_rng(0)
+    position = Free("position", rng.normal(size=(400, 4)), 1.5)
+    spring = position.columns[:, 2:] @ [3.0, 4.0]
+    (row,) = attributions(monkeypatch, spring + rng.normal(size=400), [position], shown=0.9 * spring)
+    assert (row.signal, row.joint) == ("position", "b") and row.watts == pytest.approx(5.0, rel=0.1)
 
 
 def test_the_headline_gives_effects_no_share_that_links_explain():

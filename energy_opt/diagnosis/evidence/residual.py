@@ -11,13 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from energy_opt.diagnosis.data.predict import Prediction
+from energy_opt.diagnosis.data.predict import Prediction, predict
 from energy_opt.diagnosis.data.samples import Samples
 from energy_opt.diagnosis.data.standing import standing_noise
 from energy_opt.diagnosis.evidence.errors import reading_of
 from energy_opt.diagnosis.evidence.odds import STEADY
 from energy_opt.diagnosis.fit.candidates import functions
 from energy_opt.diagnosis.fit.posterior import Fit, Free
+from energy_opt.effects import LinkInertia
 from energy_opt.power import PowerModel
 
 LEVELS = 0.03  # share of the arm's level by which the levels of runs may differ, as meters drift
@@ -39,7 +40,7 @@ class Attribution:
     watts: float
 
 
-def goes_with(f: Fit, free: Sequence[Free], joints: Sequence[str]) -> list[Attribution]:
+def goes_with(f: Fit, free: Sequence[Free], joints: Sequence[str], model: PowerModel) -> list[Attribution]:
     """Signals that the residual of a fit follows: those of accepted functions first, then that with the most watts.
 
     The strength of a signal is the share that a function of it predicts in parts of runs that it was not fitted to; or,
@@ -47,32 +48,32 @@ def goes_with(f: Fit, free: Sequence[Free], joints: Sequence[str]) -> list[Attri
 
     Args:
         f: the fit. free: accepted free functions. joints: names.
+        model: the one that is written. What the links of the fit explain is left where it lacks them.
     """
-    samples = f.world.samples
-    rest = f.residual * samples.weight
+    own, rest = f.world.samples, f.residual
+    if model.get(LinkInertia.name) is None:
+        rest = rest + f.prediction.reading - predict(f.model, own).reading
+    rest = rest * own.weight
     open_part = max(float(rest @ rest) - len(rest) * f.world.whiten.noise.white**2, 1e-9)
     chosen = {g.signal for g in free}
-    records: list[Attribution] = []
+
+    def part(g: Free, columns: np.ndarray, joint: int | None, accepted: bool) -> Attribution:
+        gained = _removed(f, rest, columns, g.size, accepted)
+        watts = float(np.sqrt(gained / (own.weight @ own.weight)))
+        return Attribution(g.signal, None if joint is None else joints[joint], min(gained / open_part, 1.0), watts)
+
+    records = []
     for g in functions(f):
-        for joint, columns in _by_joint(g, samples.n):
-            own = g.signal in chosen and (joint is None or columns.shape[1] == g.columns.shape[1])
-            watts = _removed(f, rest, columns, g.size, own)
-            strength = float(np.clip(watts**2 * len(rest) / open_part, 0.0, 1.0))
-            if strength > WEAKEST:
-                records.append(Attribution(g.signal, joints[joint] if joint is not None else None, strength, watts))
+        for joint, columns in _by_joint(g, own.n):
+            whole = joint is None or columns.shape[1] == g.columns.shape[1]
+            records.append(part(g, columns, joint, g.signal in chosen and whole))
+    records = [row for row in records if row.strength > WEAKEST]
     known = {row.signal for row in records}
-    for g in free:  # the whole function, where no joint's part of it alone counts
-        if g.signal not in known:
-            watts = _removed(f, rest, g.columns, g.size, True)
-            strength = float(np.clip(watts**2 * len(rest) / open_part, 0.0, 1.0))
-            records.append(Attribution(g.signal, None, strength, watts))
+    # the whole function, where no joint's part of it alone counts
+    records += [part(g, g.columns, None, True) for g in free if g.signal not in known]
     if wandering(f):
         records.append(Attribution("time (run to run)", None, 1.0, float(np.std(f.levels))))
-    best: dict[tuple[str, str | None], Attribution] = {}
-    for row in records:
-        held = best.get((row.signal, row.joint))
-        if held is None or row.strength > held.strength:
-            best[row.signal, row.joint] = row
+    best = {(row.signal, row.joint): row for row in sorted(records, key=lambda row: row.strength)}
     return sorted(best.values(), key=lambda row: (row.signal not in chosen, -row.watts))[:MOST]
 
 
@@ -91,9 +92,9 @@ def _by_joint(g: Free, n: int) -> list[tuple[int | None, np.ndarray]]:
 
 
 def _removed(f: Fit, rest: np.ndarray, columns: np.ndarray, size: float, accepted: bool) -> float:
-    """Rms [W] that a free function removes in quarters of every run that it was not fitted to.
+    """Squares [W^2] that a free function removes in quarters of every run that it was not fitted to.
 
-    Of a function that the search has `accepted`: the rms that it removes where it is fitted.
+    Of a function that the search has `accepted`: those that it removes where it is fitted.
     """
     samples = f.world.samples
     columns = columns * samples.weight[:, None]
@@ -104,7 +105,7 @@ def _removed(f: Fit, rest: np.ndarray, columns: np.ndarray, size: float, accepte
         own = columns[fitted]
         weights = np.linalg.solve(own.T @ own + before, own.T @ rest[fitted])
         gained += float(np.sum(rest[judged] ** 2) - np.sum((rest[judged] - columns[judged] @ weights) ** 2))
-    return float(np.sqrt(max(gained, 0.0) / len(rest)))
+    return max(gained, 0.0)
 
 
 LAGS = (-0.2, 0.0, 0.2, 0.5)  # [s] lags of the meter that are tried
@@ -212,18 +213,11 @@ def modes_of(model: PowerModel, samples: Samples) -> list[Mode]:
             count += 1
     out: list[list[tuple[float, float, int]]] = []
     for plateau in sorted(found, reverse=True):
-        if out and out[-1][-1][0] - plateau[0] < apart:
-            out[-1].append(plateau)
-        else:
-            out.append([plateau])
-    return [
-        Mode(
-            float(np.average([x for x, _, _ in group], weights=[s for _, s, _ in group])),
-            float(sum(s for _, s, _ in group)),
-            len({k for _, _, k in group}),
-        )
-        for group in out
-    ]
+        if not out or out[-1][-1][0] - plateau[0] >= apart:
+            out.append([])
+        out[-1].append(plateau)
+    columns = [tuple(zip(*group, strict=True)) for group in out]
+    return [Mode(float(np.average(x, weights=s)), float(sum(s)), len({*k})) for x, s, k in columns]
 
 
 def _plateaus(time: np.ndarray, power: np.ndarray, apart: float) -> list[tuple[float, float]]:

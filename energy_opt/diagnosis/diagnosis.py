@@ -153,8 +153,10 @@ def diagnose(
     rejected = unclaimed and one is not None and other is not None and one["power_rmse"] > other["power_rmse"]
     if rejected:
         found, model, after = replace(found, model=declared, after=found.before), declared, before
-    effects, left = findings_of(found), _attributions(found, joints)
+    effects, left = findings_of(found), _attributions(found, joints, samples)
     ahead = foreseen_by(found, model, samples, joints)
+    if ahead.reason and left and left[0].change is not None:
+        ahead = replace(ahead, reason="the level of the power changed once")
     floor = found.after.floor(found.verdict in ("partly", "unexplained"))
     share, links = explained_share(before, after, floor), 0.0
     if found.claims and model.get(LinkInertia.name) is not None:
@@ -177,7 +179,7 @@ def diagnose(
         "tolerance": tolerance,
         "foreseen": ahead.document(),
         "residual_goes_with": [{"signal": r.signal, "joint": r.joint, "strength": r.strength} for r in left],
-        "remainder": [{"signal": r.signal, "joint": r.joint, "watts": r.watts} for r in left],
+        "remainder": [r.document() for r in left],
         "error": {"before": before, "after": after, "noise_floor": floor, "beside_noise": found.after.document()},
         "noise_floor": floor,
         "noise": vars(found.noise),
@@ -241,12 +243,12 @@ def _on_urdf(f: Fit) -> PowerModel:
     return written(fit(f.world, replace(f.nuisance, spread=min(SPREADS)), f.charts, f.numbers), links=False)
 
 
-def _attributions(found: Inference, joints: tuple[str, ...]) -> list[Attribution]:
+def _attributions(found: Inference, joints: tuple[str, ...], samples: Samples) -> list[Attribution]:
     """Signals that the residual correlates with, if more than noise is left."""
     if not found.follows or found.blind or found.verdict not in ("partly", "unexplained"):
         return []
     left = max(found.after.rmse**2 - found.after.noise**2, 0.0) ** 0.5
-    records = goes_with(plain_fit(found.search, found.accepted), found.best.free, joints, found.model)
+    records = goes_with(plain_fit(found.search, found.accepted), found.best.free, joints, found.model, samples)
     accepted = {g.signal for g in found.best.free}
     kept = [row for row in records if row.watts > LEAST * left or row.signal in accepted]
     return kept or [Attribution(UNRECORDED, None, 1.0, left)]

@@ -1,4 +1,4 @@
-"""What is left of a residual: the signals that it follows, the words for links."""
+"""What is left of a residual: the signals that it follows, a step of its level, the words for links and steps."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from energy_opt.effects import Standby
 from energy_opt.power import PowerModel
 
 MODEL = PowerModel("", (Standby(power=20.0),))
+RUNS = 8
 
 
 def attributions(monkeypatch, power, functions, free=(), levels=(0.0,), shown=0.0):
@@ -32,7 +33,7 @@ def attributions(monkeypatch, power, functions, free=(), levels=(0.0,), shown=0.
     )  # fmt: skip
     monkeypatch.setattr(module, "functions", lambda f: functions)
     monkeypatch.setattr(module, "predict", lambda model, s: SimpleNamespace(reading=np.zeros(len(at))))
-    return module.goes_with(f, free, "ab", MODEL)
+    return module.goes_with(f, free, "ab", MODEL, samples)
 
 
 @pytest.mark.parametrize("size", [0.2, 3.0])
@@ -51,6 +52,25 @@ def test_what_links_imitate_is_left_where_the_model_lacks_them(monkeypatch):
     spring = position.columns[:, 2:] @ [3.0, 4.0]
     (row,) = attributions(monkeypatch, spring + rng.normal(size=400), [position], shown=0.9 * spring)
     assert (row.signal, row.joint) == ("position", "b") and row.watts == pytest.approx(5.0, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("level", "change"), [(lambda t: 20.0 * (t >= 340), 20.0), (lambda t: t / 20, None), (lambda t: 20 * (t < 60), -20)]
+)
+def test_a_level_that_changes_once_leads_with_its_time_and_size(monkeypatch, level, change):
+    """A torque imitated the middle of a run; steady growth is no step."""
+    rng = np.random.default_rng(0)
+    power = level(np.arange(800.0)) + 0.5 * rng.normal(size=800)
+    torque = Free("torque", rng.normal(size=(800, 3)), 1.5)
+    levels = [float(part.mean()) for part in np.array_split(power, RUNS)]
+    first, *others = attributions(monkeypatch, power, [torque], [torque], levels)
+    if change is None:
+        assert first.change is None and any(row.signal.startswith("time") for row in others)
+        return
+    assert first.change == pytest.approx(change, rel=0.02) and abs(first.at - (340 if change > 0 else 60)) <= 1
+    row = first.document()
+    said = next_step({"verdict": "unexplained", "usable": False, "remainder": [row]})
+    assert f"{first.change:+.3g} W at {first.at:.0f} s" in said and "depends on" not in said
 
 
 def test_the_headline_gives_effects_no_share_that_links_explain():

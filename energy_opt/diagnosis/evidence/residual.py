@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from energy_opt.power import PowerModel
 
 LEVELS = 0.03  # share of the arm's level by which the levels of runs may differ, as meters drift
 WEAKEST = 0.05  # least share of the residual that a named signal explains
+ALONE = 0.1  # largest share of the spread of the runs' levels that one step leaves
 MOST = 8
 
 
@@ -32,23 +34,35 @@ class Attribution:
 
     Attributes:
         signal: its name. joint: name, or None. strength: share of the residual. watts: rms of this part [W].
+        at, change: of a level of power that changes once: when [s], and by how much [W].
     """
 
     signal: str
     joint: str | None
     strength: float
     watts: float
+    at: float | None = None
+    change: float | None = None
+
+    def document(self) -> dict[str, Any]:
+        """As in diagnosis.json, without the strength."""
+        step = {} if self.change is None else {"at": self.at, "change": self.change}
+        return {"signal": self.signal, "joint": self.joint, "watts": self.watts, **step}
 
 
-def goes_with(f: Fit, free: Sequence[Free], joints: Sequence[str], model: PowerModel) -> list[Attribution]:
+def goes_with(
+    f: Fit, free: Sequence[Free], joints: Sequence[str], model: PowerModel, samples: Samples
+) -> list[Attribution]:
     """Signals that the residual of a fit follows: those of accepted functions first, then that with the most watts.
 
-    The strength of a signal is the share that a function of it predicts in parts of runs that it was not fitted to; or,
-    for functions in `free`, which the search has accepted, the share that it removes where it is fitted.
+    A level that changes once comes first if it has the most watts. The strength of a signal is the share that a
+    function of it predicts in parts of runs that it was not fitted to; or, for functions in `free`, which the search
+    has accepted, the share that it removes where it is fitted.
 
     Args:
         f: the fit. free: accepted free functions. joints: names.
         model: the one that is written. What the links of the fit explain is left where it lacks them.
+        samples: of the whole set.
     """
     own, rest = f.world.samples, f.residual
     if model.get(LinkInertia.name) is None:
@@ -72,9 +86,39 @@ def goes_with(f: Fit, free: Sequence[Free], joints: Sequence[str], model: PowerM
     # the whole function, where no joint's part of it alone counts
     records += [part(g, g.columns, None, True) for g in free if g.signal not in known]
     if wandering(f):
-        records.append(Attribution("time (run to run)", None, 1.0, float(np.std(f.levels))))
+        apart = Attribution("time (run to run)", None, 1.0, float(np.std(f.levels)))
+        records.append(step_of(model, samples) or apart)
     best = {(row.signal, row.joint): row for row in sorted(records, key=lambda row: row.strength)}
-    return sorted(best.values(), key=lambda row: (row.signal not in chosen, -row.watts))[:MOST]
+    most = max((row.watts for row in records), default=0.0)
+
+    def place(row: Attribution) -> tuple[bool, float]:
+        leads = row.signal in chosen or (row.change is not None and row.watts == most)
+        return not leads, -row.watts
+
+    return sorted(best.values(), key=place)[:MOST]
+
+
+def step_of(model: PowerModel, samples: Samples) -> Attribution | None:
+    """A step of the level of power, where it alone is why the runs' levels differ; a drift leaves a quarter of that."""
+    order = np.argsort(samples.at, kind="stable")
+    off, at = samples.power - predict(model, samples).reading, samples.at[order]
+    k, before, after = _largest_step(off[order], np.arange(1, len(off)))
+    level = np.where(samples.at < at[k], before, after)
+    spread, left = (np.var([np.mean(x[p]) for p in samples.parts]) for x in (off, off - level))
+    if left > ALONE * spread:
+        return None
+    watts = float(np.sqrt(np.mean(level**2)))
+    strength = min(float(watts**2 / np.mean(off**2)), 1.0)
+    when = float(at[k - 1] + at[k]) / 2
+    return Attribution("time (one step)", None, strength, watts, when, after - before)
+
+
+def _largest_step(power: np.ndarray, inner: np.ndarray) -> tuple[int, float, float]:
+    """Where the mean of power (N,) changes most, of the places `inner`, and its means before and after."""
+    before, count = np.cumsum(power)[inner - 1], inner.astype(float)
+    left, right = before / count, (power.sum() - before) / (len(power) - count)
+    k = int(np.argmax(count * (len(power) - count) * (left - right) ** 2))
+    return int(inner[k]), float(left[k]), float(right[k])
 
 
 def wandering(f: Fit) -> bool:
@@ -227,11 +271,8 @@ def _plateaus(time: np.ndarray, power: np.ndarray, apart: float) -> list[tuple[f
         return []
     inner = np.flatnonzero((time - time[0] >= LEAST) & (time[-1] - time >= LEAST))
     if inner.size:
-        before, count = np.cumsum(power)[inner - 1], inner.astype(float)
-        left, right = before / count, (power.sum() - before) / (len(power) - count)
-        at = int(np.argmax(count * (len(power) - count) * (left - right) ** 2))
-        if abs(left[at] - right[at]) > apart:
-            cut = int(inner[at])
+        cut, left, right = _largest_step(power, inner)
+        if abs(left - right) > apart:
             return _plateaus(time[:cut], power[:cut], apart) + _plateaus(time[cut:], power[cut:], apart)
     return [(float(np.median(power)), lasts)]
 

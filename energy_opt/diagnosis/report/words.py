@@ -84,7 +84,9 @@ def headline(document: dict[str, Any]) -> str:
 
 
 def _source(row: dict[str, Any]) -> str:
-    """The signal that a part of the residual goes with, and its joint."""
+    """The signal that a part of the residual goes with, and its joint; or the step of its level."""
+    if "change" in row:
+        return f"a step of {row['change']:+.3g} W at {row['at']:.0f} s"
     return row["signal"] + (f" of {row['joint']}" if row["joint"] else "")
 
 
@@ -247,6 +249,8 @@ def next_step(document: dict[str, Any], follows: bool = True) -> str:
         if first["signal"] == UNRECORDED:
             said = "check the power's unit and what else the meter measures: no recorded signal explains the rest"
             return f"Next: {said}."
+        if "change" in first:
+            return f"Next: look for a consumer, such as a fan, that caused {_source(first)}."
         return f"Next: look for a cause that depends on {_source(first)}."
     return "Next: record more runs in other parts of the workspace, so that the held-out error is known better."
 

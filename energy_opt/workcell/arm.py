@@ -89,17 +89,19 @@ class Arm:
             near = nearer_words((pose.name, chosen[k], cells[k]) for k, pose in posed.poses.items())
             self.table = at_positions(self.table, {k: chosen[k] for k in self.job.open})
             self.job = replace(self.job.at(chosen), remarks=(*self.job.remarks, *near))
-        if cell.supply is not None:  # braking energy is lost in a resistor, unless another arm uses it
-            model = using_again(model, 0.0)
-        room = {**USED, Effort.name: USED[Effort.name] * share}
-        self.worker = Worker(self.job, model, settings, Cells(self.job, self.request), stopped, room)
+        supply, room = cell.supply, {**USED, Effort.name: USED[Effort.name] * share}
+        self.scoring = Scoring(self.job.robot, model, None if supply is None else supply.capacity)
+        cells_of = Cells(self.job, self.request)
+        self.worker = Worker(self.job, self.scoring.of(False, False).model, settings, cells_of, stopped, room)
         self.worker.check_poses()
         self._known: dict[tuple[object, ...], ArmMove] = {}
         limits = self.job.robot.limits
         ramps = limits.acceleration / limits.jerk
         self._blend = float(whole(max(ROOM * ramps[np.isfinite(ramps)].max(initial=0.0), BLEND)))
         self.moves = [self._move(leg) for leg in legs_of(self.job.steps)]
-        self.scoring = Scoring(self.job.robot, self.worker.scorers, model)
+        again = self.scoring.used_again(self.moves, self.job.cycle_time)
+        if again < 1:  # moves are optimized as if the link always stored this share
+            self.worker = Worker(self.job, using_again(model, again), settings, cells_of, stopped, room)
         self.modes = {mode.name: mode for mode in (*cell.mode, *table.mode)}
 
     def _move(self, leg: Leg) -> ArmMove:
@@ -205,8 +207,8 @@ class Arm:
         timing = move.timing.slowed(max(duration - self._blend, move.timing.duration))
         answer = self._blended(move, timing.trajectory(self.job.robot.joints), "scaled")
         if answer.status == "solved":
-            move.slowed[duration] = answer
-            move.answers.setdefault(duration, answer)
+            move.slowed[duration] = self.scoring.scored(move, answer)
+            move.answers.setdefault(duration, move.slowed[duration])
 
     def _blended(self, move: ArmMove, trajectory: Trajectory, source: str) -> Answer:
         """A trajectory averaged over `_blend` s: its acceleration begins and ends at 0, and does not jump at joins."""
@@ -229,7 +231,7 @@ class Arm:
             return True
         if answer.status != "solved":
             self._slowed(move, duration)
-        known = move.answers.get(duration)
+        known, answer = move.answers.get(duration), self.scoring.scored(move, answer)
         if answer.status == "solved" and (known is None or answer.energy.total < known.energy.total):
             move.answers[duration] = replace(answer, trajectory=at_rest(answer.trajectory))
         return True
@@ -258,8 +260,7 @@ class Arm:
                     known = {hold[k]: known[nearest(known, hold[k])]}
                 energies = {d: answer.energy for d, answer in known.items()}
                 if lossless or first:
-                    scorer = self.scoring.of(lossless, first).of(step)
-                    energies = {d: scorer.energy(answer.trajectory) for d, answer in known.items()}
+                    energies = {d: self.scoring.energy(step, a.trajectory, lossless, first) for d, a in known.items()}
                 points = [(d, energy.total) for d, energy in energies.items()]
                 curve = Hull.of(points)
                 least, most = float(curve.durations[0]), float(curve.durations[-1])

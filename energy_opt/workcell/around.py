@@ -207,7 +207,8 @@ def move_around(
         return None
     if found.trajectory is None:
         return None
-    return Answer(at_rest(found.trajectory), planner.score(found.trajectory), "around another arm")
+    motion = at_rest(found.trajectory)
+    return Answer(motion, arm.scoring.energy(move.leg.step, motion), "around another arm")
 
 
 def _clear_lines(cell: MovingCell, known: Trajectory, duration: float, limits: Limits, seed: int) -> list[Line]:

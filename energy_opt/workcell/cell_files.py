@@ -144,8 +144,6 @@ def document(result: CellResult) -> dict[str, Any]:
         steps = [part for record in records for part in _of_each_step(record, result, r)]
         robots.append({"name": ring.name, "steps": steps})
     levers = [_lever(name, found.energy, result) for name, found in result.levers.steps]
-    if cell.supply is not None and result.supply is not None:
-        levers.append(_lever("supply", result.supply.energy, result))
     warnings = interrupted_words(result.interrupted)
     for arm, motion in zip(result.arms, result.planned.motions, strict=True):
         if arm is None or motion is None:

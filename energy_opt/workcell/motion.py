@@ -6,21 +6,24 @@ under which results are stated."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from energy_opt.cell.curve import MotionCurve
-from energy_opt.effects import Regeneration
+from energy_opt.effects import DcLink, Regeneration
 from energy_opt.jobs.cycle import Answer, Scorers, efforts
 from energy_opt.jobs.legs import Leg, Step
+from energy_opt.motion.judge.energy import Energy
 from energy_opt.motion.timing.spline_timing import Timing
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
 from energy_opt.schedule import Hull
 from energy_opt.schedule.problem import SAME
+from energy_opt.workcell.link import through_link
 
 ROUNDED = 1e-9  # [s] times that differ by less are the same
 
@@ -137,32 +140,67 @@ def nearest(known: dict[float, Any], duration: float) -> float:
     return min(known, key=lambda d: abs(d - duration))
 
 
-def using_again(model: PowerModel, share: float) -> PowerModel:
+def using_again(model: PowerModel, share: float = 1.0) -> PowerModel:
     """The model whose drives use this share of negative power again, whatever they did with it."""
-    return model.kept(lambda effect: effect.stage != "drive").replaced(Regeneration(efficiency=share))
+    model = model.kept(lambda effect: effect.stage != "drive")
+    return model if share == 1 else model.replaced(Regeneration(efficiency=share))
 
 
 class Scoring:
     """The scorers of an arm; `mixed`: its model is the mean of several.
 
     Args:
-        robot: the arm's. mean: scorers of its model. model: of the arm.
+        robot: the arm's. model: of the arm. capacity: [J] of the arm's own link; None: its model says what returns.
     """
 
-    def __init__(self, robot: Robot, mean: Scorers, model: PowerModel) -> None:
+    def __init__(self, robot: Robot, model: PowerModel, capacity: float | None) -> None:
         first = model.weighted[0][1]
-        self.robot, self.model, self.mixed = robot, model, len(model.weighted) > 1
+        self.robot, self.model, self.mixed, self.capacity = robot, model, len(model.weighted) > 1, capacity
         # with the second ones, all negative power is used again: the link's losses are computed elsewhere
-        self._of_mean = mean, Scorers(robot, using_again(model, 1.0))
-        self._of_first = Scorers(robot, first), Scorers(robot, using_again(first, 1.0))
+        self._of_mean, self._of_first = (
+            (lossless if capacity is not None else Scorers(robot, one), lossless)
+            for one, lossless in ((one, Scorers(robot, using_again(one))) for one in (model, first))
+        )
 
     def of(self, lossless: bool, first: bool) -> Scorers:
         """The scorers of the first model or of the mean; `lossless`: with all braking energy used again."""
         return (self._of_first if first else self._of_mean)[lossless]
 
+    def energy(self, step: Step, trajectory: Trajectory, lossless: bool = False, first: bool = False) -> Energy:
+        """Energy of a motion, with what its own link loses if it is empty at first; arguments are those of `of`."""
+        found = self.of(lossless, first).of(step).energy(trajectory)
+        if lossless or self.capacity is None:
+            return found
+        lost = float(through_link(self._taken(step, trajectory, first), self.capacity)[1].sum())
+        by_effect = {**found.by_effect, DcLink.name: lost}
+        return replace(found, total=found.total + lost, loss=found.loss + lost, by_effect=by_effect)
+
+    def scored(self, move: ArmMove, answer: Answer) -> Answer:
+        """An answer of a move with its energy from the arm's own link, if there is one."""
+        if self.capacity is None:
+            return answer
+        return replace(answer, energy=self.energy(move.leg.step, answer.trajectory))
+
+    def used_again(self, moves: Sequence[ArmMove], cycle: float) -> float:
+        """Share of the braking energy that the arm's own link stores if evenly slowed moves fill a cycle [s]."""
+        slower, braked, lost = cycle / max(sum(move.shortest for move in moves), ROUNDED), 0.0, 0.0
+        for move in moves if self.capacity is not None else ():
+            timing = move.timing.slowed(move.timing.duration * max(1.0, min(slower, move.longest / move.shortest)))
+            taken = self._taken(move.leg.step, timing.trajectory(self.robot.joints))
+            braked -= float(taken.clip(max=0).sum())
+            lost += float(through_link(taken, self.capacity or 0.0)[1].sum())
+        return 1 - lost / braked if lost else 1.0
+
+    def _taken(self, step: Step, trajectory: Trajectory, first: bool = False) -> np.ndarray:
+        """Energies [J] that the drives take between the instants of a dense grid, (N - 1,)."""
+        scorer = self.of(True, first).of(step)
+        dense = scorer.dense(trajectory)
+        bus = dense.power - scorer.model.constant_power(scorer.robot.n)
+        return np.diff(cumulative_trapezoid(bus, dense.time, initial=0))
+
     def stated(self, step: Step, answer: Answer) -> float:
         """Energy [J] of an answer under the first model."""
-        return self.of(False, True).of(step).energy(answer.trajectory).total if self.mixed else answer.energy.total
+        return self.energy(step, answer.trajectory, first=True).total if self.mixed else answer.energy.total
 
     def between(self, step: Step, known: dict[float, Answer], durations: np.ndarray, duration: float) -> float:
         """Energy [J] of a move under the first model at a duration [s], linear between those of its answers.

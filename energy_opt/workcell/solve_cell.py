@@ -26,7 +26,7 @@ from energy_opt.workcell.as_job import robot_in
 from energy_opt.workcell.between import Between
 from energy_opt.workcell.file import WorkCell
 from energy_opt.workcell.plan import Planned, Planning
-from energy_opt.workcell.stage import Levers
+from energy_opt.workcell.stage import Levers, with_lever
 from energy_opt.workcell.supply import FINE, Supplied, Supply
 
 
@@ -73,9 +73,8 @@ class CellResult:
 
     @property
     def energy(self) -> float:
-        """Energy [J] of the whole cycle, from the shared supply if there is one."""
-        shared = self.cell.supply is not None and self.supply is not None
-        return self.supply.energy if shared and self.supply is not None else self.schedule.energy
+        """Energy [J] of the whole cycle, from the supply in the file if there is one."""
+        return self.schedule.energy
 
     @property
     def gap(self) -> float:
@@ -180,29 +179,38 @@ def _planned(planning: Planning) -> CellResult:
     left = planned.schedule.gap
     if all(arm is None for arm in arms):
         return CellResult(cell, planned, levers, arms, None, None, planned.schedule.bound, stopped(), left=left)
-    mixed, robust = any(arm is not None and arm.scoring.mixed for arm in arms), None
-    own = Supply(cell, arms, FINE, mixed).drawn(planning.stated(planned.schedule), shared=False)
-    drawn, lossless = own, cell.supply is not None
-    if lossless:
-        planned, drawn = supplied(planning, planned)
-    bound, energy = planning.bound(lossless), drawn.energy if lossless else planned.schedule.energy
+    lossless, mixed = cell.supply is not None, any(arm is not None and arm.scoring.mixed for arm in arms)
+    schedule, own = _from_supply(planning, planned.schedule, mixed, False)
+    levers, robust, drawn = with_lever(levers.stated, "paths", schedule), None, own
+    if cell.supply is not None:
+        planned = supplied(planning, planned)
+        schedule, drawn = _from_supply(planning, planned.schedule, mixed, cell.supply.shared)
+        levers = with_lever(levers, "supply", schedule)
     if mixed:
-        robust = {"kind": "mean", "total": energy, "lower_bound": min(bound, energy)}
-        bound, planned = planning.bound(lossless, True), replace(planned, schedule=planning.stated(planned.schedule))
-        if lossless:
-            supply = Supply(cell, planning.arms, FINE, mixed)
-            drawn = supply.drawn(planned.schedule, supply.table.shared)
-        energy = drawn.energy if lossless else planned.schedule.energy
-    bound = min(bound, energy)
-    return CellResult(cell, planned, levers.stated, planning.arms, own, drawn, bound, stopped(), robust, left=left)
+        mean = _from_supply(planning, planned.schedule, False, cell.supply is not None and cell.supply.shared)[0].energy
+        robust = {"kind": "mean", "total": mean, "lower_bound": min(planning.bound(lossless), mean)}
+    bound, planned = min(planning.bound(lossless, mixed), schedule.energy), replace(planned, schedule=schedule)
+    return CellResult(cell, planned, levers, planning.arms, own, drawn, bound, stopped(), robust, left=left)
+
+
+def _from_supply(planning: Planning, schedule: Schedule, first: bool, shared: bool) -> tuple[Schedule, Supplied]:
+    """A schedule with what its steps take from the file's supply, if there is one, and the power drawn.
+
+    Args:
+        first: under the first of several models, not their mean. shared: from one link, not one for each robot.
+    """
+    supply = Supply(planning.cell, planning.arms, FINE, first)
+    schedule = planning.stated(schedule) if first else schedule
+    drawn = supply.drawn(schedule, shared)
+    return (schedule if planning.cell.supply is None else supply.by_step(schedule, shared)), drawn
 
 
 SLOWER = 1.2  # factor of a move's duration in the next plan
 SLOWED = 24  # most plans with slower moves
 
 
-def supplied(planning: Planning, planned: Planned) -> tuple[Planned, Supplied]:
-    """The plan with starts, and slower moves if needed, that keep the supply's limits; and the power it draws.
+def supplied(planning: Planning, planned: Planned) -> Planned:
+    """The plan with starts, and slower moves if needed, that keep the supply's limits.
 
     Raises:
         Infeasible: none was found; gives the least peak found, its time, and its moves.
@@ -213,7 +221,7 @@ def supplied(planning: Planning, planned: Planned) -> tuple[Planned, Supplied]:
         supply = Supply(planning.cell, planning.arms, FINE)
         drawn = supply.drawn(planned.schedule, supply.table.shared)
         if drawn.valid or planning.stopped():
-            return planned, drawn
+            return planned
         moves = supply.heaviest(planned.schedule, drawn)
         if least is None or drawn.price < least[0]:
             least = drawn.price, _supply_error(planned.schedule, moves, drawn)
@@ -253,6 +261,9 @@ def _supply_error(schedule: Schedule, moves: list[tuple[int, int]], drawn: Suppl
 def _with_shifted_starts(planning: Planning, planned: Planned) -> Planned:
     """The plan with starts at which the supply draws less, if the arms keep apart."""
     supply = Supply(planning.cell, planning.arms)
+    now = supply.drawn(planned.schedule, supply.table.shared)
+    if now.lost == 0 and now.price == now.energy:  # no other times draw less, and the bound is kept
+        return planned
 
     def apart(schedule: Schedule) -> bool:
         return all(between.verdict == "proven" for between in planning.proved(schedule).clearance)

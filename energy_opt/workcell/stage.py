@@ -158,7 +158,7 @@ class Stage:
         """A lower bound [J] over all schedules of these curves, wherever the arms are and whatever supply they share.
 
         Args:
-            lossless: a supply that loses nothing; else each robot has its own, which loses all braking energy.
+            lossless: a supply that loses nothing; else the models say what becomes of braking energy.
             first: under the first of several models, not their mean.
         """
         return solve(self.problem(True, lossless=lossless, anywhere=True, first=first), seconds=SECONDS).bound

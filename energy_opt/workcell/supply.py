@@ -1,10 +1,5 @@
 """The power that the robots of a cell draw: each from its own DC link, or all from a shared one.
 
-Power that a braking arm returns charges the capacity C of its link; the rest is lost in a resistor. With b the power at
-the drives of all that share a link, S the energy stored there:
-
-    drawn = max(b dt - S, 0) / dt,    lost = max(S - b dt - C, 0),    S <- min(max(S - b dt, 0), C).
-
 With a shared link, one arm's braking can feed another's motion at that moment. So whole robots are shifted in the
 cycle, and then the starts of moves within the neighbouring waits, for the least energy drawn and for the peak's bound.
 """
@@ -22,10 +17,10 @@ from energy_opt.schedule import Move, Schedule, Wait
 from energy_opt.schedule.problem import keeps
 from energy_opt.workcell.arm import Arm
 from energy_opt.workcell.file import MOTORS, SupplyTable, WorkCell
+from energy_opt.workcell.link import in_every_cycle
 
 STEP, FINE = 5e-3, 1e-3  # [s] time steps of the power sums, while starts are shifted and in the result
 INSTANT = 1e-9  # [s] a shorter step counts as a wait of this length
-CYCLES = 3  # cycles after which the state of the store repeats
 SHIFTS = (0.4, -0.4, 0.1, -0.1, 0.025, -0.025)  # [s] shifts of a start to try
 ROUNDS = 4  # most sweeps over all moves
 PHASES = 48  # shifts of a whole robot to try, in parts of the cycle; the best PROVEN of them are proven
@@ -100,14 +95,41 @@ class Supply:
     def drawn(self, schedule: Schedule, shared: bool) -> Supplied:
         """The power drawn by a schedule, from each robot's own link or from one that is `shared`."""
         bus, rest = (np.zeros((len(self.arms), len(self.time))) for _ in range(2))
-        for r, ring in enumerate(schedule.problem.rings):
-            for k in range(len(ring.steps)):
-                self._add(schedule, r, k, bus[r], rest[r])
-        links = [bus.sum(axis=0)] if shared else list(bus)
-        found = [_link_power(b, self._step, self.table.capacity) for b in links]
-        power = np.sum([drawn for drawn, _ in found], axis=0) + rest.sum(axis=0)
-        energy, lost = float(power.sum() * self._step), float(sum(lost for _, lost in found))
-        return Supplied(self.time, power, energy, lost, self.table.max_power, self.table.resistor)
+        for r, k in _steps_of(schedule):
+            self._add(schedule, r, k, bus[r], rest[r])
+        drawn, lost = np.sum([self._at_link(b) for b in (bus.sum(axis=0, keepdims=True) if shared else bus)], axis=0)
+        power = drawn + rest.sum(axis=0)
+        energy, wasted = (float(each.sum() * self._step) for each in (power, lost))
+        return Supplied(self.time, power, energy, wasted, self.table.max_power, self.table.resistor)
+
+    def _at_link(self, bus: np.ndarray) -> np.ndarray:
+        """Power (2, N) [W] that a link draws, and that it loses, under the drives' power `bus` (N,) [W]."""
+        return np.array(in_every_cycle(bus * self._step, self.table.capacity)) / self._step
+
+    def by_step(self, schedule: Schedule, shared: bool) -> Schedule:
+        """The schedule with the energies that its steps take from the supply; they add up to the energy `drawn`.
+
+        A step takes what it draws from the link less what it returns, and its share of what the link loses at that
+        time: in proportion to the power that it returns then.
+        """
+        links = [0 if shared else r for r in range(len(self.arms))]
+        bus, returned = np.zeros((2, len(links), len(self.time)))
+        for r, k in _steps_of(schedule):
+            power = self._powers(schedule, r, k)[0]
+            bus[links[r]] += power
+            returned[links[r]] -= power.clip(max=0)
+        lost = np.array([self._at_link(of_one)[1] for of_one in bus]) / np.maximum(returned, NOTHING)
+        energies = [np.zeros_like(of_robot) for of_robot in schedule.energies]
+        for r, k in _steps_of(schedule):
+            power, rest = self._powers(schedule, r, k)
+            energies[r][k] = (power + rest - lost[links[r]] * power.clip(max=0)).sum() * self._step
+        return replace(schedule, energies=tuple(energies))
+
+    def _powers(self, schedule: Schedule, r: int, k: int) -> np.ndarray:
+        """Power (2, N) [W] of one step at the link, and elsewhere."""
+        out = np.zeros((2, len(self.time)))
+        self._add(schedule, r, k, *out)
+        return out
 
     def _add(self, schedule: Schedule, r: int, k: int, bus: np.ndarray, rest: np.ndarray) -> None:
         """Add a step's power to the grid: at the link (`bus`) if an arm moves or is held, else to `rest`.
@@ -139,14 +161,12 @@ class Supply:
         The share is of the power at its peak, or of the braking energy.
         """
         shares = {}
-        for r, ring in enumerate(schedule.problem.rings):
-            for k, step in enumerate(ring.steps):
-                if isinstance(step, Move):
-                    bus, rest = np.zeros((2, len(self.time)))
-                    self._add(schedule, r, k, bus, rest)
-                    shares[r, k] = float((bus + rest)[np.argmax(found.power)])
-                    if found.overflow > 0:
-                        shares[r, k] = float(-bus.clip(max=0).sum())
+        for r, k in _steps_of(schedule):
+            if isinstance(schedule.problem.rings[r].steps[k], Move):
+                bus, rest = self._powers(schedule, r, k)
+                shares[r, k] = float((bus + rest)[np.argmax(found.power)])
+                if found.overflow > 0:
+                    shares[r, k] = float(-bus.clip(max=0).sum())
         return sorted((move for move, share in shares.items() if share > 0), key=lambda move: -shares[move])
 
     def in_phase(self, schedule: Schedule, apart: Callable[[Schedule], bool]) -> Schedule:
@@ -192,6 +212,11 @@ class Supply:
         return best
 
 
+def _steps_of(schedule: Schedule) -> list[tuple[int, int]]:
+    """Indices (robot, step) of every step."""
+    return [(r, k) for r, ring in enumerate(schedule.problem.rings) for k in range(len(ring.steps))]
+
+
 def _with_wait_shifted(schedule: Schedule, r: int, one: int, two: int, count: int, shift: float) -> Schedule | None:
     """The wait `one` longer by `shift` [s], the wait `two` shorter by it; None if that breaks a constraint."""
     ring = schedule.problem.rings[r]
@@ -215,20 +240,3 @@ def _with_wait_shifted(schedule: Schedule, r: int, one: int, two: int, count: in
     }
     moved = replace(schedule, **changed)
     return moved if keeps(schedule.problem, moved.starts, moved.durations) else None
-
-
-def _link_power(bus: np.ndarray, step: float, capacity: float) -> tuple[np.ndarray, float]:
-    """Power (N,) [W] that a link of `capacity` [J] draws under the drives' power `bus` (N,) [W]; energy lost per
-    cycle [J].
-    """
-    if capacity <= 0:
-        return bus.clip(0), float(-bus.clip(max=0).sum() * step)
-    stored, drawn, lost = 0.0, np.zeros_like(bus), 0.0
-    for _ in range(CYCLES):
-        lost = 0.0
-        for k, energy in enumerate((bus * step).tolist()):
-            drawn[k] = max(energy - stored, 0.0) / step
-            stored = max(stored - energy, 0.0)
-            lost += max(stored - capacity, 0.0)
-            stored = min(stored, capacity)
-    return drawn, lost

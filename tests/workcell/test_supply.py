@@ -13,6 +13,7 @@ import tomli_w
 from energy_opt.cli.main import main
 from energy_opt.schedule import Hull, Lag, Mode, Move, Problem, Ring, Wait, solve
 from energy_opt.workcell.file import workcell_of
+from energy_opt.workcell.link import in_every_cycle
 from energy_opt.workcell.solve_cell import from_zero, near_zero
 from energy_opt.workcell.supply import Supply
 
@@ -56,7 +57,7 @@ class Swings:
         return [step.name for step in ring.steps]
 
     def powers(self, part: str, at: np.ndarray, first: bool = False) -> tuple[np.ndarray, np.ndarray]:
-        power = np.where(at < at[-1] / 2, 200.0, -200.0) if part == "move" else np.zeros(len(at))
+        power = np.where(at <= at[-1] / 2, 200.0, -200.0) if part == "move" else np.zeros(len(at))
         return power, np.full(len(at), 50.0)
 
 
@@ -90,6 +91,42 @@ def test_the_supply_gives_what_the_steps_take_wherever_they_begin() -> None:
         for begin in (0.0, 1.23456, 3.9):
             drawn = supply.drawn(replace(schedule, starts=(schedule.starts[0] + begin,)), True)
             assert drawn.energy == pytest.approx(400 * length + 50 * 4, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("capacity", "own", "shared"),
+    [(0.0, (150, 150), (100, 150)), (30.0, (120, 120), (85, 135)), (500.0, (50, 50), (50, 50))],
+)
+def test_steps_take_what_the_supply_gives(
+    capacity: float, own: tuple[float, float], shared: tuple[float, float]
+) -> None:
+    """Both return 100 J; b, 0.25 s later, takes half of what a returns. What is lost counts where it is returned."""
+    steps = (Move("move", 1.0, 1.0, Hull.of([(1.0, 150.0)])), Wait("wait", 0.0, 9.0, (Mode("motors", 50.0),)))
+    schedule = solve(Problem(4.0, (Ring("a", steps), Ring("b", steps))))
+    schedule = replace(schedule, starts=(schedule.starts[0], schedule.starts[0] + 0.25))
+    robots = [{"name": n, "step": [{"wait": 1.0, "power": {"motors": 50.0}}]} for n in "ab"]
+    document = {"format": "energy-opt/job/2", "cycle_time": 4.0, "supply": {"capacity": capacity}, "robot": robots}
+    supply = Supply(workcell_of(document, Path("cell")), [Swings(), Swings()])
+    for together, expected in ((False, own), (True, shared)):
+        found = supply.by_step(schedule, together)
+        assert found.energy == pytest.approx(supply.drawn(schedule, together).energy)
+        assert [e[0] for e in found.energies] == pytest.approx(list(expected), abs=2)
+        assert [e[1] for e in found.energies] == pytest.approx([150.0, 150.0])
+
+
+@pytest.mark.parametrize("mean", [-0.2, 0.0, 0.1])
+def test_a_link_repeats_its_cycle(mean: float) -> None:
+    taken = np.random.default_rng(1).normal(mean, 2.0, 200)
+    stored, cycles = 0.0, 60
+    for _ in range(cycles):
+        drawn, lost = [], []
+        for joules in taken.tolist():
+            charged = stored - joules
+            drawn.append(max(-charged, 0.0))
+            lost.append(max(charged - 9.0, 0.0))
+            stored = min(max(charged, 0.0), 9.0)
+    found = in_every_cycle(taken, 9.0)
+    assert np.allclose(found, [drawn, lost], atol=1e-9)
 
 
 def test_what_was_shifted_begins_with_the_first_robot() -> None:

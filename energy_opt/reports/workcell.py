@@ -75,11 +75,13 @@ def page(
         energy, year = lever["energy_total"], lever.get("per_year", {})
         return [name, energy, first - energy, 100 * (1 - energy / first), year.get("kwh"), year.get("money")]
 
-    records = [row(_value_text(x), x) for x in levers]
-    records += [row(f"{_value_text(x)} alone", x) for x in document["levers_alone"]]
+    means = _means(document)
+    records = [[*row(_value_text(x), x), means.get(x["name"])] for x in levers]
+    records += [[*row(f"{_value_text(x)} alone", x), None] for x in document["levers_alone"]]
     if document["bound"] is not None:
-        records.append(["lower bound of these curves", document["bound"], *[None] * 4])
+        records.append(["lower bound of these curves", document["bound"], *[None] * 5])
     header = ["with", "energy of the cycle [J]", "saved [J]", "saved [%]", "saved [kWh a year]", "saved [money a year]"]
+    header.append("mean of the models [J]")
     report.table(header, records, digits=6)
     if any(lever["moves"] == "evenly_slowed" for lever in levers):
         report.text(SLOWED)
@@ -160,18 +162,27 @@ def _supplied(found: Mapping[str, Any]) -> list[str]:
 def _levers(found: Mapping[str, Any]) -> list[str]:
     """The cycle with one lever after the other; levers that were computed for evenly slowed moves are marked."""
     levers = found["levers"]
-    first, year = levers[0]["energy_total"], "per_year" in levers[0]
+    first, year, means = levers[0]["energy_total"], "per_year" in levers[0], _means(found)
     lines = [f"{'with':<10} {'energy [J]':>12} {'saved [J]':>12} {'saved [%]':>10}"]
+    lines[0] += f" {'mean [J]':>12}" if means else ""
     lines[0] += f" {'[kWh a year]':>13} {'[money]':>10}" if year else ""
     for lever in levers:
         mark = "*" if lever["moves"] == "evenly_slowed" else ""
         saved = first - lever["energy_total"]
         line = f"{lever['name'].replace('_', ' ') + mark:<10} {lever['energy_total']:>12.1f} {saved:>12.1f}"
         line += f" {100 * saved / first:>10.2f}"
+        line += f" {means[lever['name']]:>12.1f}" if means else ""
         if year:
             kwh, money = lever["per_year"]["kwh"], lever["per_year"]["money"]
             line += f" {kwh:>13.2f} {'-' if money is None else format(money, '.2f'):>10}"
         lines.append(line)
     if any(lever["moves"] == "evenly_slowed" for lever in levers):
         lines.append("* computed for evenly slowed moves along initial paths, which may touch other arms")
+    if means:
+        lines.append("planned for the mean of the models; all other energies are under the first of them")
     return lines
+
+
+def _means(found: Mapping[str, Any]) -> dict[str, float]:
+    """Energy [J] by lever for the mean of several models; empty with one."""
+    return {lever["name"]: lever["energy_total"] for lever in found.get("robust", {}).get("levers", ())}

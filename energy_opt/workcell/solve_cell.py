@@ -43,8 +43,8 @@ class CellResult:
             known arm.
         bound: J, a lower bound over all schedules of these curves.
         interrupted: stopped early.
-        robust: of arms planned under the mean of several models: this mean, total [J], and lower_bound [J] of it. All
-            other energies are under the first model.
+        robust: of arms planned under the mean of several models: this mean, total [J], lower_bound [J] of it, and its
+            levers. All other energies are under the first model.
         overloads: of arms that exceed a torque limit under another model than the first: name, joint, share used.
         left: gap of the schedule that was planned.
     """
@@ -179,18 +179,22 @@ def _planned(planning: Planning) -> CellResult:
     left = planned.schedule.gap
     if all(arm is None for arm in arms):
         return CellResult(cell, planned, levers, arms, None, None, planned.schedule.bound, stopped(), left=left)
-    lossless, mixed = cell.supply is not None, any(arm is not None and arm.scoring.mixed for arm in arms)
-    schedule, own = _from_supply(planning, planned.schedule, mixed, False)
-    levers, robust, drawn = with_lever(levers.stated, "paths", schedule), None, own
+    mixed, robust = any(arm is not None and arm.scoring.mixed for arm in arms), None
+    models = (False, True) if mixed else (False,)  # the mean of several, and the first
+    found = own = [_from_supply(planning, planned.schedule, first, False) for first in models]
+    every = [with_lever(levers.stated if first else levers, "paths", own[first][0]) for first in models]
     if cell.supply is not None:
         planned = supplied(planning, planned)
-        schedule, drawn = _from_supply(planning, planned.schedule, mixed, cell.supply.shared)
-        levers = with_lever(levers, "supply", schedule)
+        found = [_from_supply(planning, planned.schedule, first, cell.supply.shared) for first in models]
+        every = [with_lever(of_one, "supply", found[first][0]) for first, of_one in zip(models, every, strict=True)]
+    bounds = [min(planning.bound(cell.supply is not None, first), found[first][0].energy) for first in models]
     if mixed:
-        mean = _from_supply(planning, planned.schedule, False, cell.supply is not None and cell.supply.shared)[0].energy
-        robust = {"kind": "mean", "total": mean, "lower_bound": min(planning.bound(lossless), mean)}
-    bound, planned = min(planning.bound(lossless, mixed), schedule.energy), replace(planned, schedule=schedule)
-    return CellResult(cell, planned, levers, planning.arms, own, drawn, bound, stopped(), robust, left=left)
+        steps = [{"name": name, "energy_total": schedule.energy} for name, schedule in every[0].steps]
+        robust = {"kind": "mean", "total": found[0][0].energy, "lower_bound": bounds[0], "levers": steps}
+    planned, drawn = replace(planned, schedule=found[-1][0]), found[-1][1]
+    return CellResult(
+        cell, planned, every[-1], planning.arms, own[-1][1], drawn, bounds[-1], stopped(), robust, left=left
+    )
 
 
 def _from_supply(planning: Planning, schedule: Schedule, first: bool, shared: bool) -> tuple[Schedule, Supplied]:

@@ -61,6 +61,10 @@ def test_energies_are_those_of_the_first_model(tmp_path: Path, further: dict[str
     assert sum(row["energy_total"] for row in found["robots"][0]["steps"]) == pytest.approx(found["energy_total"])
     assert found["levers"][-1]["energy_total"] == found["energy_total"]
     assert found["robust"]["total"] > found["energy_total"] + 1.0  # friction
+    means = {lever["name"]: lever["energy_total"] for lever in found["robust"]["levers"]}
+    assert list(means) == [lever["name"] for lever in found["levers"]]
+    assert means["as_is"] >= means["speeds"] >= means["modes"] and list(means.values())[-1] == found["robust"]["total"]
+    assert "mean [J]" in str(answer) and f"{means['as_is']:.1f}" in str(answer)
     assert found["robust"]["lower_bound"] <= found["robust"]["total"]
 
 

@@ -71,13 +71,13 @@ def page(
     report.section("What each lever saves").charts(Chart("Energy of the cycle", "", "energy [J]", waterfall=falls))
     first = levers[0]["energy_total"]
 
-    def row(name: str, lever: Mapping[str, Any]) -> list[Any]:
+    def row(name: str, lever: Mapping[str, Any], mean: float | None = None) -> list[Any]:
         energy, year = lever["energy_total"], lever.get("per_year", {})
-        return [name, energy, first - energy, 100 * (1 - energy / first), year.get("kwh"), year.get("money")]
+        return [name, energy, first - energy, 100 * (1 - energy / first), year.get("kwh"), year.get("money"), mean]
 
     means = _means(document)
-    records = [[*row(_value_text(x), x), means.get(x["name"])] for x in levers]
-    records += [[*row(f"{_value_text(x)} alone", x), None] for x in document["levers_alone"]]
+    records = [row(_value_text(x), x, means.get(x["name"])) for x in levers]
+    records += [row(f"{_value_text(x)} alone", x) for x in document["levers_alone"]]
     if document["bound"] is not None:
         records.append(["lower bound of these curves", document["bound"], *[None] * 5])
     header = ["with", "energy of the cycle [J]", "saved [J]", "saved [%]", "saved [kWh a year]", "saved [money a year]"]

@@ -36,8 +36,8 @@ def through_link(taken: np.ndarray, capacity: float, stored: float = 0.0) -> tup
 
 def in_every_cycle(taken: np.ndarray, capacity: float) -> tuple[np.ndarray, np.ndarray]:
     """`through_link` in a cycle that begins with the energy with which it ends; `taken` is (N,) [J] of one cycle."""
-    gains = taken.sum() < -NOTHING * np.abs(taken).sum()
-    stored = capacity if gains else 0.0  # from there one cycle leads to the state that repeats
+    # from full, or from empty, one cycle leads to the state that repeats
+    stored = capacity if taken.sum() < -NOTHING * np.abs(taken).sum() else 0.0
     drawn, lost = through_link(taken, capacity, stored)
     stored += float((drawn - taken - lost).sum())
     return through_link(taken, capacity, min(max(stored, 0.0), capacity))

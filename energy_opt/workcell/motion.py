@@ -158,13 +158,12 @@ class Scoring:
         self.robot, self.model, self.mixed, self.capacity = robot, model, len(model.weighted) > 1, capacity
         # with the second ones, all negative power is used again: the link's losses are computed elsewhere
         self._of_mean, self._of_first = (
-            (lossless if capacity is not None else Scorers(robot, one), lossless)
-            for one, lossless in ((one, Scorers(robot, using_again(one))) for one in (model, first))
+            (Scorers(robot, one), Scorers(robot, using_again(one))) for one in (model, first)
         )
 
     def of(self, lossless: bool, first: bool) -> Scorers:
-        """The scorers of the first model or of the mean; `lossless`: with all braking energy used again."""
-        return (self._of_first if first else self._of_mean)[lossless]
+        """The scorers of the first model or of the mean; with a link, or if `lossless`, all braking energy returns."""
+        return (self._of_first if first else self._of_mean)[lossless or self.capacity is not None]
 
     def energy(self, step: Step, trajectory: Trajectory, lossless: bool = False, first: bool = False) -> Energy:
         """Energy of a motion, with what its own link loses if it is empty at first; arguments are those of `of`."""

@@ -89,20 +89,23 @@ class Arm:
             near = nearer_words((pose.name, chosen[k], cells[k]) for k, pose in posed.poses.items())
             self.table = at_positions(self.table, {k: chosen[k] for k in self.job.open})
             self.job = replace(self.job.at(chosen), remarks=(*self.job.remarks, *near))
-        supply, room = cell.supply, {**USED, Effort.name: USED[Effort.name] * share}
-        self.scoring = Scoring(self.job.robot, model, None if supply is None else supply.capacity)
-        cells_of = Cells(self.job, self.request)
-        self.worker = Worker(self.job, self.scoring.of(False, False).model, settings, cells_of, stopped, room)
+        self.scoring = Scoring(self.job.robot, model, None if cell.supply is None else cell.supply.capacity)
+        room, bodies = {**USED, Effort.name: USED[Effort.name] * share}, Cells(self.job, self.request)
+        self._worker_of = partial(Worker, self.job, settings=settings, cells=bodies, stopped=stopped, shares=room)
+        self.worker = self._worker_of(model=self.scoring.of(False, False).model)
         self.worker.check_poses()
         self._known: dict[tuple[object, ...], ArmMove] = {}
-        limits = self.job.robot.limits
-        ramps = limits.acceleration / limits.jerk
+        ramps = self.job.robot.limits.acceleration / self.job.robot.limits.jerk
         self._blend = float(whole(max(ROOM * ramps[np.isfinite(ramps)].max(initial=0.0), BLEND)))
         self.moves = [self._move(leg) for leg in legs_of(self.job.steps)]
         again = self.scoring.used_again(self.moves, self.job.cycle_time)
-        if again < 1:  # moves are optimized as if the link always stored this share
-            self.worker = Worker(self.job, using_again(model, again), settings, cells_of, stopped, room)
+        if again < 1:
+            self.optimize_using_again(again)
         self.modes = {mode.name: mode for mode in (*cell.mode, *table.mode)}
+
+    def optimize_using_again(self, share: float) -> None:
+        """Optimize moves from now on as if the link stored this share of their braking energy; scores stay exact."""
+        self.worker = self._worker_of(model=using_again(self.scoring.model, share))
 
     def _move(self, leg: Leg) -> ArmMove:
         """A leg's move; a move that several arrangements of the steps share is prepared once.
@@ -258,10 +261,8 @@ class Arm:
                 known = move.answers if optimized else move.slowed
                 if hold is not None:  # the energy of that motion, which may be above the hull
                     known = {hold[k]: known[nearest(known, hold[k])]}
-                energies = {d: answer.energy for d, answer in known.items()}
-                if lossless or first:
-                    energies = {d: self.scoring.energy(step, a.trajectory, lossless, first) for d, a in known.items()}
-                points = [(d, energy.total) for d, energy in energies.items()]
+                of = partial(self.scoring.energy, step, lossless=lossless, first=first)
+                points = [(d, (of(a.trajectory) if lossless or first else a.energy).total) for d, a in known.items()]
                 curve = Hull.of(points)
                 least, most = float(curve.durations[0]), float(curve.durations[-1])
                 mixed, stated = self.scoring.mixed, partial(self.scoring.between, step, dict(known), curve.durations)
@@ -318,12 +319,11 @@ class Arm:
         Args:
             at: seconds (M,) after the step's start. first: under the first of several models, not their mean.
         """
-        step = self.step_of(part.name)
-        scorer = self.scoring.of(False, first).of(step)
+        scorer = self.scoring.of(True, first).of(self.step_of(part.name))
         t = part.trajectory
         q, v, a, _ = t.sample(t.time[0] + at * t.duration / part.duration)
         clock = at if t.velocity.any() else np.zeros(len(at))  # a wait does not warm up, as in its energy
-        power = self.scoring.of(True, first).of(step).drive(q, v, a, clock)[1]
+        power = scorer.drive(q, v, a, clock)[1]
         rest = np.full(len(at), scorer.model.constant_power(scorer.robot.n))
         return power - rest, rest
 

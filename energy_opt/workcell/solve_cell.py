@@ -226,6 +226,9 @@ def supplied(planning: Planning, planned: Planned) -> Planned:
         drawn = supply.drawn(planned.schedule, supply.table.shared)
         if drawn.valid or planning.stopped():
             return planned
+        for arm in planning.arms if least is None else ():
+            if arm is not None:  # moves that brake little take less at their peaks, too
+                arm.optimize_using_again(0.0)
         moves = supply.heaviest(planned.schedule, drawn)
         if least is None or drawn.price < least[0]:
             least = drawn.price, _supply_error(planned.schedule, moves, drawn)

@@ -51,6 +51,7 @@ def test_rows_lie_on_whole_nanoseconds_of_the_same_curve() -> None:
 CYCLE = """
 format = "energy-opt/job/1"
 robot = "ur5"
+brakes = true
 cycle_time = 5.0
 home = [0.0, -1.5, 1.2, -1.0, 0.3, 0.0]
 payload = 0.5

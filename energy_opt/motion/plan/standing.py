@@ -8,16 +8,18 @@ again. Joints that end where they began, and hardly left it, rest all the time.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from energy_opt.effects.parameter import RESTING_SPEED
 from energy_opt.motion.judge.energy import COARSER, Scorer
+from energy_opt.motion.limits.base import Limit
+from energy_opt.motion.limits.joint import Acceleration, Jerk, Velocity
 from energy_opt.motion.plan.context import Context, Judged
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
-from energy_opt.robot import Limits
 
 # [rad/s] a joint that is never faster is also tried at rest: five times the width of the smoothed friction
 CREEPING = 0.05
@@ -26,6 +28,7 @@ BARELY = 1e-6  # [rad/s] a speed that is no rest, at which the other effects of 
 WORTH = 1e-2  # share of the loss: a joint that could save less by resting is not tried
 LENGTHS, LONGER, PLACES = 5, 1.6, 4  # windows that are tried first: lengths, their ratio, and places of each
 TRIES = 3  # windows that are judged for one joint, each longer by this ratio, until one is valid
+ROOM = 1.01  # a window's peaks stay below the limits by this factor: files are read between their samples, too
 COARSE, INNER = 60, 12  # steps of the motion, and of a window, by which energies are estimated
 FINEST = 2  # samples: smallest change of a window's bounds
 CHANGES = ((-1, -1), (1, 1), (-1, 0), (1, 0), (0, -1), (0, 1), (-1, 1), (1, -1))  # of both bounds
@@ -54,7 +57,7 @@ def with_rests(context: Context, judged: Judged) -> Judged:
     for joint in np.argsort(-worth).tolist():
         if worth[joint] < WORTH * best.energy.loss or context.stopped():
             break
-        before, least = best, _shortest(context.robot.limits, best.trajectory, joint)
+        before, least = best, _shortest(context.limits, best.trajectory, joint)
         for longer in LONGER ** np.arange(TRIES):
             window = _cheapest(scorer, before.trajectory, joint, least * longer)
             if window is not None:
@@ -105,16 +108,20 @@ def _within(trajectory: Trajectory, joint: int, window: Window, at: np.ndarray |
     return Trajectory(trajectory.joints, time, q, v, a)
 
 
-def _shortest(limits: Limits, trajectory: Trajectory, joint: int) -> float:
-    """The least time [s] of a quintic from a joint's start to its goal at the joint's limits, or some samples.
+def _shortest(limits: Sequence[Limit], trajectory: Trajectory, joint: int) -> float:
+    """The least time [s] of a quintic from a joint's start to its goal within the joint's limits, or some samples.
 
     Over a distance of 1 in a time of 1, a quintic at rest at its ends has a peak speed of 15 / 8, a peak acceleration
     of 10 / sqrt(3), and a peak jerk of 60.
     """
-    distance = abs(float(np.diff(trajectory.position[[0, -1], joint])[0]))
-    bounds = limits.velocity[joint], limits.acceleration[joint], limits.jerk[joint]
-    peaks = 15 / 8, 10 / 3**0.5, 60.0
-    times = [(peak * distance / bound) ** (1 / k) for k, (peak, bound) in enumerate(zip(peaks, bounds, strict=True), 1)]
+    distance = ROOM * abs(float(np.diff(trajectory.position[[0, -1], joint])[0]))
+    peaks: dict[type[Limit], tuple[float, int]] = {
+        Velocity: (15 / 8, 1),
+        Acceleration: (10 / 3**0.5, 2),
+        Jerk: (60.0, 3),
+    }
+    bounds = [(*peaks[type(limit)], float(limit.bound[joint])) for limit in limits if type(limit) in peaks]
+    times = [(peak * distance / bound) ** (1 / order) for peak, order, bound in bounds]
     return float(max(*times, FINEST * (trajectory.time[1] - trajectory.time[0])))
 
 

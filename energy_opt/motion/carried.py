@@ -4,28 +4,31 @@ from __future__ import annotations
 
 import numpy as np
 
-from energy_opt.robot import Robot, Tool
-from energy_opt.robot.kinematics import Kinematics
+from energy_opt.robot import RigidBody, Tool
+from energy_opt.robot.kinematics import Kinematics, Poses
 
 
 class Carried:
     """A tool of an arm, in NumPy: its pose, and the motion that joints give it."""
 
-    def __init__(self, robot: Robot, tool: Tool) -> None:
+    def __init__(self, body: RigidBody, tool: Tool) -> None:
         self.name, self._joint = str(tool), tool.joint
-        self._kinematics, self._pose = Kinematics(robot.body.tree()), np.array(tool.pose)
+        self._kinematics, self._pose = Kinematics(body.tree()), np.array(tool.pose)
         self._moves = self._kinematics.moves[tool.joint]
 
     def place(self, q: np.ndarray) -> np.ndarray:
         """Its origin (M, 3) [m] in the base frame at q (M, n)."""
-        at = self._kinematics(q)
+        return self._origin(self._kinematics(q))
+
+    def _origin(self, at: Poses) -> np.ndarray:
+        """Its origin (M, 3) [m] at poses of the links."""
         return np.asarray(at.origin[:, self._joint] + at.rotation[:, self._joint] @ self._pose[:3, 3])
 
     def poses(self, q: np.ndarray) -> np.ndarray:
         """Its poses (M, 4, 4) in the base frame at q (M, n)."""
-        out = np.tile(np.eye(4), (len(q), 1, 1))
-        out[:, :3, :3] = self._kinematics(q).rotation[:, self._joint] @ self._pose[:3, :3]
-        out[:, :3, 3] = self.place(q)
+        at, out = self._kinematics(q), np.tile(np.eye(4), (len(q), 1, 1))
+        out[:, :3, :3] = at.rotation[:, self._joint] @ self._pose[:3, :3]
+        out[:, :3, 3] = self._origin(at)
         return out
 
     def jacobian(self, q: np.ndarray) -> np.ndarray:
@@ -38,7 +41,7 @@ class Carried:
         3) each.
         """
         at, slides = self._kinematics(q), self._kinematics.prismatic[:, None]
-        w = np.where(slides, at.axis, np.cross(at.axis, self.place(q)[:, None] - at.origin[:, :-1]))
+        w = np.where(slides, at.axis, np.cross(at.axis, self._origin(at)[:, None] - at.origin[:, :-1]))
         return at.axis * (self._moves[:, None] & ~slides), w * self._moves[:, None]
 
     def joined(self, moved: np.ndarray) -> np.ndarray:

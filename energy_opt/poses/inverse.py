@@ -3,11 +3,11 @@
     minimise |e(q)|^2,   (J^T J + lambda I) dq = -J^T e,   lower <= q <= upper
 
 for many starts at once. e is the error of the pose within its freedom, shift and rotation vector in the wanted tool's
-frame. J follows from the joints' axes and the derivative of the rotation vector,
+frame. J follows from the tool's Jacobian and the derivative of the rotation vector,
 
     d log(R) = J_l(log R)^-1 w,   J_l(p)^-1 = 1 - [p]/2 + (1 - t/2 cot(t/2)) / t^2 [p]^2,   t = |p|
 
-(w: angular velocity in the wanted frame), or from differences if axes are coupled or several turns are free. Solutions
+(w: angular velocity in the wanted frame), or from differences if several turns are free. Solutions
 of arms without redundancy are isolated (the branches); for others the starts sample the whole set.
 """
 
@@ -17,9 +17,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from energy_opt.motion.carried import Carried
 from energy_opt.poses.pose import EXACT, Pose, about, free_values, pose_error
 from energy_opt.robot import Robot, tool_of
-from energy_opt.robot.kinematics import Kinematics
 
 STARTS = 320
 STEPS = 40
@@ -53,7 +53,7 @@ class Reached:
     beyond: tuple[str, str] = ("", "")
 
 
-class ToolKinematics:
+class ToolKinematics(Carried):
     """The tool of a robot at many configurations.
 
     Attributes:
@@ -62,46 +62,25 @@ class ToolKinematics:
     """
 
     def __init__(self, robot: Robot, tool: str | None = None) -> None:
+        super().__init__(robot.body, tool_of(robot.body, tool))
         self.robot = robot
-        self._kinematics = Kinematics(robot.body.tree())
-        frame = tool_of(robot.body, tool)
-        self._joint, pose = frame.joint, np.array(frame.pose)
-        self._turn, self._shift = pose[:3, :3], pose[:3, 3]
-        carrying = self._kinematics.moves[self._joint].astype(float)
-        self.moving = self._kinematics.coupling.reach_back(carrying) > 0
+        self.moving = robot.body.coupling.reach_back(self._moves.astype(float)) > 0
         self.turning = self.moving & ~np.array(robot.slides, dtype=bool)
 
     def __call__(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rotation (N, 3, 3) and origin (N, 3) [m] of the tool in the base frame at q (N, n)."""
-        poses = self._kinematics(q)
-        r, p = poses.rotation[:, self._joint], poses.origin[:, self._joint]
-        return r @ self._turn, p + r @ self._shift
-
-    @property
-    def differentiable(self) -> bool:
-        """True if `twists` gives the tool's velocity: no joint drives another."""
-        return self._kinematics.count == self.robot.n
+        poses = self.poses(q)
+        return poses[:, :3, :3], poses[:, :3, 3]
 
     def out_of_reach(self, pose: Pose) -> bool:
         """True if a pose is farther from the base than the stretched arm; False does not mean that it is reached."""
         robot = self.robot
-        if not self.differentiable or any(freedom.axis in "xyz" for freedom in pose.free):
+        if not robot.body.coupling.trivial or any(freedom.axis in "xyz" for freedom in pose.free):
             return False
         if not np.isfinite((robot.limits.upper - robot.limits.lower)[list(robot.slides)]).all():
             return False
-        farthest = robot.reach + np.linalg.norm(self._shift) + pose.tolerance[0]
+        farthest = robot.reach + np.linalg.norm(self._pose[:3, 3]) + pose.tolerance[0]
         return bool(np.linalg.norm(pose.matrix[:3, 3]) > farthest)
-
-    def twists(self, q: np.ndarray) -> np.ndarray:
-        """Velocity of the tool's origin and its angular velocity per joint velocity, in the base frame, (N, 6, n)."""
-        poses = self._kinematics(q)
-        at = poses.origin[:, self._joint] + poses.rotation[:, self._joint] @ self._shift
-        axis, slides = poses.axis, np.array(self.robot.slides, dtype=bool)
-        turning = np.cross(axis, at[:, None] - poses.origin[:, :-1])
-        moves = self._kinematics.moves[self._joint]
-        shift = np.where(slides[:, None], axis, turning) * moves[:, None]
-        turn = np.where(slides[:, None], 0.0, axis) * moves[:, None]
-        return np.concatenate([shift, turn], axis=2).transpose(0, 2, 1)
 
     def free_values(self, pose: Pose, q: np.ndarray) -> np.ndarray:
         """Positions of the tool along the pose's free directions at q (N, n), (N, F); see `pose.free_values`."""
@@ -216,14 +195,14 @@ def jacobian_of(tool: ToolKinematics, pose: Pose, q: np.ndarray, e: np.ndarray) 
     """Derivative (N, 6, n) of the error e (N, 6) of a pose at q (N, n)."""
     ranges = {freedom.axis: freedom for freedom in pose.free}
     turns = [k for k, axis in enumerate("xyz") if f"r{axis}" in ranges]
-    if len(turns) > 1 or not tool.differentiable:
+    if len(turns) > 1:
         steps = q[:, None] + DIFFERENCE * np.eye(q.shape[1])
         there = tool.pose_error(pose, steps.reshape(-1, q.shape[1])).reshape(*steps.shape[:2], 6)
         return np.asarray((there - e[:, None]).transpose(0, 2, 1) / DIFFERENCE * tool.moving)
     wanted = pose.matrix[:3, :3]
     rotation, origin = tool(q)
-    twists = tool.twists(q)
-    shift, turn = wanted.T @ twists[:, :3], wanted.T @ twists[:, 3:]
+    jacobian = tool.jacobian(q)
+    shift, turn = wanted.T @ jacobian[:, :3], wanted.T @ jacobian[:, 3:]
     inner = (origin - pose.matrix[:3, 3]) @ wanted
     for k, axis in enumerate("xyz"):
         if axis in ranges:

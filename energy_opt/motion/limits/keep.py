@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 
 from energy_opt.dynamics.compact import ToolState, tool_state
+from energy_opt.motion.carried import Carried
 from energy_opt.motion.conditions import kept
 from energy_opt.motion.dense import Dense
 from energy_opt.motion.limits.base import Fixed, Limit, State, Violation, worst_of
@@ -47,9 +48,7 @@ class Keep(Limit):
         tool = tool_of(robot.body, settings.tool)
         if move is None:
             return cls(robot.body, tool, np.zeros(cls.numbers), bound)
-        ends = np.stack([move.start, move.goal])
-        still = np.zeros_like(ends)
-        poses, _, _ = robot.body.frame_motion(tool.joint, np.array(tool.pose), ends, still, still)
+        poses = Carried(robot.body, tool).poses(np.stack([move.start, move.goal]))
         return cls(robot.body, tool, cls.kept(poses, -gravity), bound)
 
     @classmethod

@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 
 from energy_opt.dynamics.compact import tool_state
+from energy_opt.motion.carried import Carried
 from energy_opt.motion.dense import Dense
 from energy_opt.motion.limits.base import Limit, Linear, State, Violation, worst_of
 from energy_opt.motion.move import Move, Settings
@@ -62,8 +63,7 @@ class ToolBound(Limit):
 
     def straight(self, poses: np.ndarray) -> float:
         """Length [m] of the straight lines between the tool's places at poses (K, n)."""
-        still = np.zeros_like(poses)
-        place = self.body.frame_motion(self.tool.joint, np.array(self.tool.pose), poses, still, still)[0][:, :3, 3]
+        place = Carried(self.body, self.tool).place(poses)
         return float(np.linalg.norm(np.diff(place, axis=0), axis=1).sum())
 
     def scaled(self, share: float) -> Self:

@@ -51,7 +51,7 @@ class Tube(Limit):
         bound, unit = tube_of(words)
         if unit == "rad":
             return cls(robot.joints, NearestOf(path), bound)
-        carried = Carried(robot, tool)
+        carried = Carried(robot.body, tool)
         places = path(np.linspace(0, 1, SAMPLED))
         return cls(robot.joints, NearestOf(through(carried.place(places))), bound, carried)
 

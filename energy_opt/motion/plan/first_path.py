@@ -201,7 +201,7 @@ def posed(robot: Robot, model: PowerModel, limits: Sequence[Limit], path: JointP
     """
     kept = [limit for limit in limits if isinstance(limit, Keep)]
     lower, upper = box_of(limits, robot.n)
-    tool, share = Carried(robot, kept[0].tool), np.linspace(0, 1, POINTS)
+    tool, share = Carried(robot.body, kept[0].tool), np.linspace(0, 1, POINTS)
     q = path(share)
     inner = slice(1, -1)
     for _ in range(NEWTON):

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -54,47 +55,34 @@ class RetimeSolution:
     """A retimed path.
 
     Attributes:
-        trajectory: samples of it.
-        timing: the path with its squared speed.
-        energy: J, by the exact laws on the grid.
-        kind: "global" if a lower bound proves it (model convex, no jerk limit active), else "local".
-        lower_bound: J; None if the program is not convex.
-        gap_percent: between energy and bound, of the energy.
-        iterations, build_seconds: of the solver, summed over all solves.
+        joints: their names. timing: the path with its squared speed.
+        energy: J, by the exact laws on the grid; infinite if limits do not hold.
+        lower_bound: J; None if none is proven, as where the program is not convex.
         converged: False if the solver gave up and the best feasible timing is returned instead.
         message: a note for the user; may be empty.
-        fastest: the minimum-time timing from which it was started.
+        iterations, build_seconds: of the solver, summed over all solves.
     """
 
-    trajectory: Trajectory
+    joints: tuple[str, ...]
     timing: Timing
     energy: float
-    kind: str
     lower_bound: float | None
-    gap_percent: float | None
-    iterations: int
-    build_seconds: float
-    converged: bool
-    message: str
-    fastest: Timing
-
-
-@dataclass(frozen=True)
-class _Plan:
-    """An answer: a timing, its energy [J], a proven bound [J] if any, and a message about it."""
-
-    timing: Timing
-    energy: float
-    bound: float | None
     converged: bool
     message: str = ""
+    iterations: int = 0
+    build_seconds: float = 0.0
+
+    @cached_property
+    def trajectory(self) -> Trajectory:
+        """Samples of the timing."""
+        return self.timing.trajectory(self.joints)
 
     @property
     def gap(self) -> float:
         """Distance of the bound below the energy, as a share of the energy; infinite without a bound."""
-        if self.bound is None or np.isinf(self.energy):
+        if self.lower_bound is None or np.isinf(self.energy):
             return np.inf
-        return (self.energy - self.bound) / max(abs(self.energy), 1e-12)
+        return (self.energy - self.lower_bound) / max(abs(self.energy), 1e-12)
 
 
 def retime(
@@ -130,8 +118,11 @@ def retime(
         start = _faster_than_toppra(work, shortest, wanted)
     if duration is not None and all(work.rest):
         start = start.slowed(duration)
-    plan = _free(work, start, max_duration) if duration is None else _exact(work, start, duration)
-    return _solution(work, plan, shortest)
+    solution = _free(work, start, max_duration) if duration is None else _exact(work, start, duration)
+    bound = (
+        None if solution.lower_bound is None or solution.gap > USELESS else min(solution.lower_bound, solution.energy)
+    )
+    return replace(solution, lower_bound=bound, iterations=work.tally.iterations, build_seconds=work.tally.build)
 
 
 def _faster_than_toppra(work: Retiming, shortest: Timing, wanted: float) -> Timing:
@@ -162,7 +153,7 @@ def _faster_than_toppra(work: Retiming, shortest: Timing, wanted: float) -> Timi
     )
 
 
-def _free(work: Retiming, start: Timing, longest: float | None) -> _Plan:
+def _free(work: Retiming, start: Timing, longest: float | None) -> RetimeSolution:
     """The answer for a free duration of at most `longest` seconds."""
     cap = LONGEST * work.shortest.duration if longest is None else longest
     found = _best(work, start, price=0.0, longest=cap, floor=FLOOR)
@@ -171,29 +162,29 @@ def _free(work: Retiming, start: Timing, longest: float | None) -> _Plan:
     message = ""
     if longest is None and found.timing.duration > cap * (1 - 1e-3):
         message = f"the energy still falls with the duration, which was held at {LONGEST:g} times the shortest one"
-    return _Plan(found.timing, found.energy, found.bound, True, message)
+    return RetimeSolution(work.robot.joints, found.timing, found.energy, found.bound, True, message)
 
 
-def _exact(work: Retiming, start: Timing, duration: float) -> _Plan:
+def _exact(work: Retiming, start: Timing, duration: float) -> RetimeSolution:
     """The answer for exactly `duration` seconds; see the module."""
     price = work.convex_price()
-    best = _Plan(start, np.inf, None, False)
+    best = RetimeSolution(work.robot.joints, start, np.inf, None, False)
     starts = [start]
     if work.convex:
         relaxed = work.relax(start, price=price, longest=duration, floor=FLOOR)
         timing = _stretched(work, relaxed.timing, duration)
         share = relaxed.timing.duration / duration
         if relaxed.bound is not None:
-            best = replace(best, bound=relaxed.bound + price * duration)
+            best = replace(best, lower_bound=relaxed.bound + price * duration)
         if relaxed.solved and abs(share - 1) <= USED_UP:
-            best = _lesser(best, _stretched_plan(work, timing, best.bound, relaxed))
+            best = _lesser(best, _stretched_solution(work, timing, best.lower_bound, relaxed))
         if relaxed.solved:
             starts = [timing, start] if share > BESIDE else [start, timing]
     for number, tried in enumerate(starts):
         if best.gap > (GLOBAL_GAP / 100 if number else PROVED):
             best = _lesser(best, _equality(work, tried, price, duration))
     reason = "the search ended at a timing of more energy" if best.converged else best.message
-    slowed = _feasible_start(work, start, reason, best.bound)
+    slowed = _feasible_start(work, start, reason, best.lower_bound)
     least = duration / (1 + USED_UP)
     if least <= work.shortest.duration and least <= quickest(work, work.shortest).duration:
         slowed = replace(slowed, converged=True, message="in the shortest duration there is no other timing")
@@ -205,7 +196,7 @@ def _exact(work: Retiming, start: Timing, duration: float) -> _Plan:
     return replace(best, converged=True, message=message)
 
 
-def _equality(work: Retiming, start: Timing, price: float, duration: float) -> _Plan:
+def _equality(work: Retiming, start: Timing, price: float, duration: float) -> RetimeSolution:
     """Minimum energy in exactly `duration` seconds, from `start`; of infinite energy if limits do not hold."""
     found = _best(work, start, price=price, longest=duration, floor=CREEP, exactly=True)
     bound = None if found.bound is None else found.bound + price * duration
@@ -217,20 +208,22 @@ def _equality(work: Retiming, start: Timing, price: float, duration: float) -> _
         nearer *= (1 - 1e-7) * duration / found.timing.duration
         found = work.optimise(found.timing, price=price, longest=nearer, floor=CREEP, exactly=True)
         timing = _stretched(work, found.timing, duration)
-    return _stretched_plan(work, timing, bound, found)
+    return _stretched_solution(work, timing, bound, found)
 
 
-def _stretched_plan(work: Retiming, timing: Timing, bound: float | None, found: Solved) -> _Plan:
+def _stretched_solution(work: Retiming, timing: Timing, bound: float | None, found: Solved) -> RetimeSolution:
     """A solver's answer, stretched; of infinite energy if limits do not hold."""
     inside = work.limits.worst(timing.control).excess <= HELD
     energy = work.energy(timing) if inside else np.inf
-    return _Plan(timing, energy, bound, found.solved, f"the solver stopped with {found.status}")
+    return RetimeSolution(
+        work.robot.joints, timing, energy, bound, found.solved, f"the solver stopped with {found.status}"
+    )
 
 
-def _lesser(one: _Plan, other: _Plan) -> _Plan:
-    """The plan of less energy, with the better bound."""
-    bounds = [plan.bound for plan in (one, other) if plan.bound is not None]
-    return replace(other if other.energy <= one.energy else one, bound=max(bounds, default=None))
+def _lesser(one: RetimeSolution, other: RetimeSolution) -> RetimeSolution:
+    """The solution of less energy, with the better bound."""
+    bounds = [solution.lower_bound for solution in (one, other) if solution.lower_bound is not None]
+    return replace(other if other.energy <= one.energy else one, lower_bound=max(bounds, default=None))
 
 
 def _best(
@@ -252,12 +245,12 @@ def _best(
     return again if again.solved else found
 
 
-def _feasible_start(work: Retiming, start: Timing, reason: str, bound: float | None = None) -> _Plan:
+def _feasible_start(work: Retiming, start: Timing, reason: str, bound: float | None = None) -> RetimeSolution:
     """The feasible start, TOPP-RA's timing, slowed; it counts as converged if the bound proves it good enough."""
-    plan = _Plan(start, work.energy(start), bound, True)
-    if plan.gap <= GLOBAL_GAP / 100:
-        return plan
-    return replace(plan, converged=False, message=f"{reason}: this is the evenly slowed move")
+    solution = RetimeSolution(work.robot.joints, start, work.energy(start), bound, True)
+    if solution.gap <= GLOBAL_GAP / 100:
+        return solution
+    return replace(solution, converged=False, message=f"{reason}: this is the evenly slowed move")
 
 
 def _stretched(work: Retiming, timing: Timing, duration: float) -> Timing:
@@ -285,33 +278,8 @@ def _stretched_at(timing: Timing, duration: float, where: np.ndarray | slice = s
     return timing
 
 
-def _solution(work: Retiming, plan: _Plan, shortest: Timing) -> RetimeSolution:
-    bound, gap, kind = plan.bound, None, "local"
-    if bound is not None and plan.gap > USELESS:
-        bound = None
-    if bound is not None:
-        bound = min(bound, plan.energy)
-        gap = 100 * replace(plan, bound=bound).gap
-        kind = "global" if gap <= GLOBAL_GAP else "local"
-    return RetimeSolution(
-        trajectory=plan.timing.trajectory(work.robot.joints),
-        timing=plan.timing,
-        energy=plan.energy,
-        kind=kind,
-        lower_bound=bound,
-        gap_percent=gap,
-        iterations=work.tally.iterations,
-        build_seconds=work.tally.build,
-        converged=plan.converged,
-        message=plan.message,
-        fastest=shortest,
-    )
-
-
 def _hold_pose(robot: Robot, model: PowerModel, duration: float | None, shortest: Timing) -> RetimeSolution:
     """A move of no length: the arm holds its pose for the duration asked for."""
     timing = shortest if duration is None else shortest.slowed(duration)
     energy = standing_power(robot, model, timing.path) * timing.duration
-    trajectory = timing.trajectory(robot.joints)
-    message = "start and goal coincide"
-    return RetimeSolution(trajectory, timing, energy, "global", energy, 0.0, 0, 0.0, True, message, shortest)
+    return RetimeSolution(robot.joints, timing, energy, energy, True, "start and goal coincide")

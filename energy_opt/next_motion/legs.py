@@ -70,18 +70,16 @@ def reshaped(
         parameters: (P,) the models' values. rng: None begins with `leg`, else with the best of some random bends.
     """
     limits = scaled(joint_limits(way.limits), SPARE)
-    start = leg if rng is None else _bent(level, way, leg, limits, parameters, rng)
     task = Task(way.ends, limits, parameters, way.durations, 0.0)
+    start = leg if rng is None else _bent(level, task, leg, rng)
     outcome = task.descended(task.model(level), start, ITERATIONS, trust=TRUST, tolerance=TOLERANCE)
     return outcome.curve if outcome.broken < 1 / SPARE - 1 else leg
 
 
-def _bent(
-    level: Level, way: Way, leg: Curve, limits: Sequence[Limit], parameters: np.ndarray, rng: np.random.Generator
-) -> Curve:
+def _bent(level: Level, task: Task, leg: Curve, rng: np.random.Generator) -> Curve:
     """The best of some randomly bent copies of `leg`, each as fast as the limits on motion allow."""
     shape = level.shape
-    lower, upper = box_of(limits, shape.joints)
+    lower, upper = box_of(task.limits, shape.joints)
     u, half = np.linspace(0, 1, shape.basis.controls), (upper - lower) / 2
     waves = np.stack([np.sin(np.pi * u) * np.sin(k * np.pi * u) for k in range(1, WAVES + 1)])
     best, least = leg, np.inf
@@ -90,12 +88,12 @@ def _bent(
         bend[: shape.pinned] = bend[-shape.pinned :] = 0
         for size in BEND * 0.6 ** np.arange(8):
             points = np.clip(leg.points + size * bend, lower, upper)
-            curve = _fastest(Curve(shape, points, 1.0, leg.via_u), limits)
-            if curve.duration <= way.durations[1]:
+            curve = _fastest(Curve(shape, points, 1.0, leg.via_u), task.limits)
+            if curve.duration <= task.durations[1]:
                 break
-        curve = replace(curve, duration=float(np.clip(curve.duration, *way.durations)))
-        cost, shares = level.shares(curve, parameters, limits)
-        value = cost / max(1.0, *(float(share.max()) for share in shares.values())) ** 2
+        curve = task.within(curve)
+        costs, shares = level.shares(curve.points[None], curve.duration, task)
+        value = float(costs[0]) / max(1.0, *(float(share.max()) for share in shares.values())) ** 2
         if value < least:
             best, least = curve, value
     return best

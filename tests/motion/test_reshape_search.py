@@ -28,15 +28,15 @@ NOTHING = np.zeros(0)
 TASK = Task(Ends(*4 * [np.zeros(1)], np.zeros((0, 1))), (), NOTHING, (1.0, 1.0), 0.0)
 
 
-def two_wells(curve, parameters, limits, width=1.0):
-    """A cost with minima 1 and 2 at control points of -1 and 1, flat to the left of -1."""
-    x = max(float(curve.points.mean()), -1.0)
+def two_wells(points, duration, task):
+    """Costs with minima 1 and 2 at control points of -1 and 1, flat to the left of -1."""
+    x = np.maximum(points.mean(axis=(1, 2)), -1.0)
     return 1.5 + x / 2 + 4 * (1 - x * x) ** 2, {}
 
 
 def outcome(x, broken=0.0):
     curve = Curve(SHAPE, np.full((12, 1), x), 1.0, NOTHING)
-    cost = two_wells(curve, NOTHING, ())[0]
+    cost = float(two_wells(curve.points[None], 1.0, TASK)[0][0])
     return Outcome(curve, cost, broken, True, "", 1)
 
 

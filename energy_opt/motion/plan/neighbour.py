@@ -191,8 +191,8 @@ class Neighbours:
         if cost > (1 + BUMP) * np.interp(duration, others, [costs[d] for d in others]):
             return True
         level, curve = self._reshaper.fine(task.vias), replace(there.curve, duration=duration)
-        passed, _ = level.shares(curve, task.parameters, task.limits)
-        return not joined(level, task, here.outcome, replace(there, curve=curve, cost=passed))
+        passed, _ = level.shares(curve.points[None], duration, replace(task, width=1.0))
+        return not joined(level, task, here.outcome, replace(there, curve=curve, cost=float(passed[0])))
 
     def _continued(self, task: Task, neighbour: Optimum, here: Optimum | None) -> Optimum | None:
         """Continue from a neighbour to the optimum at this duration; None if that is no better than the known one."""

@@ -155,9 +155,11 @@ def _bent(level: Level, straight: Curve, task: Task, seed: int, k: int) -> Curve
         points[:, -shape.pinned :] = straight.points[-shape.pinned :]
         return points, times
 
+    sharp = replace(task, width=1.0)  # costs with kinks as narrow as the model has them
+
     def rated(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Costs of copies, more by their excess, and by how many times they exceed a limit."""
-        costs, excess = level.excesses(points, straight.duration, task.parameters, task.limits)
+        costs, excess = level.excess(points, straight.duration, sharp)
         excess = np.maximum(0.0, excess)
         costs = costs - task.offset * straight.duration
         return costs + np.abs(costs) * excess, excess
@@ -247,8 +249,9 @@ def joined(level: Level, task: Task, a: Outcome, b: Outcome) -> bool:
     ridge = max(task.cost(a), task.cost(b))
     for share in BETWEEN:
         curve = task.between(a.curve, b.curve, share)
-        cost, shares = level.shares(curve, task.parameters, task.limits, task.width)
+        costs, shares = level.shares(curve.points[None], curve.duration, task)
         excess = 0.0 if task.fixed else max((float(np.max(x, initial=0.0)) - 1 for x in shares.values()), default=0.0)
-        if at_most(cost - task.offset * curve.duration, 1 + max(excess, 0.0) / 2) > ridge + NEAR * abs(ridge):
+        cost = float(costs[0]) - task.offset * curve.duration
+        if at_most(cost, 1 + max(excess, 0.0) / 2) > ridge + NEAR * abs(ridge):
             return False
     return True

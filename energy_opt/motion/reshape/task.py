@@ -6,7 +6,7 @@ functions. Their combination is a model, which is solved; so one task is solved 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -33,35 +33,26 @@ class Level:
         u = shape.grid[0][:, None]
         self._value = cache(lambda curves: Batch(nodes.value, curves * len(u)).fixing(1, np.tile(u, (curves, 1))))
 
-    def shares(
-        self, curve: Curve, parameters: np.ndarray, limits: Sequence[Limit], width: float = 1.0
-    ) -> tuple[float, dict[int, np.ndarray]]:
-        """Cost of a curve, and the share of its bound that each limit uses at every place.
+    def shares(self, points: np.ndarray, duration: float, task: Task) -> tuple[np.ndarray, dict[int, np.ndarray]]:
+        """Costs of curves that take `duration` s, and the share of its bound that each limit uses at every place.
 
         Args:
-            parameters: the model's values. width: factor of the widths of smoothed kinks.
+            points: (C, controls, n) control points.
 
         Returns:
-            The cost, standby included; shares by the limit's number, (sites or nodes, columns), 1 at the bound. Limits
-            without a bound on a derivative and without symbolic constraints have none.
+            The costs (C,), standby included; shares by the limit's number, (C, sites or nodes, columns), 1 at the
+            bound. Limits without a bound on a derivative and without symbolic constraints have none.
         """
-        cost, shares = self._shares(curve.points[None], curve.duration, parameters, limits, width)
-        return float(cost[0]), {number: share[0] for number, share in shares.items()}
-
-    def _shares(
-        self, points: np.ndarray, duration: float, parameters: np.ndarray, limits: Sequence[Limit], width: float = 1.0
-    ) -> tuple[np.ndarray, dict[int, np.ndarray]]:
-        """The same for curves with control points (C, controls, n), all at once: costs (C,), shares (C, ., .)."""
         s, count = self.shape, len(points)
         w = s.grid[1]
         z = np.empty((count, len(w), 3 * s.joints + 1))
         z[..., :-1] = np.concatenate([m @ points for m in s.matrices[:3]], axis=2)
         z[..., -1] = duration
-        values = np.concatenate([parameters, values_of(limits, width)])
+        values = np.concatenate([task.parameters, values_of(task.limits, task.width)])
         rate, limited = self._value(count)(z.reshape(-1, z.shape[2]), values)
         limited = limited.reshape(count, len(w), -1)
         shares, used = {}, 0
-        for number, limit in enumerate(limits):
+        for number, limit in enumerate(task.limits):
             if limit.order:
                 moved = s.sites[limit.order - 1] @ points
                 shares[number] = np.abs(moved) / duration**limit.order / limit.bound
@@ -71,25 +62,16 @@ class Level:
                 used += limit.scale.size
         return rate.reshape(count, -1) @ w, shares
 
-    def excess(
-        self, curve: Curve, parameters: np.ndarray, limits: Sequence[Limit], width: float = 1.0
-    ) -> tuple[float, float]:
-        """Cost of a curve, and its worst excess over a limit as a share of the bound.
+    def excess(self, points: np.ndarray, duration: float, task: Task) -> tuple[np.ndarray, np.ndarray]:
+        """Costs (C,) as `shares` gives them, and each curve's worst excess over a limit as a share of the bound (C,).
 
         Numeric constraints of limits count, clearance from bodies does not.
         """
-        cost, excess = self.excesses(curve.points[None], curve.duration, parameters, limits, width)
-        return float(cost[0]), float(excess[0])
-
-    def excesses(
-        self, points: np.ndarray, duration: float, parameters: np.ndarray, limits: Sequence[Limit], width: float = 1.0
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """The same (C,) for curves with control points (C, controls, n) that all take `duration` s."""
-        costs, shares = self._shares(points, duration, parameters, limits, width)
+        costs, shares = self.shares(points, duration, task)
         out = np.full(len(points), -np.inf)
         for share in shares.values():
             out = np.maximum(out, share.max(axis=(1, 2)) - 1)
-        for limit in limits:
+        for limit in task.limits:
             if type(limit).excess_at is not Limit.excess_at:
                 out = np.maximum(out, [limit.excess_at(q) for q in self.shape.matrices[0] @ points])
         return costs, out
@@ -178,8 +160,8 @@ class Task:
 
     def path_cost(self, level: Level, curve: Curve) -> float:
         """The part of a curve's cost that depends on the path; the curve is of the level's shape."""
-        cost, _ = level.excess(curve, self.parameters, self.limits, self.width)
-        return cost - self.offset * curve.duration
+        cost, _ = level.shares(curve.points[None], curve.duration, self)
+        return float(cost[0]) - self.offset * curve.duration
 
     def polished(self, level: Level, found: Outcome) -> Outcome:
         """The outcome `found`, solved again by IPOPT from its curve, which is of the level's shape."""

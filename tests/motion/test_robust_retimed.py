@@ -26,4 +26,4 @@ def test_a_mean_with_the_move_of_one_model_is_better_than_the_evenly_slowed_move
     }  # fmt: skip
     reshaped, retimed = (eo.optimize("z1", mode=mode, **asked).document() for mode in ("reshape", "retime"))
     assert reshaped["robust"]["total"] < retimed["robust"]["total"]
-    assert all(row["saving_joules"] >= 0 for row in reshaped["models"]) and not reshaped["message"]
+    assert all(row["saving_joules"] >= 0 for row in reshaped["models"]) and "evenly slowed" not in reshaped["message"]

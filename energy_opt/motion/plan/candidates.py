@@ -79,25 +79,6 @@ def as_good_as_timed(context: Context, move: Move, line: RetimeSolution | None, 
     return replace(curve, converged=True, message=f"{curve.message}; {said}")
 
 
-def in_line(context: Context, move: Move, retimed: Callable[[], RetimeSolution | None]) -> Candidate | None:
-    """The least-energy timing of the straight line if the move is so small that no path costs less; None otherwise.
-
-    Torque is then M a + g with constant M and g. Between ends at rest, its mean square is least if all joints have the
-    same profile of acceleration, which gives a straight line. Rounding errors would be larger than IPOPT's steps.
-
-    Args:
-        retimed: solves for the least-energy timing of the first path; None if there is none.
-    """
-    small = np.abs(move.goal - move.start).max() < SMALL and move.path is None
-    if not small or move.via or np.any(move.end_velocities) or context.settings.objective != "energy":
-        return None
-    line = retimed()
-    if line is None or not line.converged:
-        return None
-    kept = repaired_timing(context, move, line)
-    return replace(kept, message=f"a move of less than {SMALL:g} rad: timed along its line") if kept.converged else None
-
-
 def least_energy_timing(context: Context, move: Move, timing: Timing) -> RetimeSolution | None:
     """The least-energy timing of the first path; None if a reshaped move's duration is too short for it.
 
@@ -198,9 +179,6 @@ def reshaped(
     Raises:
         Infeasible: no curve holds the limits, or none in the duration asked for.
     """
-    timed = in_line(context, move, retimed)
-    if timed is not None:
-        return timed
     # of a free duration, the best timing of the first path shows about how long the answer takes
     settings, free_time = context.settings, context.settings.objective == "time"
     reference = reference_time(context, move, timing)

@@ -23,7 +23,7 @@ from energy_opt.robot import Limits
 # [Hz] usual rates, which are proposed
 RATES = (10, 20, 25, 40, 50, 100, 125, 200, 250, 400, 500, 800, 1000, 2000, 4000)
 FASTEST = 10_000.0  # [Hz] largest rate
-LEAST_STEP = 0.01  # a last step that is shorter than this share of the others is merged with the one before
+LEAST_STEP = 0.1  # a last step that is shorter than this share of the others is merged with the one before
 SLOWER = 1.05  # largest factor on the duration: beyond it, another rate is better
 TRIALS = 12  # most slower motions that are tried
 

@@ -43,7 +43,7 @@ def test_samples_rise_from_zero_to_exactly_the_end(duration: float, rate: float)
     np.testing.assert_array_equal(out.time, whole(out.time))
     inner = out.time[:-1]
     np.testing.assert_allclose(inner, np.arange(len(inner)) / rate, rtol=0, atol=0.51e-9)
-    assert np.diff(out.time)[-1] <= 1.02 / rate
+    assert 0.09 / rate <= np.diff(out.time)[-1] <= 1.11 / rate  # a much shorter step magnifies rounding of the jerk
     assert out.position[:-1] == pytest.approx(curve.sample(inner)[0], abs=1e-12)
 
 

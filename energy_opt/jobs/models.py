@@ -14,7 +14,7 @@ from energy_opt.jobs.solve_job import JobResult
 from energy_opt.motion.judge.certificate import ALLOWED
 from energy_opt.motion.judge.energy import COARSER
 from energy_opt.motion.limits.joint import Effort
-from energy_opt.motion.plan.efforts import HELD, ROUNDS, smaller
+from energy_opt.motion.plan.efforts import EFFORT_ROUNDS, HELD, smaller
 from energy_opt.motion.plan.planner import Shares
 from energy_opt.motion.plan.robust_models import SAME, Rival, exceeds, judges_of
 from energy_opt.motion.travel import detours
@@ -93,7 +93,7 @@ def efforts_held(result: JobResult, rivals: Sequence[Rival], again: Callable[[Sh
         again: plans the job with these shares of the limits' bounds.
     """
     found, share, use = result, np.ones(result.job.robot.n), _efforts(result, rivals[1:])
-    for _ in range(ROUNDS):
+    for _ in range(EFFORT_ROUNDS):
         if use.max() <= HELD or found.interrupted:
             break
         share = smaller(share, use, _efforts(found, rivals[:1]))

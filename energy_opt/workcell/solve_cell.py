@@ -16,7 +16,7 @@ import numpy as np
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import Infeasible
 from energy_opt.motion.move import Settings
-from energy_opt.motion.plan.efforts import ROUNDS, smaller
+from energy_opt.motion.plan.efforts import EFFORT_ROUNDS, smaller
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot, load_robot
 from energy_opt.schedule import Schedule
@@ -133,7 +133,7 @@ def run_workcell(
     first = found = planned({})
     over = _efforts(first)
     shares: dict[str, np.ndarray] = {}
-    for _ in range(ROUNDS):
+    for _ in range(EFFORT_ROUNDS):
         if not over or found.interrupted:
             break
         for name, (own, others) in over.items():

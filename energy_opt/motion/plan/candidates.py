@@ -202,7 +202,8 @@ def reshaped(
         again = reshaper.search(task, [Line.of(line.trajectory)], 1, settings.seed, context.stopped)
         best, spent, starts = again.best, spent + again.iterations, starts + again.starts
     if best is None and not context.stopped():
-        best, more = _from_the_fastest(context, move, task, lines, line is not None, reference, timing)
+        other = line is not None or any(abs(t.duration - task.durations[1]) <= 1e-9 for t in warm)
+        best, more = _from_the_fastest(context, move, task, lines, other, reference, timing)
         spent += more
     if best is None and line is not None and not context.stopped():  # few control points did not suffice
         last = reshaper.solved(task.curve(reshaper.fine(task.vias).shape, Line.of(line.trajectory)), task)

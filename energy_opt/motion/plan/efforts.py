@@ -13,7 +13,7 @@ import numpy as np
 from energy_opt.motion.judge.energy import DENSER, Scorer, blocks
 from energy_opt.motion.trajectory import Trajectory
 
-ROUNDS = 4  # most solves with smaller limits; one or two suffice for friction
+EFFORT_ROUNDS = 4  # most solves with smaller limits; one or two suffice for friction
 HELD = 1 - 1e-4  # share of a limit, at the places of the dense grid, below which it holds between them, too
 BELOW = 2e-3  # share by which a smaller limit is below what the last answer needs
 

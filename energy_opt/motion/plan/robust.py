@@ -32,11 +32,11 @@ from energy_opt.motion.limits.joint import Effort
 from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.plan.anytime import Progress
 from energy_opt.motion.plan.blend import blended, least_weights
-from energy_opt.motion.plan.efforts import HELD, smaller, used
-from energy_opt.motion.plan.efforts import ROUNDS as EFFORT_ROUNDS
+from energy_opt.motion.plan.efforts import EFFORT_ROUNDS, HELD, smaller, used
 from energy_opt.motion.plan.planner import Planner, Shares
 from energy_opt.motion.plan.retimed import retimed
 from energy_opt.motion.plan.robust_models import SAME, Rival, UnderJudges, exceeds, judges_of, record_of
+from energy_opt.motion.plan.robust_rests import rested
 from energy_opt.motion.plan.robust_warnings import effort_warnings, power_warnings, without_overloads
 from energy_opt.motion.plan.robust_weights import Kind, next_weights
 from energy_opt.motion.plan.sketch import Settled
@@ -49,9 +49,8 @@ from energy_opt.robot import Robot
 
 Find = Callable[[Planner, list[Trajectory]], Result]  # solves with a planner, from known motions
 ROUNDS = {"mean": 4, "worst": 6}  # most solves; "mean" nearly always ends after the first
-# Most solves with weights between those of the last two, where no mean of these motions is valid, as beside bodies.
-# It is only one, if such a motion costs less than the evenly slowed one under every model. Without it, a UR5 that picks
-# from a table moves evenly slowed (tests/motion/test_clear_moves.py).
+# Most solves with weights between the last two, where no mean of these motions is valid, as beside bodies: one, if its
+# motion costs too much under no model. Without it, a UR5 that picks from a table moves evenly slowed.
 BISECTIONS = 3
 
 
@@ -139,7 +138,8 @@ class RobustPlanner:
             even = self._or_evenly_slowed(move, answer)
             answer = answer if self.overloads(even.result.trajectory) else self._beside_held(even.result)
             own, use = self._efforts(answer.result.trajectory)
-        return self._stated(first if use.max() > HELD else replace(answer, bound=first.bound))
+        best = first if use.max() > HELD else replace(answer, bound=first.bound)
+        return self._stated(rested(self._planner, move, best, self._answer, self._rank, self.overloads, progress.ended))
 
     def _beside_held(self, result: Result) -> UnderJudges:
         """A result that holds the torque limits under every model; its baselines are valid only if they hold them."""

@@ -8,7 +8,7 @@ again. Joints that end where they began, and hardly left it, rest all the time.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -44,36 +44,58 @@ def creeping(trajectory: Trajectory) -> np.ndarray:
 
 
 def with_rests(context: Context, judged: Judged) -> Judged:
-    """The motion, or a valid one of less energy in which joints rest before and after their moves."""
-    best, scorer = judged, context.scorer
-    if not _holds(context.model) or np.abs(judged.trajectory.velocity[[0, -1]]).max() > RESTING_SPEED:
+    """The motion, or a valid one of less energy in which joints rest before and after their moves.
+
+    Under several models only joints that creep all the time rest here: the planner of several models lets others rest
+    in its answer, because such a motion may take more energy under one of them.
+    """
+    best = judged
+    if not holds(context.model) or np.abs(judged.trajectory.velocity[[0, -1]]).max() > RESTING_SPEED:
         return best
+
+    def accepted(motion: Trajectory) -> bool:
+        nonlocal best
+        found = context.judge(motion)
+        better = found.energy.total < best.energy.total and found.certificate.valid
+        best = found if better else best
+        return better
+
     which = creeping(best.trajectory)
     if which.any():
         q, v, a = (x.copy() for x in _states(best.trajectory))
         q[:, which], v[:, which], a[:, which] = q[0, which], 0.0, 0.0
-        best = _better(best, context.judge(replace(best.trajectory, position=q, velocity=v, acceleration=a)))
-    worth = _worth(scorer, best.trajectory)
-    for joint in np.argsort(-worth).tolist():
-        if worth[joint] < WORTH * best.energy.loss or context.stopped():
-            break
-        before, least = best, _shortest(context.limits, best.trajectory, joint)
-        for longer in LONGER ** np.arange(TRIES):
-            window = _cheapest(scorer, before.trajectory, joint, least * longer)
-            if window is not None:
-                best = _better(before, context.judge(_within(before.trajectory, joint, window)))
-            if window is None or best is not before:
-                break
+        accepted(replace(best.trajectory, position=q, velocity=v, acceleration=a))
+    if len(context.model.weighted) == 1:
+        let_rest(context.scorer, context.limits, best.trajectory, best.energy.loss, accepted, context.stopped)
     return best
 
 
-def _holds(model: PowerModel) -> bool:
+def let_rest(
+    scorer: Scorer, limits: Sequence[Limit], motion: Trajectory, loss: float, accepted: Callable[[Trajectory], bool],
+    stopped: Callable[[], bool],
+) -> None:  # fmt: skip
+    """Let single joints of a motion rest before and after their moves, one after the other, while it is `accepted`.
+
+    Args:
+        scorer: estimates energies. limits: of the joints. loss: of the motion [J].
+        accepted: judges a changed motion, and keeps it if it is better.
+    """
+    worth = _worth(scorer, motion)
+    for joint in np.argsort(-worth).tolist():
+        if worth[joint] < WORTH * loss or stopped():
+            break
+        least = _shortest(limits, motion, joint)
+        for longer in LONGER ** np.arange(TRIES):
+            window = _cheapest(scorer, motion, joint, least * longer)
+            changed = None if window is None else _within(motion, joint, window)
+            if changed is None or accepted(changed):
+                motion = motion if changed is None else changed
+                break
+
+
+def holds(model: PowerModel) -> bool:
     """Does the model have an effect that may hold a joint at rest?"""
     return any(e.stage == "torque" and e.dissipates for e in model.effects)
-
-
-def _better(best: Judged, other: Judged) -> Judged:
-    return other if other.energy.total < best.energy.total and other.certificate.valid else best
 
 
 def _states(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -12,9 +12,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from energy_opt.errors import BadInput, suggest
-from energy_opt.measured.header import BRACKETS, COMMANDED, PLAIN, UNITS, cut, known_unit, no_unit, plain, words_in
-from energy_opt.measured.meter_names import SILENT, SINGLE, SUPPLY, power_column
-from energy_opt.measured.meter_names import WHOLE as OF_ROBOT
+from energy_opt.measured.header import UNITS, cut, known_unit, no_unit, plain, words_in
+from energy_opt.measured.meter_names import power_column
 from energy_opt.measured.names import joint_columns
 from energy_opt.measured.run import JOINT_SIGNALS
 from energy_opt.measured.table import Table
@@ -25,9 +24,16 @@ WHOLE = ("time", "power", "energy", "power.time")  # quantities that belong to n
 ARM_POWER = (5.0, 20_000.0)  # [W] range of the mean power of an arm with its controller
 WORD = re.compile(r"[^\W\d_]+")
 LOGGED = "signal"  # signal.<name>: further recorded signals, digital (0 and 1) or numbers
-# Words in brackets or below a header that are no units: names of what is measured, types of numbers.
-NAMES = PLAIN | COMMANDED | SILENT | SINGLE | OF_ROBOT | words_in("base left right bool int float double number")
-NAMES |= {*SUPPLY} - {"in"}
+# Units that are not converted: their first word, signs of them, and numbers before or behind a unit.
+ODD = words_in(
+    "btu cal kcal cv bhp kgf kp kpm gf kg cn dn mn lb lbs lbf oz ozf ft yd mil um count counts cts inc incs increments "
+    "tick ticks pulses lsb arcmin arcsec pu percent promille pa kpa bar psi degf"
+)
+SIGNS = re.compile(r"[%‰^*·⋅]|^[^\W\d_]{1,6} ?/ ?(?:s|min|h|m|rev|turn|deg|rad|v|a)\d?$")
+FACTOR = re.compile(r"[x×]? ?[\d.,]+ ?([^\W\d_][^\d]*)|([^\d]*[^\W\d_]) ?[x×*] ?[\d.,]+")
+IN_BRACKETS = re.compile(r"([\[(<{])([^\[\](){}<>]+)[\])>}]")
+SLOPES = ("velocity", "acceleration")  # positions show their unit
+NOMINAL = ("voltage", "current")  # a number in brackets is that of the supply
 
 
 @dataclass(frozen=True)
@@ -58,20 +64,40 @@ def is_known(unit: str) -> bool:
     return any(known_unit(kind, unit) for kind in UNITS)
 
 
-def stated_unit(column: str, below: str = "", joint: str = "") -> str:
+def stated_unit(kind: str, column: str, below: str = "", joint: str = "") -> str:
     """The unit that the row of units (`below`), or the header, states for a column, known or not; "" for none.
 
-    A name, as of a channel or of the column's joint, is no unit.
+    A known unit counts wherever it is; of other words in brackets, only those that look like a unit. A single letter in
+    round brackets, and a word of the joint's name at the end, is a name.
     """
-    own, brackets = WORD.findall(joint.lower()), BRACKETS.search(column)
-    for text in (below, brackets.group(1) if brackets else ""):
-        unit = text.strip("[](){}<> ")
-        words = WORD.findall(plain(unit).lower())
-        named = NAMES.union(own).intersection(words) or re.search(r"(?<!/)\b[^\W\d_]+ ?\d", unit)
-        if is_known(unit) or (not named and (words or "%" in unit)):
-            return unit
-    unit = cut(column).unit
-    return "" if unit.lower() in own else unit
+    own = WORD.findall(joint.lower())
+    indexed = any(m[2].strip().isdigit() for m in IN_BRACKETS.finditer(column))  # tau_J[0] is no energy
+    bare = column if indexed else IN_BRACKETS.sub("", column).strip()
+    found = [
+        (below.strip("[](){}<> "), True),
+        *((m[2], m[1] != "(") for m in reversed([*IN_BRACKETS.finditer(column)])),
+    ]
+    found += [(unit, True) for unit in (cut(column).unit, cut(bare).unit) if unit.lower() not in own]
+    units = [(text.strip().rstrip("."), square) for text, square in found]
+    for text, _ in units:
+        if known_unit(kind, text):
+            return text
+    for text, square in units:
+        if (is_known(text) and (square or len(text) > 1)) or _looks_odd(kind, text):
+            return text
+    return ""
+
+
+def _looks_odd(kind: str, text: str) -> bool:
+    """Whether a word that is no known unit is one all the same: it has signs of a unit, a factor, or a unit's name."""
+    if kind in SLOPES and not set("%‰") & set(text):
+        return False
+    word = plain(text).lower().strip()
+    factor = FACTOR.fullmatch(word)
+    if factor:
+        return kind not in NOMINAL and any(known_unit(kind, part) for part in factor.groups() if part)
+    first = next(iter(WORD.findall(word)), "")
+    return bool(SIGNS.search(word)) or first in ODD or (kind == "position" and word in ("u", "umdr"))
 
 
 def named_unit(kind: str, column: str, table: Table, joint: str = "") -> str | None:
@@ -79,7 +105,7 @@ def named_unit(kind: str, column: str, table: Table, joint: str = "") -> str | N
 
     Another one than those of the kind is added to the table's faults, unless the kind is "time": stamps show theirs.
     """
-    stated = stated_unit(column, table.units.get(column, ""), joint)
+    stated = stated_unit(kind, column, table.units.get(column, ""), joint)
     unit = known_unit(kind, stated)
     if unit is None and stated and kind != "time":
         hand = "give it as COLUMN:UNIT, or as unit in log.toml"
@@ -99,8 +125,8 @@ def factor_of(quantity: str, rule: Rule, table: Table) -> float:
     kind, joint, out = kind_of(quantity), quantity.rpartition(".")[0], 1.0
     for column in rule.columns if product else rule.columns[:1]:
         if product:
-            stated = stated_unit(column, table.units.get(column, ""))
-            kind = "current" if known_unit("current", stated) else "voltage"
+            current = stated_unit("current", column, table.units.get(column, ""))
+            kind = "current" if known_unit("current", current) else "voltage"
         unit = named_unit(kind, column, table, joint)
         out *= UNITS[kind][unit] if unit else 1.0
     return out
@@ -314,7 +340,7 @@ def quoted(headers: Iterable[str]) -> str:
     """Headers in quotation marks, at most `QUOTED` of them, and which of their units are not known."""
     names = list(headers)
     more = f" and {len(names) - QUOTED} more" if len(names) > QUOTED else ""
-    units = {unit: name for name in reversed(names) if (unit := stated_unit(name)) and not is_known(unit)}
+    units = {unit: name for name in reversed(names) if (unit := stated_unit("position", name)) and not is_known(unit)}
     odd = "".join(f"; unit {unit!r} of {name!r} is not known" for unit, name in reversed(units.items()))
     return ", ".join(repr(name) for name in names[:QUOTED]) + more + odd
 

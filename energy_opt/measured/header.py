@@ -22,7 +22,10 @@ UNITS: dict[str, dict[str, float]] = {
     "position": POSITIONS,
     "velocity": {**{f"{unit}/s": factor for unit, factor in POSITIONS.items()}, "rpm": math.pi / 30},
     "acceleration": {f"{unit}/s^2": factor for unit, factor in POSITIONS.items()},
-    "effort": {"N m": 1.0, "mN m": 1e-3, "kN m": 1e3, "kgf cm": 0.0980665, "lbf in": 0.112984829, "N": 1.0},
+    "effort": {
+        "N m": 1.0, "mN m": 1e-3, "kN m": 1e3, "cN m": 1e-2, "daN m": 10.0, "kgf cm": 0.0980665, "kgf m": 9.80665,
+        "lbf in": 0.112984829, "N": 1.0,
+    },
     "current": {"A": 1.0, "mA": 1e-3},
     "voltage": {"V": 1.0, "mV": 1e-3, "kV": 1e3},
     "temperature": {"degC": 1.0},
@@ -44,6 +47,9 @@ OTHER = {
     "sec": "s", "second": "s", "seconds": "s", "msec": "ms", "µs": "us", "μs": "us", "usec": "us", "turn": "rev",
     "turns": "rev", "1/min": "rpm", "u/min": "rpm", "°c": "degC", "c": "degC", "celsius": "degC", "watt": "W",
     "watts": "W", "ampere": "A", "amps": "A", "amp": "A", "joule": "J", "joules": "J", "inches": "inch",
+    "volt": "V", "volts": "V", "kilowatt": "kW", "kilowatts": "kW", "kwatt": "kW", "milliwatt": "mW",
+    "milliwatts": "mW", "newtonmeter": "N m", "newtonmeters": "N m", "newtonmetre": "N m", "newtonmetres": "N m",
+    "dps": "deg/s",
     "inlb": "lbf in", "inlbf": "lbf in", "lbin": "lbf in", "kgcm": "kgf cm",
 }  # fmt: skip
 

@@ -38,7 +38,7 @@ def without_foreign(columns: dict[str, dict[str, str]], table: Table, words: lis
         columns: header by signal and joint. words: receives what was left out.
     """
     for signal in [name for name in columns if name != "position"]:
-        units = [stated_unit(c, table.units.get(c, ""), joint) for joint, c in columns[signal].items()]
+        units = [stated_unit(signal, c, table.units.get(c, ""), joint) for joint, c in columns[signal].items()]
         if any(not unit or known_unit(signal, unit) for unit in units):  # a single letter may be a joint's name
             continue
         by = columns.pop(signal)

@@ -88,14 +88,48 @@ def test_a_log_by_hand_does_not_take_an_unknown_unit_for_si(tmp_path: Path) -> N
 
 @pytest.mark.parametrize(
     "header",
-    ["power (total)", "Leistung (gesamt)", "power [CH 2]", "power (UR5)", "q1 (measured)", "state.q[0]", "P_ps"],
+    [
+        "power (total)",
+        "Leistung (gesamt)",
+        "power [CH 2]",
+        "power (UR5)",
+        "q1 (measured)",
+        "state.q[0]",
+        "P_ps",
+        "Leistung (Summe)",
+        "Power (smoothed)",
+        "power (B)",
+        "Power (24V)",
+        "P (10 ms)",
+        "posizione (misurata)",
+        "q1(t)",
+    ],
 )
 def test_names_in_brackets_are_no_units(header: str) -> None:
-    assert stated_unit(header) == ""
+    assert stated_unit("position" if header.startswith(("q", "state")) else "power", header) == ""
 
 
 def test_the_name_of_a_joint_is_no_unit(tmp_path: Path) -> None:
-    assert stated_unit("Angle (lift)", joint="lift_joint") == "" and stated_unit("Angle (lift)") == "lift"
+    assert stated_unit("position", "Angle (lift)", joint="lift_joint") == ""
     table = Table(put(tmp_path / "a.csv", "time,j1_rev\n0,1\n"))
     assert named_unit("position", "j1_rev", table, "j1_rev") is None
     assert named_unit("position", "j1_rev", table, "j1") == "rev"
+
+
+STATED = {
+    "power": {"Power [kW] (smoothed)": "kW", "P_kW (moyenne)": "kW", "Power [W x10]": "W x10"},
+    "position": {"q1 [deg.]": "deg"},
+    "voltage": {"voltage (volts)": "volts"},
+    "effort": {
+        "tau_J[0]": "",
+        "tau1 [kgf m]": "kgf m",
+        "tau1 [Nm x100]": "Nm x100",
+        "tau1 [rated torque %]": "rated torque %",
+    },
+    "velocity": {"dq1 [rad s-1]": "", "dq1 (filtered)": "", "dq1 [%]": "%"},
+}
+
+
+@pytest.mark.parametrize(("kind", "header"), [(kind, header) for kind, found in STATED.items() for header in found])
+def test_the_unit_counts_wherever_the_header_has_it(kind: str, header: str) -> None:
+    assert stated_unit(kind, header) == STATED[kind][header]

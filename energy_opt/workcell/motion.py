@@ -181,10 +181,20 @@ class Scoring:
         return replace(answer, energy=self.energy(move.leg.step, answer.trajectory))
 
     def used_again(self, moves: Sequence[ArmMove], cycle: float) -> float:
-        """Share of the braking energy that the arm's own link stores if evenly slowed moves fill a cycle [s]."""
-        slower, braked, lost = cycle / max(sum(move.shortest for move in moves), ROUNDED), 0.0, 0.0
-        for move in moves if self.capacity is not None else ():
-            timing = move.timing.slowed(move.timing.duration * max(1.0, min(slower, move.longest / move.shortest)))
+        """Share of the braking energy that the arm's own link stores: the least of three paces of evenly slowed moves.
+
+        At the slowest, the moves fill a cycle [s]; at the fastest, they are at their limits.
+        """
+        if self.capacity is None:
+            return 1.0
+        slowest = max(1.0, cycle / max(sum(move.shortest for move in moves), ROUNDED))
+        return min((self._stored(moves, slowest**power) for power in (0.0, 0.5, 1.0)), default=1.0)
+
+    def _stored(self, moves: Sequence[ArmMove], slower: float) -> float:
+        """Share of the braking energy that the link stores if moves take `slower` times their shortest time."""
+        braked, lost = 0.0, 0.0
+        for move in moves:
+            timing = move.timing.slowed(move.timing.duration * min(slower, move.longest / move.shortest))
             taken = self._taken(move.leg.step, timing.trajectory(self.robot.joints))
             braked -= float(taken.clip(max=0).sum())
             lost += float(through_link(taken, self.capacity or 0.0)[1].sum())

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import functools
 import inspect
-import os
 import re
 import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -19,8 +18,8 @@ from warnings import warn
 
 from energy_opt import __version__
 from energy_opt.errors import BadInput, Infeasible, suggest
-from energy_opt.files import plain, read_json, write_json
-from energy_opt.folders import faults_of_results, guard, written_whole
+from energy_opt.files import write_json
+from energy_opt.folders import guard, written_whole
 from energy_opt.numerics.interrupts import interrupted_at_end
 from energy_opt.requests.option import Option, Request, flag_of, options_of
 from energy_opt.results import Found
@@ -133,25 +132,6 @@ class Desk:
             guard(self.out / answer, document, self.force)
         return document
 
-    def finished(self, answer: str, document: Mapping[str, Any]) -> dict[str, Any] | None:
-        """The solved answer in the folder, after `take` has refused one to another request; None without one.
-
-        None, too, with --force, if a file in the folder is not the answer's own, if another version wrote it, or if a
-        file that the request names was changed since.
-        """
-        if self.out is None or self.force or faults_of_results(self.out) != []:
-            return None
-        known: dict[str, Any] = read_json(self.out / answer)
-        same = known.get("status") == "solved" and known.get("request", {}).get("version") == document["version"]
-        if not same or not all(row["valid"] for row in known.get("written", ())):
-            return None
-        written, folders = os.path.getmtime(self.out / answer), ("", document.get("folder") or "")
-        named = [os.path.join(folder, word) for folder in folders for word in _texts(plain(document))]
-        if any(os.path.isfile(name) and os.path.getmtime(name) > written for name in named):
-            return None
-        self.say("the answer to this request was in the folder; without --resume it is computed again")
-        return known
-
     def keep(self, found: Given) -> Given:
         """Write the result; return it with the records of its files."""
         return found if self.out is None else found.kept(self.out)
@@ -187,15 +167,6 @@ class Desk:
         if self.out is not None:
             with written_whole(self.out, answer) as aside:
                 write_json(aside / answer, error.document())
-
-
-def _texts(value: Any) -> Iterator[str]:
-    """All texts of a document."""
-    if isinstance(value, str):
-        yield value
-    elif isinstance(value, (list, Mapping)):
-        for each in value.values() if isinstance(value, Mapping) else value:
-            yield from _texts(each)
 
 
 def verb(request: Callable[P, Asked], run: Callable[[Asked, Desk], Given], name: str = "") -> Callable[P, Given]:

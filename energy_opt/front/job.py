@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
-from typing import Any, cast
+from typing import Any
 
 from energy_opt.errors import BadInput
 from energy_opt.front.controllers import check_rate_of, check_written
@@ -22,7 +22,6 @@ from energy_opt.motion.plan.planner import Shares
 from energy_opt.power import PowerModel
 from energy_opt.power.assumptions import assumptions_line as assumed
 from energy_opt.requests.moves import JobRequest
-from energy_opt.results import Listing
 from energy_opt.robot import Robot
 
 NONE: Shares = MappingProxyType({})
@@ -44,9 +43,6 @@ def run(request: JobRequest, desk: Desk) -> JobAnswer:
     formats = check_written(request, job.robot)
     settings, cell = settings_of(request), cell_of(request)
     document = desk.take(JOB, asked)
-    if request.resume and (known := desk.finished(JOB, document)):
-        text = f"{job_files.table(known, request.cycles_per_year)}\nfiles in {desk.out}"
-        return cast(JobAnswer, Listing(known, text))  # only the command line has a folder, and it prints either
     answers = answers_of(request, job, rivals, settings, desk)
     with desk.working() as (stopped, show):
         usual: dict[str, Any] = {"cell": cell, "stopped": stopped, "progress": show}

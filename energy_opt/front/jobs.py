@@ -212,8 +212,6 @@ def run_job(request: TradeoffRequest, times: list[float] | None, desk: Desk) -> 
     worth, settings, cell = request.worth, settings_of(request), cell_of(request)
     job, rivals, kind, asked = prepared(request, desk, durations=times)
     stamped = desk.take(ANSWER, asked)
-    if request.resume and (known := desk.finished(ANSWER, stamped)):
-        return Tradeoff(Document(known), asked, page, text, job.robot)
     answers = answers_of(request, job, rivals, settings, desk)
 
     def restated(result: JobResult, again: Callable[[Shares], JobResult]) -> JobResult:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -69,23 +68,6 @@ def test_what_was_solved_is_not_solved_again(panda: Robot, tmp_path: Path, monke
     assert energy(True) == pytest.approx(first, rel=1e-3) and 0 < len(written_again) < len(kept)
     monkeypatch.setattr(Neighbours, "near", lambda *_: pytest.fail("solved again"))
     assert energy(True) == pytest.approx(first, rel=1e-3)
-
-
-def test_a_finished_folder_answers_at_once(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "scene.yaml").write_text("objects: []\n")
-    text = RETIMED.replace("[[step]]", '[[step]]\nscene = "scene.yaml"', 1)
-    words = ["job", str(written(tmp_path, text)), "--model", "source-method-2", "--out", str(tmp_path / "o")]
-    words.append("--resume")
-    assert main(words) == 0
-    said = capsys.readouterr().out
-    with monkeypatch.context() as patch:
-        patch.setattr("energy_opt.front.job.run_posed", lambda *_, **__: pytest.fail("computed again"))
-        assert main(words) == 0 and capsys.readouterr().out == said
-        os.utime(tmp_path / "scene.yaml", (time.time() + 9, time.time() + 9))
-        with pytest.raises(pytest.fail.Exception):
-            main(words)
 
 
 def test_a_move_whose_search_was_stopped_is_searched_again(panda: Robot, tmp_path: Path) -> None:

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from typing import Any
 
 
-def clearance_words(found: Mapping[str, Any]) -> str:
-    """A certificate's clearance as text: the proven and the measured value.
+def clearance_words(found: Mapping[str, Any], unit: str = "s") -> str:
+    """A certificate's clearance as text: the proven and the measured value. `unit`: of the time of contact.
 
     >>> clearance_words({"verdict": "proven", "lower_bound": 0.0022, "min_distance": 0.056, "pair": ["A", "B"]})
     'clearance proven ≥ 2.2 mm (nearest measured 56 mm: A–B)'
@@ -22,8 +22,8 @@ def clearance_words(found: Mapping[str, Any]) -> str:
     if found["verdict"] == "colliding":
         depth = found.get("depth")
         deep = "" if depth is None else f", {1e3 * depth:.3g} mm deep"
-        return f"collision: {pair} at {found['time']:.4g} s{deep}"
-    near = "" if measured is None else f": {pair} as near as {1e3 * measured:.3g} mm at {found['time']:.4g} s"
+        return f"collision: {pair} at {found['time']:.4g} {unit}{deep}"
+    near = "" if measured is None else f": {pair} as near as {1e3 * measured:.3g} mm at {found['time']:.4g} {unit}"
     return f"clearance not proven{near}"
 
 

@@ -173,7 +173,7 @@ class Result:
             BadInput: another name.
         """
         if name not in BASELINES:
-            raise BadInput(f"no baseline {name!r}; baselines are {', '.join(BASELINES)}{suggest(name, BASELINES)}")
+            raise BadInput(f"no baseline {name!r}; baselines are {', '.join(BASELINES)}{suggest(str(name), BASELINES)}")
         return next((b for b in self.baselines if b.name == name), None)
 
     @property

@@ -159,7 +159,7 @@ def test_what_cannot_be_free_is_refused(planner: Planner, panda: Robot) -> None:
         planner.solve(Move(START, GOAL, duration=3.0))
     assert info.value.limit == "clearance"
     planner = planner.around(Cell(panda, CellRequest(), post(panda, 0.5)))
-    with pytest.raises(Infeasible, match=r"the given path is not free: at 0\.\d+ of it .* touches post") as info:
+    with pytest.raises(Infeasible, match=r"the given path is not free: collision: .*–post at 0\.\d+ of it") as info:
         planner.solve(Move(START, GOAL, "retime", path=straight(START, GOAL)))
     assert info.value.position is not None and abs(info.value.position - 0.5) < 0.2
 

@@ -23,6 +23,7 @@ from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel, source_method_2
 from energy_opt.reports.tradeoff import page
 from energy_opt.requests.moves import TradeoffRequest
+from energy_opt.results import Document
 from energy_opt.robot import load_robot
 from energy_opt.tradeoffs.fixed_cycle import Cycle
 from energy_opt.tradeoffs.front import trace
@@ -209,7 +210,7 @@ def test_files(tmp_path, panda):
     front = front_of(durations=[0.5, 1, 2, 3, 4], cycle=cycle)
     found = document(front, robot="panda", joints=panda.joints, mode="retime", cycle=cycle)
     report = partial(page, motions=motions_of(front), robot=panda)
-    Tradeoff(found, TradeoffRequest(), report, text, panda, front).save(tmp_path)
+    Tradeoff(Document(found), TradeoffRequest(), report, text, panda, front).save(tmp_path)
     read = json.loads((tmp_path / "tradeoff.json").read_text())
     assert {"points", "minimum", "fastest", "cycle"} <= set(read)
     assert read["minimum"].keys() >= {"duration", "energy_total"}

@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from energy_opt.cell.cell import Cell
+from energy_opt.cell.words import clearance_words
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion.carried import Carried
 from energy_opt.motion.initial_paths import InitialPath, find_paths, ompl
@@ -82,12 +83,12 @@ def first_path(
     if cell is None:
         return move, FirstPath(source), ()
     found = clearance_along(cell, path_of(move))
+    words = clearance_words(found.document(), "of it")
     if cell.request.planner == "ompl" and not found.proven and not ompl.installed():
         raise BadInput("--planner ompl: OMPL is not installed; pip install 'energy-opt[plan]'")
     if not found.proven and move.path is not None and not reshape:
         raise Infeasible(
-            f"the {what} is not free: at {found.time:.4g} of it {found}; "
-            "--mode reshape can start from it",
+            f"the {what} is not free: {words}; --mode reshape can start from it",
             limit="clearance", position=found.time, excess=found.depth,
         )  # fmt: skip
     paths = _further_paths(robot, cell, settings, limits, move, found.proven, stopped)
@@ -105,9 +106,9 @@ def first_path(
             "" if ompl.installed() else "; pip install 'energy-opt[plan]' installs a planner that can find more paths"
         )
     if move.path is not None:
-        blocked = f"the {what} is not free: at {found.time:.4g} of it {found}"
+        blocked = f"the {what} is not free: {words}"
     else:
-        blocked = f"the {what} is not free ({found}), and no way around was found{extra}"
+        blocked = f"the {what} is not free ({words}), and no way around was found{extra}"
     if reshape:
         return move, FirstPath(source, seconds, blocked), ()
     raise Infeasible(blocked, limit="clearance")

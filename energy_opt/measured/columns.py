@@ -12,28 +12,18 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from energy_opt.errors import BadInput, suggest
-from energy_opt.measured.header import UNITS, cut, known_unit, no_unit, plain, words_in
+from energy_opt.measured.header import UNITS, known_unit, no_unit
 from energy_opt.measured.meter_names import power_column
 from energy_opt.measured.names import joint_columns
 from energy_opt.measured.run import JOINT_SIGNALS
+from energy_opt.measured.stated_units import is_known, stated_unit
 from energy_opt.measured.table import Table
 from energy_opt.robot import Robot
 
 COMBINED = ("column", "product", "sum", "difference")  # how a quantity is made of columns
 WHOLE = ("time", "power", "energy", "power.time")  # quantities that belong to no joint
 ARM_POWER = (5.0, 20_000.0)  # [W] range of the mean power of an arm with its controller
-WORD = re.compile(r"[^\W\d_]+")
 LOGGED = "signal"  # signal.<name>: further recorded signals, digital (0 and 1) or numbers
-# Units that are not converted: their first word, signs of them, and numbers before or behind a unit.
-ODD = words_in(
-    "btu cal kcal cv bhp kgf kp kpm gf kg cn dn mn lb lbs lbf oz ozf ft yd mil um count counts cts inc incs increments "
-    "tick ticks pulses lsb arcmin arcsec pu percent promille pa kpa bar psi degf"
-)
-SIGNS = re.compile(r"[%‰^*·⋅]|^[^\W\d_]{1,6} ?/ ?(?:s|min|h|m|rev|turn|deg|rad|v|a)\d?$")
-FACTOR = re.compile(r"[x×]? ?[\d.,]+ ?([^\W\d_][^\d]*)|([^\d]*[^\W\d_]) ?[x×*] ?[\d.,]+")
-IN_BRACKETS = re.compile(r"([\[(<{])([^\[\](){}<>]+)[\])>}]")
-SLOPES = ("velocity", "acceleration")  # positions show their unit
-NOMINAL = ("voltage", "current")  # a number in brackets is that of the supply
 
 
 @dataclass(frozen=True)
@@ -57,47 +47,6 @@ def kind_of(quantity: str) -> str:
     if quantity in WHOLE:
         return "time" if quantity.endswith("time") else quantity
     return quantity.rpartition(".")[2]
-
-
-def is_known(unit: str) -> bool:
-    """Whether a word is a unit of some quantity."""
-    return any(known_unit(kind, unit) for kind in UNITS)
-
-
-def stated_unit(kind: str, column: str, below: str = "", joint: str = "") -> str:
-    """The unit that the row of units (`below`), or the header, states for a column, known or not; "" for none.
-
-    A known unit counts wherever it is; of other words in brackets, only those that look like a unit. A single letter in
-    round brackets, and a word of the joint's name at the end, is a name.
-    """
-    own = WORD.findall(joint.lower())
-    indexed = any(m[2].strip().isdigit() for m in IN_BRACKETS.finditer(column))  # tau_J[0] is no energy
-    bare = column if indexed else IN_BRACKETS.sub("", column).strip()
-    found = [
-        (below.strip("[](){}<> "), True),
-        *((m[2], m[1] != "(") for m in reversed([*IN_BRACKETS.finditer(column)])),
-    ]
-    found += [(unit, True) for unit in (cut(column).unit, cut(bare).unit) if unit.lower() not in own]
-    units = [(text.strip().rstrip("."), square) for text, square in found]
-    for text, _ in units:
-        if known_unit(kind, text):
-            return text
-    for text, square in units:
-        if (is_known(text) and (square or len(text) > 1)) or _looks_odd(kind, text):
-            return text
-    return ""
-
-
-def _looks_odd(kind: str, text: str) -> bool:
-    """Whether a word that is no known unit is one all the same: it has signs of a unit, a factor, or a unit's name."""
-    if kind in SLOPES and not set("%‰") & set(text):
-        return False
-    word = plain(text).lower().strip()
-    factor = FACTOR.fullmatch(word)
-    if factor:
-        return kind not in NOMINAL and any(known_unit(kind, part) for part in factor.groups() if part)
-    first = next(iter(WORD.findall(word)), "")
-    return bool(SIGNS.search(word)) or first in ODD or (kind == "position" and word in ("u", "umdr"))
 
 
 def named_unit(kind: str, column: str, table: Table, joint: str = "") -> str | None:

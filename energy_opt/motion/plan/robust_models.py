@@ -9,6 +9,7 @@ import numpy as np
 
 from energy_opt.motion.judge.energy import Energy
 from energy_opt.motion.result import Result
+from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
 from energy_opt.power.known import friction_range
 from energy_opt.robot import Robot
@@ -57,6 +58,12 @@ def record_of(name: str, energy: Energy, slowed: Energy | None) -> dict[str, obj
         "saving_loss_percent": share,
         "saving_joules": joules,
     }
+
+
+def slowed_of(result: Result) -> Trajectory | None:
+    """The evenly slowed move beside a result, if it is valid."""
+    baseline = result.baseline("scaled")
+    return None if baseline is None or not baseline.valid else baseline.trajectory
 
 
 @dataclass(frozen=True)

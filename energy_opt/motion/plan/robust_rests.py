@@ -3,43 +3,45 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
 from energy_opt.effects.parameter import RESTING_SPEED
 from energy_opt.motion.move import Move
 from energy_opt.motion.plan.planner import Planner
-from energy_opt.motion.plan.robust_models import UnderJudges
+from energy_opt.motion.plan.robust_models import exceeds
 from energy_opt.motion.plan.standing import holds, let_rest
-from energy_opt.motion.result import Result
 from energy_opt.motion.trajectory import Trajectory
 
 
 def rested(
-    planner: Planner, move: Move, best: UnderJudges, judged: Callable[[Result], UnderJudges],
-    rank: Callable[[UnderJudges], tuple[bool, float]], overloads: Callable[[Trajectory], bool],
-    stopped: Callable[[], bool],
-) -> UnderJudges:  # fmt: skip
-    """The answer, or a better one in which single joints rest before and after their moves.
+    planner: Planner, move: Move, motion: Trajectory, most: np.ndarray,
+    totals: Callable[[Trajectory], np.ndarray], value: Callable[[np.ndarray], float],
+    overloads: Callable[[Trajectory], bool], stopped: Callable[[], bool],
+) -> Trajectory:  # fmt: skip
+    """A reshaped motion, or a better one in which single joints rest before and after their moves.
 
     Args:
         planner: of the models' mean, whose energies estimate where rest pays.
-        judged: gives a result under all models. rank: orders these; the least is the best.
+        most: energies (K,) [J] under all models, as of the evenly slowed move; a changed motion takes no more than
+            these, or than the given one.
+        totals: energies (K,) [J] of a motion under all models. value: of these, what is minimised [J].
         overloads: whether a motion breaks a torque limit under another model.
     """
-    motion, energy = best.result.trajectory, planner.settings.objective == "energy"
     moves = np.abs(motion.velocity[[0, -1]]).max() > RESTING_SPEED
-    if not energy or best.result.chosen != "reshape" or move.mode == "retime" or moves or not holds(planner.model):
-        return best
+    if planner.settings.objective != "energy" or move.mode == "retime" or moves or not holds(planner.model):
+        return motion
+    own, judge = totals(motion), planner.single(move).context.judge
+    best, least, most = motion, value(own), np.maximum(own, most)
 
     def accepted(changed: Trajectory) -> bool:
-        nonlocal best
-        found = judged(planner.with_trajectory(best.result, move, changed))
-        better = found.result.certificate.valid and rank(found) < rank(best) and not overloads(changed)
-        best = replace(found, bound=best.bound) if better else best
-        return better
+        nonlocal best, least
+        found = totals(changed)
+        more = any(map(exceeds, found.tolist(), most.tolist()))
+        if value(found) >= least or more or overloads(changed) or not judge(changed).certificate.valid:
+            return False
+        best, least = changed, value(found)
+        return True
 
-    loss = planner.score(motion).loss
-    let_rest(planner.scorer, planner.limits(move), motion, loss, accepted, stopped)
+    let_rest(planner.scorer, planner.limits(move), motion, planner.score(motion).loss, accepted, stopped)
     return best

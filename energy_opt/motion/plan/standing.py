@@ -46,8 +46,8 @@ def creeping(trajectory: Trajectory) -> np.ndarray:
 def with_rests(context: Context, judged: Judged) -> Judged:
     """The motion, or a valid one of less energy in which joints rest before and after their moves.
 
-    Under several models only joints that creep all the time rest here: the planner of several models lets others rest
-    in its answer, because such a motion may take more energy under one of them.
+    Under several models only joints that creep all the time rest here. Others may take more energy under one of the
+    models: they rest at the end of a plan (`robust_rests`), where this is checked.
     """
     best = judged
     if not holds(context.model) or np.abs(judged.trajectory.velocity[[0, -1]]).max() > RESTING_SPEED:

@@ -181,7 +181,8 @@ def verb(request: Callable[P, Asked], run: Callable[[Asked, Desk], Given], name:
         argument.
     """
     kind = cast(type[Request], request)
-    options = options_of(kind)
+    options, declared = options_of(kind), inspect.signature(request).parameters.values()
+    unnamed = [each.name for each in declared if each.kind is not each.KEYWORD_ONLY]
 
     @functools.wraps(run)
     def called(*args: P.args, **given: P.kwargs) -> Given:
@@ -189,6 +190,9 @@ def verb(request: Callable[P, Asked], run: Callable[[Asked, Desk], Given], name:
             if name not in options:
                 hint = "; save(FOLDER) of the result writes files" if name == "out" else suggest(name, options)
                 raise BadInput(f"no argument {name!r}{hint}")
+        if len(args) > len(unnamed):
+            some = ", ".join(unnamed) or "none"
+            raise BadInput(f"{kind.verb}: {len(args)} arguments without a name; expected only {some}: name the others")
         try:
             asked = request(*args, **given)
         except TypeError as fault:

@@ -56,3 +56,8 @@ def test_a_job_may_be_the_first_argument_of_tradeoff(tmp_path: Path):
     named = eo.tradeoff(job=file, model="source-method-2", **more)
     for first in (str(file), JOB):
         assert eo.tradeoff(first, "source-method-2", **more)["points"] == named["points"]
+
+
+def test_further_arguments_without_a_name_are_refused_in_words():
+    with pytest.raises(eo.BadInput, match="optimize: 3 arguments without a name; expected only robot, model"):
+        eo.optimize("panda", START, GOAL)  # type: ignore[call-arg]

@@ -314,12 +314,12 @@ class Arm:
         return next((s.to for s in (*reversed(steps[: k + 1]), *reversed(steps)) if s.to is not None), None)
 
     def powers(self, part: Part, at: np.ndarray, first: bool = False) -> tuple[np.ndarray, np.ndarray]:
-        """Power (M,) [W] at the drives' DC link, negative while they brake, and all other power (M,) [W].
+        """Power (M,) [W] of the drives, negative while they return some (see `Scoring`), and other power (M,) [W].
 
         Args:
             at: seconds (M,) after the step's start. first: under the first of several models, not their mean.
         """
-        scorer = self.scoring.of(True, first).of(self.step_of(part.name))
+        scorer = self.scoring.of(False, first).of(self.step_of(part.name))
         t = part.trajectory
         q, v, a, _ = t.sample(t.time[0] + at * t.duration / part.duration)
         clock = at if t.velocity.any() else np.zeros(len(at))  # a wait does not warm up, as in its energy

@@ -103,7 +103,12 @@ class Supply:
         return Supplied(self.time, power, energy, wasted, self.table.max_power, self.table.resistor)
 
     def _at_link(self, bus: np.ndarray) -> np.ndarray:
-        """Power (2, N) [W] that a link draws, and that it loses, under the drives' power `bus` (N,) [W]."""
+        """Power (2, N) [W] that a link draws, and that it loses, under the drives' power `bus` (N,) [W].
+
+        In a cell without a supply, the power is what the meter shows: models say what becomes of braking.
+        """
+        if self.cell.supply is None:
+            return np.stack([bus, np.zeros_like(bus)])
         return np.array(in_every_cycle(bus * self._step, self.table.capacity)) / self._step
 
     def by_step(self, schedule: Schedule, shared: bool) -> Schedule:

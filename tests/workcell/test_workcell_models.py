@@ -58,6 +58,9 @@ def test_energies_are_those_of_the_first_model(tmp_path: Path, further: dict[str
     else:
         assert found["energy_total"] == pytest.approx(np.trapezoid(drawn + standby, time), rel=1e-5)
         assert found["bound"] <= found["energy_total"] * (1 + 1e-9)
+        # no supply is stated: the power is what the meter shows, what returns included
+        assert found["supply"]["energy_own"] == pytest.approx(found["energy_total"], rel=1e-4)
+        assert found["peak_power"] == pytest.approx((drawn + standby).max(), rel=0.02)
     assert sum(row["energy_total"] for row in found["robots"][0]["steps"]) == pytest.approx(found["energy_total"])
     assert found["levers"][-1]["energy_total"] == found["energy_total"]
     assert found["robust"]["total"] > found["energy_total"] + 1.0  # friction

@@ -39,6 +39,7 @@ class Guess:
     columns: dict[str, Any] = field(default_factory=dict)
     preset: str | None = None
     words: list[str] = field(default_factory=list)
+    sure: dict[str, bool] = field(default_factory=dict)  # by column of an angle: is its unit shown, or not clear?
     dated: bool = False
     first: float = 0.0  # [s] stamp of the first and last row, as the file counts
     last: float = 0.0
@@ -135,7 +136,7 @@ def guess_joints(table: Table, robot: Robot, hand: ByHand) -> Guess:
     without_foreign(found, table, out.words)
     table.load([*(c for by in found.values() for c in by.values())])
     raw = {s: np.column_stack([table.column(by[j]) for j in robot.joints])[:LOOKED_AT] for s, by in found.items()}
-    units = joint_units(table, robot, found, raw, time, out.words)
+    units = joint_units(table, robot, found, raw, time, out.words, out.sure)
     stamps = out.columns["time"]
     if TOO_FAST in out.words and isinstance(stamps, dict) and out.first < EPOCH:
         column, first = stamps["column"], found["position"][robot.joints[0]]

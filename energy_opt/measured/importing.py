@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import difflib
 import re
+import shlex
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -150,7 +151,28 @@ def _joints_and_meters(
             meters[table] = of_meter(table)
         if table.faults:
             raise BadInput(table.faults[0])
+    _refuse_unsure(joints)
     return in_one_unit(joints, lambda table: guess_joints(table, robot, hand)), in_one_unit(meters, of_meter)
+
+
+def _refuse_unsure(joints: Mapping[Table, Guess]) -> None:
+    """Refuse angles whose unit is not clear: those of other joints have one in which they would hardly move.
+
+    Raises:
+        BadInput: names the columns that no file shows to be in degrees.
+    """
+    shown = {column for guess in joints.values() for column, sure in guess.sure.items() if sure}
+    for table, guess in joints.items():
+        unsure = [column for column, sure in guess.sure.items() if not sure and column not in shown]
+        if unsure:
+            rules = {key.rpartition(".")[0]: rule for key, rule in guess.columns.items() if key.endswith(".position")}
+            columns = {joint: rule if isinstance(rule, str) else rule["column"] for joint, rule in rules.items()}
+            units = {joint: "rad" if column in unsure else "deg" for joint, column in columns.items()}
+            given = [f"{joint}={columns[joint]}:{units[joint]}" for joint in rules if columns[joint] in guess.sure]
+            raise BadInput(
+                f"{table.path}: column(s) {quoted(unsure)} may be in rad, though other angles are not; give units, "
+                f"as by `--joint {' --joint '.join(map(shlex.quote, given))}` (or :deg)"
+            )
 
 
 def _layout_words(table: Table) -> str:

@@ -11,9 +11,9 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.measured.columns import named_unit
-from energy_opt.measured.header import BY_SIGNAL, LENGTHS, UNITS, known_unit
+from energy_opt.measured.header import BY_SIGNAL, LENGTHS, POSITIONS, UNITS, known_unit
 from energy_opt.measured.joints import FEWEST
-from energy_opt.measured.plausible import are_degrees, degrees_fault, leaps, spikes
+from energy_opt.measured.plausible import TURN, are_degrees, degrees_fault, leaps, spikes
 from energy_opt.measured.run import Run
 from energy_opt.measured.stated_units import stated_unit
 from energy_opt.measured.table import Table
@@ -23,11 +23,13 @@ from energy_opt.robot import Robot
 ALIKE = 0.25  # relative deviation up to which a measured ratio identifies a unit
 BEYOND = 3.0  # multiple of a sliding joint's range from which its positions cannot be metres
 MOVED = 0.02  # [rad, m] least motion that shows the unit of a velocity
+MOVES = 0.3  # [rad] least range of a joint that moves
 LASTS = 0.1  # [s] over which velocities are compared with the change of positions
 MOST_AMPERES = 100.0  # [A] largest plausible current of a joint or a supply: 20 kW from the mains are 87 A
 TOGETHER = 0.6  # least correlation of velocities with the slope of the positions
 
-TOO_FAST = "positions are degrees (as radians the joints would be too fast): converted"  # said of a guess
+FAST = " (as radians the joints would be too fast)"
+TOO_FAST = f"positions are degrees{FAST}: converted"  # said of a guess
 
 Units = dict[str, str | None]  # by joint; None: SI
 
@@ -52,20 +54,23 @@ def without_foreign(columns: dict[str, dict[str, str]], table: Table, words: lis
 
 def joint_units(
     table: Table, robot: Robot, columns: Mapping[str, Mapping[str, str]], values: Mapping[str, np.ndarray],
-    time: np.ndarray, words: list[str],
+    time: np.ndarray, words: list[str], sure: dict[str, bool],
 ) -> dict[str, Units]:  # fmt: skip
     """The unit of every joint's column, by signal. Velocities in no known unit are left out.
 
     Args:
         columns: header by signal and joint. values: by signal (N, n), as written. time: (N,) [s].
-        words: receives what was guessed.
+        words: receives what was guessed. sure: receives by column of an angle: True if its values show that it is in
+            degrees; False if it has the unit of other angles, though it may be in radians.
 
     Raises:
         BadInput: an angle's unit is named for a joint that slides, or a length's for one that turns.
     """
     named = {signal: _named(table, robot, signal, by) for signal, by in columns.items()}
-    out = {"position": _position_units(values["position"], time, robot, named["position"], words)}
-    position = values["position"] * [UNITS["position"][out["position"][joint] or "rad"] for joint in robot.joints]
+    angles, shown = _angle_units(values, time, robot, named, words)
+    sure |= {columns["position"][joint]: clear for joint, clear in shown.items()}
+    out = {"position": _with_lengths(values["position"], robot, angles, words)}
+    position = values["position"] * _factors(out["position"], robot)
     for signal in columns:
         if signal == "velocity":
             rates = _velocity_units(values[signal], position, time, robot, named[signal], out["position"], words)
@@ -91,7 +96,7 @@ def units_in_words(signal: str, units: Units, robot: Robot) -> str:
 
 
 def _named(table: Table, robot: Robot, signal: str, by: Mapping[str, str]) -> Units:
-    """The unit that the file names for each joint; a joint without one has that of the others of its kind."""
+    """The unit that the file names for each joint; without one, an angle has none, else it is that of the others."""
     out = {joint: named_unit(signal, by[joint], table, joint) for joint in robot.joints}
     if signal not in BY_SIGNAL:
         return _shared(out, robot.joints)
@@ -106,8 +111,9 @@ def _named(table: Table, robot: Robot, signal: str, by: Mapping[str, str]) -> Un
                 f"{table.path}: column {by[joint]!r}: the unit is {unit}, but {joint} "
                 f"{'slides' if slides else 'turns'}; expected {expected}"
             )
-    groups = [[j for j, s in zip(robot.joints, robot.slides, strict=True) if s == kind] for kind in (False, True)]
-    return {joint: unit for group in groups for joint, unit in _shared(out, group).items()}
+    kinds = (True,) if signal == "position" else (False, True)
+    groups = [[j for j, s in zip(robot.joints, robot.slides, strict=True) if s == kind] for kind in kinds]
+    return out | {joint: unit for group in groups for joint, unit in _shared(out, group).items()}
 
 
 def _shared(units: Units, joints: Sequence[str]) -> Units:
@@ -116,14 +122,9 @@ def _shared(units: Units, joints: Sequence[str]) -> Units:
     return {joint: units[joint] or first for joint in joints}
 
 
-def _position_units(values: np.ndarray, time: np.ndarray, robot: Robot, named: Units, words: list[str]) -> Units:
-    """Units of the positions: that of angles is one for all, that of lengths is found joint by joint."""
-    turning = [joint for joint, slides in zip(robot.joints, robot.slides, strict=True) if not slides]
-    angles = {named[joint] for joint in turning}
+def _with_lengths(values: np.ndarray, robot: Robot, named: Units, words: list[str]) -> Units:
+    """Units of the positions (N, n): those of lengths are found joint by joint."""
     out = dict(named)
-    if len(angles) == 1:
-        angle = _angle_unit(values, time, robot, next(iter(angles)), words)
-        out |= dict.fromkeys(turning, angle)
     for k, joint in enumerate(robot.joints):
         if robot.slides[k] and out[joint] is None:
             far = float(np.nanmax(np.abs(values[:, k]), initial=0.0))
@@ -134,34 +135,112 @@ def _position_units(values: np.ndarray, time: np.ndarray, robot: Robot, named: U
     return out
 
 
-def _angle_unit(values: np.ndarray, time: np.ndarray, robot: Robot, named: str | None, words: list[str]) -> str:
-    """Unit of the angles: degrees if they, or speeds between samples, are far outside the limits as radians."""
-    good = np.isfinite(values).all(axis=1) & np.isfinite(time[: len(values)])
-    values, time = values[good], time[: len(values)][good]
-    if len(time) > 2:  # a few damaged samples say nothing about the unit of all
-        real = ~spikes(time, values, robot)
-        values, time = values[real], time[real]
-        piece = np.searchsorted(leaps(time, values, robot), np.arange(len(time)))
-        real = np.bincount(piece)[piece] >= min(FEWEST, len(time))
-        values, time = values[real], time[real]
-    far = are_degrees(values, robot) if named is None else degrees_fault(values, robot) is not None
-    if named in (None, "rad") and far:
-        against = ", though the file says rad" if named == "rad" else ""
-        words.append(f"positions are degrees (as radians they are far outside the limits{against}): converted")
-        return "deg"
+def _angle_units(
+    columns: Mapping[str, np.ndarray], time: np.ndarray, robot: Robot, named: Mapping[str, Units], words: list[str]
+) -> tuple[Units, dict[str, bool]]:
+    """Units of the angles, and what `joint_units` says of `sure`, by joint.
+
+    Degrees are shown by positions, or speeds between samples, that are far outside the limits as radians. An angle
+    without a unit has that of the others, unless the logged velocities show another.
+    """
+    turning = [k for k, slides in enumerate(robot.slides) if not slides]
+    out, values, time = dict(named["position"]), columns["position"], time[: len(columns["position"])]
+    good = np.isfinite(values).all(axis=1) & np.isfinite(time)
+    values, at = values[good] * _factors(out, robot), time[good]
+    if len(at) > 2:  # a few damaged samples say nothing about the unit of all
+        real = ~spikes(at, values, robot)
+        values, at = values[real], at[real]
+        piece = np.searchsorted(leaps(at, values, robot), np.arange(len(at)))
+        real = np.bincount(piece)[piece] >= min(FEWEST, len(at))
+        values, at = values[real], at[real]
+    shown = [robot.joints[k] for k in turning if out[robot.joints[k]] in (None, "rad") and _far(values, k, robot, out)]
+    why = " (as radians they are far outside the limits)" if shown else ""
+    if any(out[joint] for joint in shown):  # the file says rad of all alike
+        why = f"{why[:-1]}, though the file says rad)"
+        out = {joint: None if unit == "rad" else unit for joint, unit in out.items()}
+    if not shown:
+        fast = _too_fast(values, at, robot)
+        shown = [robot.joints[k] for k in turning if fast[k] and out[robot.joints[k]] is None]
+        why = FAST if shown else ""
+    out |= dict.fromkeys(shown, "deg")
+    others = list(dict.fromkeys(unit for k in turning if (unit := out[robot.joints[k]])))
+    sure = dict.fromkeys(shown, True)
+    if others not in ([], ["rad"]):
+        out |= _by_velocities(columns, time, robot, out, named)
+    for k in turning:
+        joint = robot.joints[k]
+        if out[joint] is None:
+            out[joint] = others[0] if others else "rad"
+            if len(others) > 1 or _may_be_radians(values[:, k], UNITS["position"][out[joint] or "rad"], robot, k):
+                sure[joint] = False
+    for unit in dict.fromkeys(out[robot.joints[k]] for k in turning):
+        having = [robot.joints[k] for k in turning if out[robot.joints[k]] == unit]
+        of = "" if len(having) == len(turning) else f" of {', '.join(having)}"
+        if unit != "rad":
+            name, reason = ("degrees", why) if unit == "deg" else (unit, "")
+            words.append(f"positions{of} are {name}{reason}: converted")
+    return out, sure
+
+
+def _factors(units: Units, robot: Robot) -> np.ndarray:
+    """Factors (n,) to SI units of positions."""
+    return np.array([UNITS["position"][units[joint] or "rad"] for joint in robot.joints])
+
+
+def _far(values: np.ndarray, k: int, robot: Robot, named: Units) -> bool:
+    """Whether joint k of positions (N, n) is far outside its limits as radians, and no joint is as degrees."""
+    alone = np.tile(robot.limits.near_zero, (len(values), 1))
+    alone[:, k] = values[:, k]
+    shows = are_degrees if named[robot.joints[k]] is None else degrees_fault
+    return bool(shows(values, robot)) and bool(shows(alone, robot))
+
+
+def _too_fast(values: np.ndarray, time: np.ndarray, robot: Robot) -> np.ndarray:
+    """Which joints (n,) are too fast for positions (N, n) in radians, by speeds over a tenth of a second."""
     apart = max(1, int(0.1 / max(float(np.median(np.diff(time))), 1e-6))) if len(time) > 20 else len(time)
-    if named is None and len(time) > apart:  # speeds over a tenth of a second
-        rate = np.abs(values[apart:] - values[:-apart]) / np.maximum(time[apart:] - time[:-apart], 1e-9)[:, None]
-        jumps = leaps(time, values, robot)[:, None] - np.arange(apart)  # no speed can be taken over these
-        rate = np.delete(rate, jumps[(jumps >= 0) & (jumps < len(rate))], axis=0)
-        limit = np.where(np.isfinite(robot.limits.velocity), robot.limits.velocity, np.pi)
-        fast = np.percentile(rate, 99, axis=0) > 3 * limit
-        if (fast & ~np.array(robot.slides)).any():
-            words.append(TOO_FAST)
-            return "deg"
-    if named not in (None, "rad"):
-        words.append(f"positions are {'degrees' if named == 'deg' else named}: converted")
-    return named or "rad"
+    if len(time) <= apart:
+        return np.zeros(robot.n, dtype=bool)
+    rate = np.abs(values[apart:] - values[:-apart]) / np.maximum(time[apart:] - time[:-apart], 1e-9)[:, None]
+    jumps = leaps(time, values, robot)[:, None] - np.arange(apart)  # no speed can be taken over these
+    rate = np.delete(rate, jumps[(jumps >= 0) & (jumps < len(rate))], axis=0)
+    limit = np.where(np.isfinite(robot.limits.velocity), robot.limits.velocity, np.pi)
+    return np.asarray(np.percentile(rate, 99, axis=0) > 3 * limit)
+
+
+def _may_be_radians(values: np.ndarray, factor: float, robot: Robot, k: int) -> bool:
+    """Whether angles (N,) of joint k are inside its limits as radians, where the joint moves, but not by the factor."""
+    low, high = (np.clip(end[k], -TURN, TURN) for end in (robot.limits.lower, robot.limits.upper))
+    reach = float(np.ptp(values)) if len(values) else 0.0
+    inside = bool(((values > low - MOVES) & (values < high + MOVES)).all())
+    return inside and reach * factor < MOVES < reach
+
+
+def _by_velocities(
+    columns: Mapping[str, np.ndarray], time: np.ndarray, robot: Robot, units: Units, named: Mapping[str, Units]
+) -> Units:
+    """Units of angles without one whose logged velocities show them.
+
+    Velocities without a unit are of use only if those of other angles are in rad/s or rpm: in the angles' own unit,
+    they are their slope whatever it is.
+    """
+    if "velocity" not in columns:
+        return {}
+    raw, velocity = columns["position"], columns["velocity"]
+    known = [k for k, joint in enumerate(robot.joints) if not robot.slides[k] and units[joint]]
+    position = raw * _factors(units, robot)
+    good, time, cuts = _in_order(time, position, velocity, robot)
+    shared = _slope_ratio(velocity[good][:, known], position[good][:, known], time, cuts) or 0.0
+    fit = next((unit for unit in ("rad/s", "rpm") if abs(shared * UNITS["velocity"][unit] - 1) < ALIKE), None)
+    out: Units = {}
+    for k, joint in enumerate(robot.joints):
+        of = named["velocity"][joint] or fit
+        if not robot.slides[k] and units[joint] is None and of is not None:
+            ratio = _slope_ratio(velocity[good, k : k + 1] * UNITS["velocity"][of], raw[good, k : k + 1], time, cuts)
+            own = (
+                u for u, factor in POSITIONS.items() if u not in LENGTHS and ratio and abs(ratio / factor - 1) < ALIKE
+            )
+            out[joint] = next(own, None)
+    return out
 
 
 def _velocity_units(
@@ -170,22 +249,16 @@ def _velocity_units(
 ) -> Units | None:  # fmt: skip
     """Units in which logged velocities (N, n) are the slope of the positions [SI]; None if no unit fits.
 
-    Joints that turn share one unit, and so do joints that slide. Samples are those of the reading, cut where it cuts.
+    Joints whose positions have one unit share one. Samples are those of the reading, cut where it cuts.
     """
-    out, cuts = dict(named), np.zeros(0, dtype=int)
-    time = time[: len(values)]
-    good = np.flatnonzero(np.isfinite(np.column_stack([time, position, values])).all(axis=1))
-    if len(good) > 2:
-        good = good[~spikes(time[good], position[good], robot)]
-        samples = clean(time[good], np.column_stack([position[good], values[good]]))
-        good, time = good[samples.kept], samples.time
-        cuts = np.union1d(samples.gaps, leaps(time, position[good], robot)).astype(int)
-        values, position = values[good], position[good]
-    for kind, units in ((False, ("rad/s", "deg/s", "rpm")), (True, ("m/s", "mm/s"))):
-        group = [k for k, slides in enumerate(robot.slides) if slides == kind]
-        if not group or named[robot.joints[group[0]]] is not None:
+    out = dict(named)
+    good, time, cuts = _in_order(time, position, values, robot)
+    values, position = values[good], position[good]
+    for of in dict.fromkeys(of_position.values()):
+        group = [k for k, joint in enumerate(robot.joints) if of_position[joint] == of]
+        if named[robot.joints[group[0]]] is not None:
             continue
-        assumed = f"{of_position[robot.joints[group[0]]]}{BY_SIGNAL['velocity']}"
+        units, assumed = ("m/s", "mm/s") if of in LENGTHS else ("rad/s", "deg/s", "rpm"), f"{of}{BY_SIGNAL['velocity']}"
         ratio = _slope_ratio(values[:, group], position[:, group], time, cuts)
         fitting = (unit for unit in (*units, assumed) if ratio and abs(ratio * UNITS["velocity"][unit] - 1) < ALIKE)
         unit = assumed if ratio is None else next(fitting, None)
@@ -196,6 +269,20 @@ def _velocity_units(
             words.append(f"velocities are {unit} (by the slope of the positions): converted")
         out |= dict.fromkeys([robot.joints[k] for k in group], unit)
     return out
+
+
+def _in_order(
+    time: np.ndarray, position: np.ndarray, rates: np.ndarray, robot: Robot
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Indices (M,) of samples that are not damaged, their times (M,), and after which of them there is a gap."""
+    time = time[: len(rates)]
+    good = np.flatnonzero(np.isfinite(np.column_stack([time, position, rates])).all(axis=1))
+    if len(good) <= 2:
+        return good, time[good], np.zeros(0, dtype=int)
+    good = good[~spikes(time[good], position[good], robot)]
+    samples = clean(time[good], np.column_stack([position[good], rates[good]]))
+    good = good[samples.kept]
+    return good, samples.time, np.union1d(samples.gaps, leaps(samples.time, position[good], robot)).astype(int)
 
 
 def contradicting(run: Run) -> Iterator[str]:

@@ -128,8 +128,10 @@ MARKS = (
     (codecs.BOM_UTF16_LE, "utf-16"),
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
-PACKED = {  # first bytes of files that are no text
+PACKED = {  # first bytes of files that are no tables of text, as patterns
     b"\x1f\x8b": "compressed by gzip; unpack it first",
+    rb'\s*(\{\s*"|\[\s*[\[{])': "a JSON file; write its table as CSV first",
+    rb"\x93NUMPY|(?s:PK\x03\x04.{26}\w+\.npy)": "a NumPy file; write its arrays as columns of a CSV file first",
     b"PK\x03\x04": "a ZIP archive or an Excel file; unpack it, or save the sheet as CSV",
     b"\xd0\xcf\x11\xe0": "an old Excel file; save the sheet as CSV",
     b"\x89MCAP": "a bag; `energy-opt import` makes tables of it",
@@ -225,7 +227,7 @@ def _content(path: Path) -> tuple[Any, int]:
     except OSError as error:
         raise BadInput(f"{path}: {error.strerror}") from None
     start = bytes(content[:256])
-    packed = next((what for mark, what in PACKED.items() if start.startswith(mark)), None)
+    packed = next((what for mark, what in PACKED.items() if re.match(mark, start)), None)
     if packed is not None:
         raise BadInput(f"{path}: not a table of text: {packed}")
     code = next((name for mark, name in MARKS if start.startswith(mark)), None)

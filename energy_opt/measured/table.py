@@ -273,6 +273,6 @@ class Table:
             cell = cells[k] if k < len(cells) else ""
             what = "is not a number" if cell.strip() else "is empty"
             shown = repr(cell if len(cell) <= SHOWN else cell[:SHOWN] + "...")
-            self.fault(f"{shown} {what}", name, int(row))
+            self.fault(f"{shown} {what}{'; leave out rows without a reading' if row == bad[0] else ''}", name, int(row))
         if len(bad) > MAX_FAULTS:
             self.fault(f"{len(bad) - MAX_FAULTS} more cells are not numbers", name)

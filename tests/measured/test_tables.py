@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import io
 
 import numpy as np
 import pytest
@@ -63,6 +64,12 @@ def test_what_a_log_says_of_its_tables_holds(tmp_path):
     assert layout_of(path, stated).names == ("a", "b,c") and Table(path, stated).column("a")[0] == 1.5
 
 
+def archive() -> bytes:
+    stream = io.BytesIO()
+    np.savez(stream, time=np.arange(3.0))
+    return stream.getvalue()
+
+
 @pytest.mark.parametrize(
     ("raw", "expected"),
     [
@@ -80,6 +87,10 @@ def test_what_a_log_says_of_its_tables_holds(tmp_path):
         (gzip.compress(b"time,p\n0,1\n", mtime=0), "not a table of text: compressed by gzip; unpack it first"),
         (b"PK\x03\x04\x14\0\0\0", "a ZIP archive or an Excel file; unpack it, or save the sheet as CSV"),
         (b"PAR1\x15\x04\x15", "a Parquet file; write its table as CSV first"),
+        (b'{"t": 0.0, "q": [1, 2]}\n{"t": 0.1, "q": [1, 2]}\n', "a JSON file; write its table as CSV first"),
+        (b'[\n {"t": 0.0},\n {"t": 1.0}]\n', "a JSON file; write its table as CSV first"),
+        (archive(), "a NumPy file; write its arrays as columns of a CSV file first"),
+        (b"time,p\n0,1\n0.1,OVLD\n" + b"0.2,1\n" * 9, "'OVLD' is not a number; leave out rows without a reading"),
         (b"time,p\n", "no data rows"),
         (b"time,p,p\n0,1,1\n", "'p' is given twice"),
     ],

@@ -23,22 +23,22 @@ UNITS: dict[str, dict[str, float]] = {
     "velocity": {**{f"{unit}/s": factor for unit, factor in POSITIONS.items()}, "rpm": math.pi / 30},
     "acceleration": {f"{unit}/s^2": factor for unit, factor in POSITIONS.items()},
     "effort": {
-        "N m": 1.0, "mN m": 1e-3, "kN m": 1e3, "cN m": 1e-2, "daN m": 10.0, "kgf cm": 0.0980665, "kgf m": 9.80665,
-        "lbf in": 0.112984829, "N": 1.0,
+        "N m": 1.0, "mN m": 1e-3, "N mm": 1e-3, "N cm": 1e-2, "kN m": 1e3, "cN m": 1e-2, "daN m": 10.0,
+        "kgf cm": 0.0980665, "kgf m": 9.80665, "lbf in": 0.112984829, "N": 1.0,
     },
-    "current": {"A": 1.0, "mA": 1e-3},
+    "current": {"A": 1.0, "mA": 1e-3, "uA": 1e-6, "kA": 1e3},
     "voltage": {"V": 1.0, "mV": 1e-3, "kV": 1e3},
     "temperature": {"degC": 1.0},
     "power": {
-        "W": 1.0, "MW": 1e6, "mW": 1e-3, "kW": 1e3, "uW": 1e-6, "cW": 1e-2, "dW": 0.1, "J/s": 1.0,
-        "hp": 745.699872, "PS": 735.49875,
+        "W": 1.0, "MW": 1e6, "mW": 1e-3, "kW": 1e3, "uW": 1e-6, "cW": 1e-2, "dW": 0.1, "hW": 100.0,
+        "J/s": 1.0, "hp": 745.699872, "PS": 735.49875,
     },
     "energy": {
         "J": 1.0, "kJ": 1e3, "MJ": 1e6, "mJ": 1e-3, "Ws": 1.0, "MWh": 3.6e9, "mWh": 3.6, "Wh": 3600.0, "kWh": 3.6e6,
     },
 }  # fmt: skip
 # Words at the end of a header that are no units there, though some are in brackets: of single letters all but six.
-NO_SUFFIX = re.compile(r"(?i:min|rev|turn|ps)|cw|CW|dw|DW|[^sWAVJ°]")
+NO_SUFFIX = re.compile(r"(?i:min|rev|turn|ps)|cw|CW|dw|DW|hw|HW|[^sWAVJ°]")
 BRACKETS = re.compile(r"[\[(<{]([^\[\](){}<>]+)[\])>}]\s*$")
 BY_SIGNAL = {"position": "", "velocity": "/s", "acceleration": "/s^2"}  # suffix of an angle's unit, by signal
 OTHER = {

@@ -12,6 +12,8 @@ ODD = words_in(
     "btu cal kcal cv bhp kgf kp kpm gf kg cn dn mn lb lbs lbf oz ozf ft yd mil um count counts cts inc incs increments "
     "tick ticks pulses lsb arcmin arcsec pu percent promille pa kpa bar psi degf"
 )
+ANYWHERE = words_in("arcmin arcsec btu kcal kgf lbf ozf degf")  # no other words, so that no brackets are needed
+PREFIXED = re.compile(r"(?:[uµnhGT]|da)(?:W|Wh|Ws|J|A|V|N ?m)")
 SIGNS = re.compile(r"[%‰^*·⋅]|^[^\W\d_]{1,6} ?/ ?(?:s|min|h|m|rev|turn|deg|rad|v|a)\d?$")
 FACTOR = re.compile(r"[x×]? ?[\d.,]+ ?([^\W\d_][^\d]*)|([^\d]*[^\W\d_]) ?[x×*] ?[\d.,]+")
 IN_BRACKETS = re.compile(r"([\[(<{])([^\[\](){}<>]+)[\])>}]")
@@ -38,6 +40,7 @@ def stated_unit(kind: str, column: str, below: str = "", joint: str = "") -> str
         *((m[2], m[1] != "(") for m in reversed([*IN_BRACKETS.finditer(column)])),
     ]
     found += [(unit, True) for unit in (cut(column).unit, cut(bare).unit) if unit.lower() not in own]
+    found += [(word, True) for word in re.split(r"[\s_.-]", bare)[-1:] if word.lower() in ANYWHERE]
     units = [(text.strip().rstrip("."), square) for text, square in found]
     for text, _ in units:
         if known_unit(kind, text):
@@ -57,4 +60,8 @@ def _looks_odd(kind: str, text: str) -> bool:
     if factor:
         return kind not in NOMINAL and any(known_unit(kind, part) for part in factor.groups() if part)
     first = next(iter(WORD.findall(word)), "")
-    return bool(SIGNS.search(word)) or first in ODD or (kind == "position" and word in ("u", "umdr"))
+    return (
+        bool(SIGNS.search(word) or PREFIXED.fullmatch(text))
+        or first in ODD
+        or (kind == "position" and word in ("u", "umdr"))
+    )

@@ -30,7 +30,14 @@ def imported(folder: Path, position: str = "q{}", size: float = 1.0, power: str 
 
 @pytest.mark.parametrize(
     ("header", "factor"),
-    [("power [hp]", 1 / 745.7), ("Power (PS)", 1 / 735.5), ("power [J/s]", 1), ("power_cW", 100), ("power [dW]", 10)],
+    [
+        ("power [hp]", 1 / 745.7),
+        ("power_hW", 0.01),
+        ("Power (PS)", 1 / 735.5),
+        ("power [J/s]", 1),
+        ("power_cW", 100),
+        ("power [dW]", 10),
+    ],
 )
 def test_power_in_other_units_than_watts(tmp_path: Path, header: str, factor: float) -> None:
     made = imported(tmp_path, power=header, watts=factor)
@@ -49,14 +56,21 @@ def test_angles_in_other_units_than_radians(tmp_path: Path, header: str, factor:
 
 
 @pytest.mark.parametrize(
-    ("header", "factor"), [("tau{} [kgf cm]", 10.197162), ("tau{} [in-lb]", 8.8507458), ("torque{} [kNm]", 1e-3)]
+    ("header", "factor"),
+    [
+        ("tau{} [kgf cm]", 10.197162),
+        ("tau{} [in-lb]", 8.8507458),
+        ("tau{} [Nmm]", 1e3),
+        ("tau{}_Nmm", 1e3),
+        ("torque{} [kNm]", 1e-3),
+    ],
 )
 def test_torques_in_other_units_than_newton_metres(tmp_path: Path, header: str, factor: float) -> None:
     run = imported(tmp_path, effort=header, torque=factor).runs[0]
     np.testing.assert_allclose(run.effort, TORQUE[: len(run.time)], rtol=1e-4, atol=1e-3)
 
 
-@pytest.mark.parametrize("header", ["power [BTU/h]", "power [0.1 W]", "power [%]", "power [counts]"])
+@pytest.mark.parametrize("header", ["power [BTU/h]", "power [0.1 W]", "power [%]", "power [counts]", "power [GW]"])
 def test_power_in_an_unknown_unit_is_refused(tmp_path: Path, header: str) -> None:
     unit = header[7:-1]
     with pytest.raises(BadInput, match=f"column '.*{unit}]': '{unit}' is no unit of power; known: W, "):
@@ -69,6 +83,11 @@ def test_angles_in_an_unknown_unit_are_refused(tmp_path: Path, unit: str) -> Non
         BadInput, match=f"'q1 .{unit}.*'{unit}' is no unit of position|unit '{unit}' of 'q1 .* not known"
     ):
         imported(tmp_path, f"q{{}} [{unit}]", 10.0)
+
+
+def test_an_unknown_unit_without_brackets_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="'q1_arcmin': 'arcmin' is no unit of position"):
+        imported(tmp_path, "q{}_arcmin", 3437.75)
 
 
 @pytest.mark.parametrize("unit", ["oz in", "%", "kPa"])

@@ -158,21 +158,27 @@ def _joints_and_meters(
 def _refuse_unsure(joints: Mapping[Table, Guess]) -> None:
     """Refuse angles whose unit is not clear: those of other joints have one in which they would hardly move.
 
+    Where most angles of a table are clear, the others have their unit, and a line says so.
+
     Raises:
         BadInput: names the columns that no file shows to be in degrees.
     """
     shown = {column for guess in joints.values() for column, sure in guess.sure.items() if sure}
     for table, guess in joints.items():
         unsure = [column for column, sure in guess.sure.items() if not sure and column not in shown]
-        if unsure:
-            rules = {key.rpartition(".")[0]: rule for key, rule in guess.columns.items() if key.endswith(".position")}
-            columns = {joint: rule if isinstance(rule, str) else rule["column"] for joint, rule in rules.items()}
-            units = {joint: "rad" if column in unsure else "deg" for joint, column in columns.items()}
-            given = [f"{joint}={columns[joint]}:{units[joint]}" for joint in rules if columns[joint] in guess.sure]
+        rules = {key.rpartition(".")[0]: rule for key, rule in guess.columns.items() if key.endswith(".position")}
+        columns = {joint: rule if isinstance(rule, str) else rule["column"] for joint, rule in rules.items()}
+        units = {joint: "rad" if column in unsure else "deg" for joint, column in columns.items()}
+        given = [f"{joint}={columns[joint]}:{units[joint]}" for joint in rules if columns[joint] in guess.sure]
+        options = f"`--joint {' --joint '.join(map(shlex.quote, given))}`"
+        if 2 * len(unsure) >= max(len(rules), 1):
             raise BadInput(
                 f"{table.path}: column(s) {quoted(unsure)} may be in rad, though other angles are not; give units, "
-                f"as by `--joint {' --joint '.join(map(shlex.quote, given))}` (or :deg)"
+                f"as by {options} (or :deg)"
             )
+        if unsure:
+            said = f"{quoted(unsure)} may be in rad, but taken to be in the unit of most angles; if wrong, {options}"
+            guess.words.append(said)
 
 
 def _layout_words(table: Table) -> str:

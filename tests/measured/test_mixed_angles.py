@@ -57,13 +57,21 @@ def test_velocities_in_the_own_unit_of_each_joint_show_none(tmp_path: Path) -> N
         import_files([path], tmp_path / "set", UR)
 
 
-def test_a_few_degrees_are_degrees_where_another_file_shows_it(tmp_path: Path) -> None:
+def test_a_few_degrees_are_degrees_where_most_angles_are_and_a_line_says_so(tmp_path: Path) -> None:
     few = log_of(tmp_path / "few.csv", NAMES, np.degrees(Q) * [0.05, 1, 1, 1, 1, 1])
-    with pytest.raises(BadInput, match=r"few.csv: .*'q0' may be in rad"):
+    made = import_files([few], tmp_path / "set", UR)
+    assert any("'q0' may be in rad" in word and "--joint" in word for word in made.words)
+    np.testing.assert_allclose(read_set(tmp_path / "set").runs[0].position, Q * [0.05, 1, 1, 1, 1, 1], atol=1e-8)
+
+
+def test_few_degrees_are_degrees_where_another_file_shows_it(tmp_path: Path) -> None:
+    few = log_of(tmp_path / "few.csv", NAMES, np.degrees(Q) * [0.03, 0.03, 0.03, 1, 1, 1])
+    with pytest.raises(BadInput, match=r"few.csv: .*'q0'.* may be in rad"):
         import_files([few], tmp_path / "set", UR)
-    import_files([few, log_of(tmp_path / "more.csv", NAMES, np.degrees(Q))], tmp_path / "set", UR)
+    made = import_files([few, log_of(tmp_path / "more.csv", NAMES, np.degrees(Q))], tmp_path / "set", UR)
+    assert not any("may be in rad" in word for word in made.words)
     found = {run.file: run.position for run in read_set(tmp_path / "set").runs}
-    np.testing.assert_allclose(found["few.csv"], Q * [0.05, 1, 1, 1, 1, 1], atol=1e-8)
+    np.testing.assert_allclose(found["few.csv"], Q * [0.03, 0.03, 0.03, 1, 1, 1], atol=1e-8)
 
 
 def test_a_joint_that_hardly_moves_has_the_unit_of_the_others(tmp_path: Path) -> None:

@@ -181,6 +181,11 @@ def careful(robot: Robot | str) -> PowerModel:
     return model
 
 
+def assumes_no_regeneration(model: PowerModel, robot: Robot) -> bool:
+    """True if it is `careful`, perhaps with a payload or a tilt: nothing is known of regeneration."""
+    return set(careful(robot).effects) <= set(model.effects)
+
+
 def _robot_of(robot: Robot | str) -> Robot:
     """The robot itself, or the one of a name in the catalogue."""
     expect(robot, Robot | str, "--robot")

@@ -32,7 +32,7 @@ from energy_opt.schedule.problem import SAME
 from energy_opt.workcell.as_job import at_positions, explicit_steps, job_of, request_of
 from energy_opt.workcell.curves import ADDED, mode_of
 from energy_opt.workcell.file import MOTORS, RobotTable, StepTable, WorkCell, step_name
-from energy_opt.workcell.motion import ArmMove, Part, Scoring, at_rest, nearest, using_again
+from energy_opt.workcell.motion import ArmMove, Part, Scoring, at_link, at_rest, nearest
 
 # durations of evenly slowed moves to evaluate, as multiples of the shortest
 SLOWER = (1.0, 1.15, 1.35, 1.6, 2.0, 2.5, 3.2, 4.2, 6.0)
@@ -92,7 +92,7 @@ class Arm:
         self.scoring = Scoring(self.job.robot, model, None if cell.supply is None else cell.supply.capacity)
         room, bodies = {**USED, Effort.name: USED[Effort.name] * share}, Cells(self.job, self.request)
         self._worker_of = partial(Worker, self.job, settings=settings, cells=bodies, stopped=stopped, shares=room)
-        self.worker = self._worker_of(model=self.scoring.of(False, False).model)
+        self.worker = self._worker_of(model=self.scoring.of(False).model)
         self.worker.check_poses()
         self._known: dict[tuple[object, ...], ArmMove] = {}
         ramps = self.job.robot.limits.acceleration / self.job.robot.limits.jerk
@@ -105,7 +105,7 @@ class Arm:
 
     def optimize_using_again(self, share: float) -> None:
         """Optimize moves from now on as if the link stored this share of their braking energy; scores stay exact."""
-        self.worker = self._worker_of(model=using_again(self.scoring.model, share))
+        self.worker = self._worker_of(model=at_link(self.scoring.model, self.job.robot, share))
 
     def _move(self, leg: Leg) -> ArmMove:
         """A leg's move; a move that several arrangements of the steps share is prepared once.
@@ -246,7 +246,7 @@ class Arm:
 
         Args:
             optimized: curves of optimized moves, else of evenly slowed ones.
-            lossless: all braking energy is used again, so no supply draws less.
+            lossless: the link loses nothing, so no supply draws less.
             hold: fixed durations [s] of moves, by the index of their step.
             first: under the first of several models, not their mean.
         """
@@ -282,7 +282,7 @@ class Arm:
         """
         table, here = self.table.step[k], (self._pose(k), self.names[k])
         power, stated = (
-            standing_power(self.scoring.of(False, of_first), self.job.steps[k], False) for of_first in (first, True)
+            standing_power(self.scoring.of(of_first), self.job.steps[k], False) for of_first in (first, True)
         )
         modes = [Mode(MOTORS, power, stated=stated)]
         for mode in self.modes.values():
@@ -319,7 +319,7 @@ class Arm:
         Args:
             at: seconds (M,) after the step's start. first: under the first of several models, not their mean.
         """
-        scorer = self.scoring.of(False, first).of(self.step_of(part.name))
+        scorer = self.scoring.of(first).of(self.step_of(part.name))
         t = part.trajectory
         q, v, a, _ = t.sample(t.time[0] + at * t.duration / part.duration)
         clock = at if t.velocity.any() else np.zeros(len(at))  # a wait does not warm up, as in its energy

@@ -149,6 +149,8 @@ def document(result: CellResult) -> dict[str, Any]:
         if arm is None or motion is None:
             continue
         warnings += [f"robot {arm.name}: {remark}" for remark in arm.job.remarks]
+        if replaced := ", ".join(arm.scoring.replaced):
+            warnings.append(f"robot {arm.name}: [supply] replaces what a model assumes of braking ({replaced})")
         missed = missed_words(joined([part.trajectory for part in motion.parts]), [s.goal for s in arm.job.steps])
         warnings += [f"robot {arm.name}: {missed}"] if missed else []
         started = [e.name for e in arm.worker.scorers.model.effects if e.drifts or "idle" in e.follows]
@@ -218,7 +220,7 @@ def _of_each_step(record: dict[str, Any], result: CellResult, r: int) -> list[di
         return [record]
     part = next(part for part in motion.parts if part.name == record["name"])
     steps = arm.job.steps[move.place : move.place + len(move.leg.steps)]
-    scorer = arm.scoring.of(False, True).of(steps[0])
+    scorer = arm.scoring.of(True).of(steps[0])
     out, start = [], float(record["start"])
     for step, (t, energy) in zip(steps, divided(part.trajectory, record["energy_total"], steps, scorer), strict=True):
         out.append({**record, "name": step.name, "start": start, "duration": t.duration, "energy_total": energy})

@@ -13,13 +13,15 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from energy_opt.cell.curve import MotionCurve
-from energy_opt.effects import DcLink, Regeneration
+from energy_opt.effects import DcLink, Regeneration, StoreEffect
 from energy_opt.jobs.cycle import Answer, Scorers, efforts
 from energy_opt.jobs.legs import Leg, Step
 from energy_opt.motion.judge.energy import Energy
 from energy_opt.motion.timing.spline_timing import Timing
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
+from energy_opt.power.known import assumes_no_regeneration
+from energy_opt.power.mixture import Mixture
 from energy_opt.robot import Robot
 from energy_opt.schedule import Hull
 from energy_opt.schedule.problem import SAME
@@ -140,10 +142,23 @@ def nearest(known: dict[float, Any], duration: float) -> float:
     return min(known, key=lambda d: abs(d - duration))
 
 
-def using_again(model: PowerModel, share: float = 1.0) -> PowerModel:
-    """The model whose drives use this share of negative power again, whatever they did with it."""
-    model = model.kept(lambda effect: effect.stage != "drive")
-    return model if share == 1 else model.replaced(Regeneration(efficiency=share))
+def at_link(model: PowerModel, robot: Robot, share: float = 1.0) -> PowerModel:
+    """The model before the DC link of a cell's supply, which stores this share of what reaches it.
+
+    The supply replaces the model's own store, and the assumption of `careful` that nothing returns. The efficiency of
+    any other model stays: it is the share of the braking energy that reaches the link.
+    """
+    members = []
+    for _, one in model.weighted:
+        drive = next((effect for effect in one.effects if effect.stage == "drive"), None)
+        if drive is not None and (isinstance(drive, StoreEffect) or assumes_no_regeneration(one, robot)):
+            one, drive = one.without(drive.name), None
+        if share < 1:
+            own = drive if isinstance(drive, Regeneration) else Regeneration(efficiency=1.0)
+            part = Regeneration(efficiency=share * float(own.values["efficiency"][0]), **own.choices)
+            one = one.kept(lambda effect: effect.stage != "drive").replaced(part)
+        members.append(one)
+    return Mixture.of(members, [weight for weight, _ in model.weighted]) if members[1:] else members[0]
 
 
 class Scoring:
@@ -151,23 +166,24 @@ class Scoring:
 
     Args:
         robot: the arm's. model: of the arm. capacity: [J] of the arm's own link; None: its model says what returns.
+
+    Attributes:
+        replaced: the model's effects for which the link stands.
     """
 
     def __init__(self, robot: Robot, model: PowerModel, capacity: float | None) -> None:
-        first = model.weighted[0][1]
-        self.robot, self.model, self.mixed, self.capacity = robot, model, len(model.weighted) > 1, capacity
-        # with the second ones, all negative power is used again: the link's losses are computed elsewhere
-        self._of_mean, self._of_first = (
-            (Scorers(robot, one), Scorers(robot, using_again(one))) for one in (model, first)
-        )
+        self.robot, self.mixed, self.capacity = robot, len(model.weighted) > 1, capacity
+        self.model = model if capacity is None else at_link(model, robot)
+        self.replaced = tuple(dict.fromkeys(e.name for e in model.effects if e not in self.model.effects))
+        self._of = Scorers(robot, self.model), Scorers(robot, self.model.weighted[0][1])
 
-    def of(self, lossless: bool, first: bool) -> Scorers:
-        """The scorers of the first model or of the mean; with a link, or if `lossless`, all braking energy returns."""
-        return (self._of_first if first else self._of_mean)[lossless or self.capacity is not None]
+    def of(self, first: bool) -> Scorers:
+        """The scorers of the first model or of the mean; with a link, all braking energy that reaches it returns."""
+        return self._of[first]
 
     def energy(self, step: Step, trajectory: Trajectory, lossless: bool = False, first: bool = False) -> Energy:
         """Energy of a motion, with what its own link loses if it is empty at first; arguments are those of `of`."""
-        found = self.of(lossless, first).of(step).energy(trajectory)
+        found = self.of(first).of(step).energy(trajectory)
         if lossless or self.capacity is None:
             return found
         lost = float(through_link(self._taken(step, trajectory, first), self.capacity)[1].sum())
@@ -202,7 +218,7 @@ class Scoring:
 
     def _taken(self, step: Step, trajectory: Trajectory, first: bool = False) -> np.ndarray:
         """Energies [J] that the drives take between the instants of a dense grid, (N - 1,)."""
-        scorer = self.of(True, first).of(step)
+        scorer = self.of(first).of(step)
         dense = scorer.dense(trajectory)
         bus = dense.power - scorer.model.constant_power(scorer.robot.n)
         return np.diff(cumulative_trapezoid(bus, dense.time, initial=0))

@@ -187,7 +187,7 @@ def _planned(planning: Planning) -> CellResult:
         planned = supplied(planning, planned)
         found = [_from_supply(planning, planned.schedule, first, cell.supply.shared) for first in models]
         every = [with_lever(of_one, "supply", found[first][0]) for first, of_one in zip(models, every, strict=True)]
-    bounds = [min(planning.bound(cell.supply is not None, first), found[first][0].energy) for first in models]
+    bounds = [min(planning.bound(first), found[first][0].energy) for first in models]
     if mixed:
         steps = [{"name": name, "energy_total": schedule.energy} for name, schedule in every[0].steps]
         robust = {"kind": "mean", "total": found[0][0].energy, "lower_bound": bounds[0], "levers": steps}
@@ -232,7 +232,7 @@ def supplied(planning: Planning, planned: Planned) -> Planned:
         moves = supply.heaviest(planned.schedule, drawn)
         if least is None or drawn.price < least[0]:
             least = drawn.price, _supply_error(planned.schedule, moves, drawn)
-        if planning.bound(lossless=True) > (drawn.bound or np.inf) * planning.cell.cycle_time:
+        if planning.bound() > (drawn.bound or np.inf) * planning.cell.cycle_time:
             break  # its mean is above the limit
         rings = planned.schedule.problem.rings
         slower = (

@@ -139,7 +139,7 @@ class Stage:
         Args:
             optimized: curves of optimized moves, else of evenly slowed ones.
             hold: of each robot, fixed durations [s] of moves, by the index of their step.
-            arms: in place of the stage's own. lossless: all braking energy is used again.
+            arms: in place of the stage's own. lossless: the link loses nothing.
             anywhere: without the constraints that keep arms apart and those of the supply.
             first: under the first of several models, not their mean.
         """
@@ -154,13 +154,13 @@ class Stage:
             rings[robot.name] = ring
         return problem_of(self.cell, rings, () if anywhere else tuple(self.exclusions.values()))
 
-    def bound(self, lossless: bool, first: bool = False) -> float:
-        """A lower bound [J] over all schedules of these curves, wherever the arms are and whatever supply they share.
+    def bound(self, first: bool = False) -> float:
+        """A lower bound [J] over all schedules of these curves, wherever the arms are; a supply loses nothing.
 
         Args:
-            lossless: a supply that loses nothing; else the models say what becomes of braking energy.
             first: under the first of several models, not their mean.
         """
+        lossless = self.cell.supply is not None
         return solve(self.problem(True, lossless=lossless, anywhere=True, first=first), seconds=SECONDS).bound
 
 

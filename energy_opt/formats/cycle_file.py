@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -15,6 +15,7 @@ from energy_opt.formats.controller_program import Part, in_tool
 from energy_opt.formats.judging import CycleJudging
 from energy_opt.formats.resample import RATES, Sampled, broken, on_steps, resampled
 from energy_opt.motion.judge.certificate import ALLOWED, Certificate
+from energy_opt.motion.standstills import standstills
 from energy_opt.motion.trajectory import NANOSECOND, Trajectory, joined, whole
 from energy_opt.robot import Limits
 
@@ -45,7 +46,7 @@ def write_cycle(
     robot = judge.scorer.robot
     if form.name == "urscript":
         return _write_program(parts, judge, form, out / file_of(form, None, stem), rate, prefix)
-    carried, rests = _carried(parts), any(part.waits for part in parts)
+    given, said = parts, ""
     ends = [part.trajectory.position[-1] for part in parts]
     parts, width = without_jumps(parts, robot.limits, None if form.name == "franka" else rate)
     cycle = joined([part.trajectory for part in parts])
@@ -58,17 +59,16 @@ def write_cycle(
         found, why = _holding(rate, lambda r: judge(_at(parts, r)))
         got = Sampled(cycle if found is None else _at(parts, found), found, why)
         if found is not None and len(parts) > 1:
-            carried = "; each motion is sampled from its own start, a wait by three points" + carried
-        if found is not None and width > 0 and rests:
-            # the mean takes `width` of each wait, the longest pays for it once more; rest begins and ends at samples
-            shorter = 2e3 * (width + 1 / found)
-            carried = f"; jumps of the acceleration are spread: waits are up to {shorter:.3g} ms shorter{carried}"
+            said = "; each motion is sampled from its own start, a wait by three points"
+        shorter = [p.trajectory.duration - end + begin for p, begin, end in _spans(given, got.trajectory) if p.waits]
+        if found is not None and width > 0 and shorter:
+            said = f"; jumps of the acceleration are spread: waits are up to {1e3 * max(shorter):.3g} ms shorter{said}"
     missed = missed_words(got.trajectory, ends)
-    carried = f"; {missed}{carried}" if missed else carried
+    said = f"; {missed}{said}" if missed else said
     path = out / file_of(form, got.rate, stem)
     form.write(_named(got.trajectory, prefix), path)
     row = read_back(path, form, got, judge, prefix, cycle)
-    return replace(row, text=row.text + carried)
+    return replace(row, text=row.text + said + _carried(given, got.trajectory))
 
 
 def _write_program(
@@ -205,16 +205,27 @@ def _at(parts: Sequence[Part], rate: float) -> Trajectory:
     return joined([part.trajectory for part in _each_at(parts, rate)])
 
 
-def _carried(parts: Sequence[Part]) -> str:
-    """Text on data that such a file cannot contain: changes of payload, and modes of waits."""
-    loads, modes, at, before = [], [], 0.0, 0.0
+def _spans(parts: Sequence[Part], cycle: Trajectory) -> Iterator[tuple[Part, float, float]]:
+    """Each part with its begin and end [s] in a file with the motion `cycle`; of a wait, those of its rest there."""
+    at, rests = 0.0, standstills(cycle)
     for part in parts:
+        begin, end = at, at + part.trajectory.duration
+        if part.waits:  # a file without a rest there has one of 0 s
+            within = [(max(at, first), min(end, last)) for first, last in rests.tolist()]
+            begin, end = max(within, key=lambda span: span[1] - span[0], default=(at, at))
+        yield part, begin, max(begin, end)
+        at += part.trajectory.duration
+
+
+def _carried(parts: Sequence[Part], cycle: Trajectory) -> str:
+    """Text on data that a file with the motion `cycle` cannot contain: changes of payload, and modes of waits."""
+    loads, modes, before = [], [], 0.0
+    for part, begin, end in _spans(parts, cycle):
         mass = part.payload[0] if part.payload is not None else 0.0
-        end = at + part.trajectory.duration
         if mass != before:
-            loads.append(f"{mass:g} kg from {at:.6g} s on")
+            loads.append(f"{mass:g} kg from {begin:.6g} s on")
         if part.mode:
-            modes.append(f"{part.mode} from {at:.6g} to {end:.6g} s")
-        at, before = end, mass
+            modes.append(f"{part.mode} from {begin:.6g} to {end:.6g} s")
+        before = mass
     out = f"; it cannot hold payloads, set them yourself: {', '.join(loads)}" if loads else ""
     return out + (f"; it cannot hold modes: {', '.join(modes)}" if modes else "")

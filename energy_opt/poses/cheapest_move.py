@@ -120,6 +120,9 @@ def solve_to(
     if not answers:
         raise errors[0]
     best = min(answers, key=lambda answer: answer.result.status != "solved")
+    if best.nearest_result is None:
+        status = "not_looked_at" if search.late or planner.stopped() else "infeasible"
+        best = replace(best, nearest=replace(best.nearest, status=status))
     at, goal = best.move, best.candidates[0].pose
     earlier = zip((ends.start, *ends.via), (at.start, *at.via), strict=False)
     reached = [(pose.name, q, cell) for pose, q in earlier if pose is not None]

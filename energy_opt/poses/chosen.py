@@ -71,8 +71,8 @@ class Chosen:
     Attributes:
         move: with that goal; result: its motion.
         candidates: the answer's first, then by energy and estimate.
-        nearest: the goal nearest to the start; nearest_result: its motion at the answer's duration, None without
-            one.
+        nearest: the goal nearest to the start, "not_looked_at" if the search ended before; nearest_result: its motion
+            at the answer's duration, None without one.
         solves: number of moves solved in full; screened: number of moves sketched.
         warnings: which goals were left out, and why.
     """
@@ -94,6 +94,7 @@ class Chosen:
             "candidates": [candidate.document() for candidate in self.candidates],
             "nearest": {
                 "goal": self.nearest.goal,
+                "status": self.nearest.status,
                 "energy": cost,
                 "loss": None if near is None else near.energy.loss,
                 "duration": None if near is None else near.trajectory.duration,

@@ -19,7 +19,9 @@ def goals_words(found: Mapping[str, Any]) -> str:
     near, energy = found["nearest"], found["energy"]["total"]
     words = f"goals: {len(found['candidates'])} looked at, {found['solves']['full']} solved in full; "
     if near["energy"] is None:
-        return words + "no motion to the nearest one was found"
+        ended = near.get("status") == "not_looked_at"
+        early = "the search ended, at its deadline or interrupted, before the nearest one was solved"
+        return words + (early if ended else "no motion to the nearest one was found")
     if near["saving_joules"] <= ALLOWED * abs(energy):
         return words + "the nearest one is the cheapest"
     saved, whole = near["saving_joules"], near["energy"]

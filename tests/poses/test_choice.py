@@ -58,6 +58,7 @@ def test_choices_of_poses_share_one_deadline(monkeypatch: pytest.MonkeyPatch) ->
     found = eo.optimize("ur5e", "source-method-2", **asked, duration=3.0, starts=1, deadline=1e-6)
     assert found.status == "solved" and "deadline" in found.message
     assert len(solves) == 1 and found["nearest"]["energy"] is None
+    assert "the search ended, at its deadline or interrupted, before the nearest" in goals_words(found.document())
 
 
 @pytest.mark.slow
@@ -132,6 +133,7 @@ def test_the_saving_is_quoted_against_the_nearest_goal_at_equal_duration() -> No
     assert goals_words(found) == said
     assert "in 1.7 s" in goals_words({**found, "nearest": {**near, "duration": 1.7}})
     assert goals_words({"energy": {"total": 10.0}}) == ""
+    assert "no motion to the nearest one" in goals_words({**found, "nearest": {"energy": None, "status": "infeasible"}})
     found |= {"energy": {"total": 7.0}, "robust": {"kind": "worst", "total": 10.0}}  # 7 J is under the first model
     assert goals_words(found) == f"{said} (worst of the models)"
 

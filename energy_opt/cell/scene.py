@@ -207,12 +207,14 @@ def _object(thing: dict[str, Any]) -> SceneObject:
 
 
 def out_of_scale(scene: Scene, base: np.ndarray | None, reach: float) -> list[str]:
-    """Warnings on objects that are so far or so large that their unit must be wrong.
+    """Warnings on objects, and a base, that are so far or so large that their unit must be wrong.
 
     Args:
         base: (4, 4) pose of the robot's base in the scene's frame. reach: of the arm [m].
     """
     found: dict[str, str] = {}
+    if base is not None and (far := float(np.linalg.norm(base[:3, 3]))) > BEYOND * reach:
+        found["--base"] = f"the base is {far:g} m from the origin; {far / 1000:g} m if in millimetres"
     for placed in scene.placed(base):
         if placed.frame is not None:
             continue

@@ -179,7 +179,8 @@ class Problem:
 
         if isinstance(constraint, Exclusion):
             one, two = (named(run.ring, run.first, run.last) for run in (constraint.first, constraint.second))
-            return f"{one} and {two} not at once"
+            apart = f", {constraint.gap:g} s apart" if constraint.gap else ""
+            return f"{one} and {two} not at once{apart}"
         one, two = named(*constraint.begin), named(*constraint.end)
         most = constraint.most if constraint.within is None else constraint.within
         length = constraint.length - self.cycle_time * (constraint.height or 0)

@@ -148,7 +148,8 @@ def document(result: CellResult) -> dict[str, Any]:
     for arm, motion in zip(result.arms, result.planned.motions, strict=True):
         if arm is None or motion is None:
             continue
-        warnings += [f"robot {arm.name}: {remark}" for remark in arm.job.remarks]
+        said = () if arm.cell is None else arm.cell.warnings
+        warnings += [f"robot {arm.name}: {remark}" for remark in (*arm.job.remarks, *said)]
         if replaced := ", ".join(arm.scoring.replaced):
             warnings.append(f"robot {arm.name}: [supply] replaces what a model assumes of braking ({replaced})")
         missed = missed_words(joined([part.trajectory for part in motion.parts]), [s.goal for s in arm.job.steps])

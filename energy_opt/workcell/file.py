@@ -276,8 +276,12 @@ def workcell_of(document: Mapping[str, Any], path: Path) -> WorkCell:
 
 
 def _wrong_names(cell: WorkCell) -> list[str]:
-    """Faults of duplicate and unknown names."""
+    """Faults of duplicate and unknown names, and a jitter that cannot be in seconds."""
     faults = []
+    if cell.jitter > cell.cycle_time / 2:
+        faults.append(
+            f"jitter = {cell.jitter:g} s: more than half of cycle_time = {cell.cycle_time:g} s; 20 ms are 0.02"
+        )
     names = [robot.name for robot in cell.robot]
     faults += [f"robot: two robots are named {name!r}" for name in sorted({n for n in names if names.count(n) > 1})]
     for robot in cell.robot:

@@ -46,6 +46,12 @@ def test_a_floor_in_millimetres_causes_a_warning(panda: Robot, floor: float, sai
     assert any("floor is 50 m from the base; 0.05 m if in millimetres" in line for line in cell.warnings) == said
 
 
+def test_a_base_in_millimetres_causes_a_warning(panda: Robot) -> None:
+    for x, said in ((900.0, True), (9.0, False)):
+        cell = Cell(panda, CellRequest(self_collision=False, floor=0.0, base=(x, 0.0, 0.0, 0.0, 0.0, 0.0)))
+        assert any("base is 900 m from the origin; 0.9 m if in millimetres" in line for line in cell.warnings) == said
+
+
 def test_a_rail_reaches_as_far_as_it_slides(tmp_path: Path) -> None:
     """A floor 3.5 m below a rail of 8 m was too far away for an arm that "reaches 0.1 m"."""
     rail = tmp_path / "rail.urdf"

@@ -77,7 +77,7 @@ def test_a_cell_that_cannot_be_says_why(tmp_path: Path, capsys: pytest.CaptureFi
     assert code == 3
     said = capsys.readouterr().err
     assert "no schedule keeps all lags and zones" in said
-    assert said.strip().endswith("these cannot be kept together: a.move and b.move not at once")
+    assert said.strip().endswith("these cannot be kept together: a.move and b.move not at once, 0.04 s apart")
     assert found["status"] == "infeasible" and found["request"]["job"] == document  # in place of an older answer
     document["robot"][0]["step"][0]["duration"] = [12.0, 13.0]
     assert run(tmp_path, document)[0] == 3
@@ -143,6 +143,11 @@ def test_options_of_one_robot_are_refused(
 ) -> None:
     assert run(tmp_path, two_robots(), *option)[0] == 2
     assert f"{option[0]} belongs to a job of one robot" in capsys.readouterr().err
+
+
+def test_a_jitter_in_milliseconds_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(tmp_path, two_robots(jitter=20))[0] == 2
+    assert "jitter = 20 s: more than half of cycle_time = 10 s; 20 ms are 0.02" in capsys.readouterr().err
 
 
 def test_a_job_of_several_is_not_resumed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -38,7 +38,6 @@ def _within(start: float, duration: float, cycle: float) -> list[tuple[float, fl
     return [(begin, end)] if end <= cycle else [(begin, cycle), (0.0, end - cycle)]
 
 
-BRIEF = 1e-6  # [s] shorter waits are not shown
 SLOWED = (
     "Up to paths, levers are schedules of evenly slowed moves along their first paths: exact for these, but not kept "
     "apart from other arms. From paths on, moves are optimized and the arms are proven apart."
@@ -86,7 +85,7 @@ def page(
     if any(lever["moves"] == "evenly_slowed" for lever in levers):
         report.text(SLOWED)
     for robot in document["robots"]:
-        steps = [{**s, "mode": s["mode"] or "moves"} for s in robot["steps"] if s["duration"] > BRIEF]
+        steps = [{**s, "mode": s["mode"] or "moves"} for s in robot["steps"]]
         columns = {"step": "name", "begins [s]": "start", "takes [s]": "duration", "mode": "mode", "zone": "zone"}
         report.section(str(robot["name"])).records(steps, {**columns, "energy [J]": "energy_total"}, digits=6)
     columns = {"file": "file", "robot": "robot", "begins [s]": "starts_at", "within all limits": "valid"}
@@ -122,7 +121,6 @@ def table(found: Mapping[str, Any], cycles: float | None) -> str:
             f"{robot['name'][:14]:<14} {s['name'][:28]:<28} {s['start']:>10.3f} {s['duration']:>10.3f} "
             f"{(s['mode'] or 'moves')[:16]:<16} {s['energy_total']:>12.1f}"
             for s in robot["steps"]
-            if s["duration"] > BRIEF
         ]
     bound = "" if found["bound"] is None else f"; no schedule of these curves takes less than {found['bound']:.1f} J"
     lines.append(f"the cycle of {found['cycle_time']:g} s takes {found['energy_total']:.1f} J{bound}")

@@ -163,6 +163,9 @@ def read_toml(path: Path, *kinds: str) -> dict[str, Any]:
         robot = "xacro" if Path(path).suffix.lower() == ".xacro" else "a URDF"
         kind = robot if "<robot" in text else "XML"
         raise BadInput(f"{path}: {kind}, not TOML{wanted}")
+    if text.lstrip().startswith("{"):
+        inside = '; `energy-opt run` takes results, and requests with the job inside: {"verb": "job", "job": {...}}'
+        raise BadInput(f"{path}: JSON, not TOML{inside if 'job' in kinds else wanted}")
     if LONG_KEY.search(text):
         raise BadInput(f"{path}: not valid TOML: a key of more than {DEEPEST} parts")
     try:

@@ -269,6 +269,8 @@ def workcell_of(document: Mapping[str, Any], path: Path) -> WorkCell:
     """
     if document.get("format") != FORMAT:
         raise BadInput(f"{path}: format = {document.get('format')!r}; expected {FORMAT!r}")
+    if isinstance(document.get("robot"), str) and "step" in document:
+        raise BadInput(f"{path}: format = {FORMAT!r} with the keys of one robot; expected 'energy-opt/job/1'")
     cell = parse(WorkCell, document, str(path))
     if faults := _wrong_names(cell):
         raise BadInput("\n".join(f"{path}: {fault}" for fault in faults))
@@ -279,11 +281,11 @@ def _wrong_names(cell: WorkCell) -> list[str]:
     """Faults of duplicate and unknown names, and a jitter that cannot be in seconds."""
     faults = []
     if cell.jitter > cell.cycle_time / 2:
-        faults.append(
-            f"jitter = {cell.jitter:g} s: more than half of cycle_time = {cell.cycle_time:g} s; 20 ms are 0.02"
-        )
+        faults.append(f"jitter = {cell.jitter:g} s is more than half of the cycle; 20 ms are 0.02")
     names = [robot.name for robot in cell.robot]
     faults += [f"robot: two robots are named {name!r}" for name in sorted({n for n in names if names.count(n) > 1})]
+    if faults:  # others may follow from these
+        return faults
     for robot in cell.robot:
         where = f"robot {robot.name}"
         steps = [step_name(k, step) for k, step in enumerate(robot.step)]

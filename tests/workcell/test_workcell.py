@@ -145,20 +145,6 @@ def test_options_of_one_robot_are_refused(
     assert f"{option[0]} belongs to a job of one robot" in capsys.readouterr().err
 
 
-def test_a_jitter_in_milliseconds_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(tmp_path, two_robots(jitter=20))[0] == 2
-    assert "jitter = 20 s: more than half of cycle_time = 10 s; 20 ms are 0.02" in capsys.readouterr().err
-
-
-def test_the_table_shows_all_steps(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Waits of zero duration were left out."""
-    document = two_robots(cycle_time=9.0)
-    document["robot"][0]["step"][0] |= {"duration": 9.0, "name": "long"}
-    (tmp_path / "cell.toml").write_bytes(tomli_w.dumps(document).encode())
-    assert main(["job", str(tmp_path / "cell.toml"), "--out", str(tmp_path / "out")]) == 0
-    assert "rest                              9.000      0.000 motors" in capsys.readouterr().out
-
-
 def test_a_job_of_several_is_not_resumed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The option was ignored."""
     assert run(tmp_path, two_robots(), "--resume")[0] == 2

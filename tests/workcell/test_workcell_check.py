@@ -123,3 +123,44 @@ def test_verbs_of_one_robot_say_so(
     """Another format was expected."""
     assert refused(tmp_path, one_robot({"name": "x", "to": [0.0] * 7}), *words) == 2
     assert said in capsys.readouterr().err
+
+
+def test_a_jitter_in_milliseconds_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert refused(tmp_path, {**one_robot({"wait": 9.0}), "jitter": 20}) == 2
+    assert "jitter = 20 s is more than half of the cycle; 20 ms are 0.02" in capsys.readouterr().err
+
+
+def test_the_table_shows_steps_of_zero_duration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    move, rest = {"duration": 9.0, "curve": [[0, 50.0]]}, {"name": "rest", "wait": [0, 5], "power": {"motors": 1.0}}
+    document = {"format": "energy-opt/job/2", "cycle_time": 9.0, "robot": [{"name": "a", "step": [move, rest]}]}
+    assert refused(tmp_path, document, "job", "--out", str(tmp_path / "out")) == 0
+    assert "rest                              9.000      0.000 motors" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("document", "says"),
+    [
+        (
+            {"format": "energy-opt/job/2", "robot": "panda", "step": [{"to": [0.0] * 7}]},
+            "with the keys of one robot; expected 'energy-opt/job/1'",
+        ),
+        (
+            {
+                "format": "energy-opt/job/2",
+                "cycle_time": 9.0,
+                "robot": [{"name": "a", "step": [{"wait": 9.0, "after": "b.step 1"}]} for _ in range(2)],
+            },
+            "robot: two robots are named 'a'",
+        ),
+    ],
+)
+def test_a_mistake_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], document: dict, says: str) -> None:
+    assert refused(tmp_path, document) == 2
+    said = capsys.readouterr().err
+    assert says in said and said.count("\n") == 1
+
+
+def test_a_job_in_json_is_led_to_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "job.json").write_text('{"format": "energy-opt/job/1"}')
+    assert main(["job", str(tmp_path / "job.json")]) == 2
+    assert "JSON, not TOML; `energy-opt run` takes results" in capsys.readouterr().err

@@ -168,7 +168,7 @@ class Scoring:
         robot: the arm's. model: of the arm. capacity: [J] of the arm's own link; None: its model says what returns.
 
     Attributes:
-        replaced: the model's effects for which the link stands.
+        replaced: the model's effects that the link replaces.
     """
 
     def __init__(self, robot: Robot, model: PowerModel, capacity: float | None) -> None:

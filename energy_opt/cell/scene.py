@@ -214,7 +214,7 @@ def out_of_scale(scene: Scene, base: np.ndarray | None, reach: float) -> list[st
     """
     found: dict[str, str] = {}
     if base is not None and (far := float(np.linalg.norm(base[:3, 3]))) > BEYOND * reach:
-        found["--base"] = f"the base is {far:g} m from the origin; {far / 1000:g} m if in millimetres"
+        found[""] = f"the base is {far:g} m from the origin; {far / 1000:g} m if in millimetres"
     for placed in scene.placed(base):
         if placed.frame is not None:
             continue
@@ -228,7 +228,7 @@ def out_of_scale(scene: Scene, base: np.ndarray | None, reach: float) -> list[st
             if length > BEYOND * reach:
                 found.setdefault(placed.object, f"object {placed.object} {what}; {length / 1000:g} m if in millimetres")
     tail = f"the arm reaches {reach:.3g} m; lengths of a scene are metres"
-    return [f"{scene.source}: {word}; {tail}" for word in found.values()]
+    return [f"{scene.source if name else '--base'}: {word}; {tail}" for name, word in found.items()]
 
 
 def unknown_names(scene: Scene, names: Collection[str]) -> list[str]:

@@ -288,6 +288,7 @@ class Arm:
         for mode in self.modes.values():
             if mode.name != MOTORS and (mode.posture == "any" or any(name in mode.posture for name in here)):
                 modes.append(mode_of(mode, table.power.get(mode.name)))
+        modes += [Mode(name, power) for name, power in table.power.items() if name not in self.modes]
         possible = tuple(mode for mode in modes if table.modes is None or mode.name in table.modes)
         if not possible:
             raise BadInput(

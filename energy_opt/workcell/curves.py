@@ -7,6 +7,7 @@ in the file. Lags, zones and `after` become constraints between the steps' start
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import combinations
 
 from energy_opt.errors import BadInput
@@ -30,10 +31,9 @@ def modes_at(cell: WorkCell, robot: RobotTable, step: StepTable) -> tuple[Mode, 
     """
     named = {*(step.modes or ()), *step.power, step.name}
     tables = {mode.name: mode for mode in (*cell.mode, *robot.mode)}.values()
-    possible = [mode for mode in tables if mode.posture == "any" or named & {mode.name, *mode.posture}]
-    known = {mode.name: mode_of(mode, step.power.get(mode.name)) for mode in possible}
-    for name, power in step.power.items():  # motors, without a table
-        known.setdefault(name, Mode(name, power))
+    known = {m.name: mode_of(m) for m in tables if m.posture == "any" or named & {m.name, *m.posture}}
+    for name, power in step.power.items():
+        known[name] = replace(known.get(name, Mode(name, power)), power=power)
     return tuple(known[name] for name in (known if step.modes is None else step.modes))
 
 

@@ -292,13 +292,18 @@ def _wrong_names(cell: WorkCell) -> list[str]:
         faults += [f"{where}: two steps are named {n!r}" for n in sorted({n for n in steps if steps.count(n) > 1})]
         modes = {mode.name for mode in (*cell.mode, *robot.mode)} | ({MOTORS} if robot.robot is not None else set())
         for k, step in enumerate(robot.step):
-            known, label = modes | (set(step.power) & {MOTORS}), f"{where}: {step_label(k, step)}"
-            unknown = [("power: ", mode, modes | {MOTORS}) for mode in step.power if mode not in modes | {MOTORS}]
-            unknown = unknown or [("", mode, known) for mode in step.modes or () if mode not in known]
-            faults += [f"{label}: {key}no mode {mode!r}{suggest(mode, among)}" for key, mode, among in unknown]
+            known, label = modes | set(step.power), f"{where}: {step_label(k, step)}"
+            for mode in sorted(
+                set(step.power) - modes - {MOTORS}
+            ):  # a step may have modes of its own, but no misspelled ones
+                if hint := suggest(mode, modes | {MOTORS}):
+                    faults.append(f"{label}: power: no mode {mode!r}{hint}")
+            for mode in step.modes or ():
+                if mode not in known:
+                    faults.append(f"{label}: no mode {mode!r}{suggest(mode, known)}")
             waits, arm = step.wait is not None, robot.robot is not None
             said = {
-                "a wait needs a [[mode]], or power = { motors = W }": waits and not arm and not known and not unknown,
+                "a wait needs a [[mode]], or power = { NAME = W }": waits and not arm and not known,
                 "a move needs the arm: robot = NAME_OR_URDF in [[robot]]": step.moves and not arm,
                 "a curve belongs to a robot without an arm (no `robot = ...`)": step.curve is not None and arm,
                 "power: the power of its motors follows from the arm's power model": MOTORS in step.power and arm,

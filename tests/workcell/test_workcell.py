@@ -154,8 +154,7 @@ def test_a_job_of_several_is_not_resumed(tmp_path: Path, capsys: pytest.CaptureF
 @pytest.mark.parametrize(
     ("step", "more", "said"),
     [
-        (1, {"power": {"sleep": 3.0}}, "power: no mode 'sleep'"),
-        (1, {"power": {"motor": 3.0}, "modes": ["motors"]}, "power: no mode 'motor'; did you mean 'motors'?"),
+        (1, {"power": {"motor": 3.0}}, "power: no mode 'motor'; did you mean 'motors'?"),
         (0, {"power": {"motors": 3.0}}, "`power` does not belong to a step with `curve`"),
         (0, {"stop": False}, "`stop` does not belong to a step with `curve`"),
         (1, {"duration": [1.0, 2.0]}, "`duration` does not belong to a step with `wait`"),

@@ -238,7 +238,6 @@ def test_an_arm_waits_in_the_modes_of_its_step_and_of_its_home(tmp_path: Path) -
     document["robot"][0]["step"][2]["to"] = "home"
     document["robot"][0]["step"][1] |= {"wait": [0.5, 2.0], "power": {"gripping": 20.0}}
     document["mode"][0]["posture"] = ["home", "grip"]
-    document["mode"].append({"name": "gripping", "power": 90.0, "posture": ["grip"]})
     options = ["--model", "careful", "--starts", "1", "--quiet", "--out", str(tmp_path / "out")]
     assert main(["job", str(written(tmp_path, document)), *options]) == 0
     steps = {s["name"]: s for s in json.loads((tmp_path / "out" / "job.json").read_text())["robots"][0]["steps"]}

@@ -101,7 +101,7 @@ def test_check_reads_the_positions_of_every_arm(tmp_path: Path, capsys: pytest.C
 
 
 def test_a_step_without_a_name_is_named_once_in_messages() -> None:
-    steps = [{"duration": [1, 2], "curve": [[2, -5.0]]}, {"wait": [0, 9], "power": {"motors": 10.0}, "modes": ["off"]}]
+    steps = [{"duration": [1, 2], "curve": [[2, -5.0]]}, {"wait": [0, 9], "power": {"on": 10.0}, "modes": ["off"]}]
     job = {"format": "energy-opt/job/2", "cycle_time": 6.0, "robot": [{"name": "a", "step": steps}]}
     with pytest.raises(eo.BadInput, match=r"robot a: step 2: no mode 'off'"):
         eo.job(job)

@@ -293,14 +293,11 @@ def _wrong_names(cell: WorkCell) -> list[str]:
         modes = {mode.name for mode in (*cell.mode, *robot.mode)} | ({MOTORS} if robot.robot is not None else set())
         for k, step in enumerate(robot.step):
             known, label = modes | set(step.power), f"{where}: {step_label(k, step)}"
-            for mode in sorted(
-                set(step.power) - modes - {MOTORS}
-            ):  # a step may have modes of its own, but no misspelled ones
-                if hint := suggest(mode, modes | {MOTORS}):
-                    faults.append(f"{label}: power: no mode {mode!r}{hint}")
-            for mode in step.modes or ():
-                if mode not in known:
-                    faults.append(f"{label}: no mode {mode!r}{suggest(mode, known)}")
+            # a step may have modes of its own, but no misspelled ones
+            hints = {own: suggest(own, modes | {MOTORS}) for own in sorted(set(step.power) - modes - {MOTORS})}
+            faults += [f"{label}: power: no mode {mode!r}{hint}" for mode, hint in hints.items() if hint]
+            unknown = (mode for mode in step.modes or () if mode not in known)
+            faults += [f"{label}: no mode {mode!r}{suggest(mode, known)}" for mode in unknown]
             waits, arm = step.wait is not None, robot.robot is not None
             said = {
                 "a wait needs a [[mode]], or power = { NAME = W }": waits and not arm and not known,

@@ -239,6 +239,7 @@ def posed_move(
         raise BadInput("via belongs to a move between two joint positions; expected via_pose")
     scene = Scene.from_text(around.scene) if around.scene else None
     reader = Given(folder, poses_of_scene(scene))
+    scene = None if scene is None else scene.among(around.request.arms(robot))
 
     def pose(value: Any, what: str, axes: Any = ()) -> Any:
         return in_base(reader.pose(value, what, axes, row.pose_tolerance), robot, scene, around.request.base_pose)

@@ -115,11 +115,14 @@ class Cell:
         robot: the arm. request: the options. scene: the arm's surroundings; None: only the request's floor.
 
     Raises:
-        BadInput: a mesh cannot be read, or the tool or an object is attached to a link that does not exist.
+        BadInput: a mesh cannot be read, or the tool or an object is attached to a link that does not exist, or an
+            object is in the frame of one.
     """
 
     def __init__(self, robot: Robot, request: CellRequest, scene: Scene | None = None) -> None:
-        self.robot, self.request, self.scene = robot, request, scene
+        self.robot, self.request = robot, request
+        arms = request.arms(robot)
+        self.scene = None if scene is None else scene.among(arms)
         self.asked = CLEARANCE if request.clearance is None else request.clearance
         self._proofs: dict[bytes, Clearance] = {}  # recent proofs: a search and the judge ask for the same motions
         kinematics = Kinematics(robot.body.tree())
@@ -134,13 +137,13 @@ class Cell:
             still = (b for b in arm_bodies(other, request.package_dirs, request.allow_large) if b.joint < 0)
             things += [Kept(Body(f"{name}: {b.name}", -1, at @ b.pose, b.solid), False) for b in still]
         self.obstacles = len(things)  # index of the first body of the scene
-        whole = scene or Scene(source="--floor")
+        whole = self.scene or Scene(source="--floor")
         if request.floor is not None:
             whole = replace(whole, floor=request.floor)
         self._whole = whole
         tool = tool_of(robot.body, request.tool)
-        frames = {**robot.body.link_frames(), TOOL: (tool.joint, np.array(tool.pose))}
-        others = {link: at[0] for _, arm, _ in request.beside for link, at in arm.body.link_frames().items()}
+        frames = {**arms[0][0], TOOL: (tool.joint, np.array(tool.pose))}
+        others = {link: joint for links, _ in arms[1:] for link, (joint, _) in links.items()}
         self._names = {*frames, *others, FLOOR, PAYLOAD}  # that a scene's pairs may have
         elsewhere = {link for link, joint in others.items() if joint >= 0 and link not in frames}
         known: dict[int, Solid] = {}

@@ -23,27 +23,31 @@ def own_body(robot: Robot) -> Cell | None:
         return None
 
 
-def scene_of(request: CellRequest) -> Scene | None:
+def scene_of(request: CellRequest, robot: Robot | None = None) -> Scene | None:
     """The requested scene from its file, with the object that the request moves; None without a scene.
 
+    Args:
+        request: names the file. robot: in whose links' frames objects may be given; None: these stay as in the file.
+
     Raises:
-        BadInput: the file cannot be read, or there is no such object.
+        BadInput: the file cannot be read, or there is no such object, or no such frame.
     """
     if request.scene is None:
         return None
     outside, large = request.allow_outside, request.allow_large
-    scene = read_scene(request.scene, floor=request.floor, allow_outside=outside, allow_large=large)
-    if request.moved is None:
-        return scene
-    name, place = request.moved
-    return scene.with_object_at(name, pose_of(place[:3], place[3:]))
+    scene: Scene = read_scene(request.scene, floor=request.floor, allow_outside=outside, allow_large=large)
+    if request.moved is not None:
+        name, place = request.moved
+        scene = scene.with_object_at(name, pose_of(place[:3], place[3:]))
+    return scene if robot is None else scene.among(request.arms(robot))
 
 
 def load_cell(robot: Robot, request: CellRequest) -> Cell | None:
     """A robot's body and cell; None if no collision check is requested.
 
     Raises:
-        BadInput: a file or a mesh cannot be read, or the tool or an object is attached to an unknown link.
+        BadInput: a file or a mesh cannot be read, the tool or an object is attached to an unknown link, or an object
+            is in the frame of one.
     """
     if not request.checks:
         tool_of(robot.body, request.tool)

@@ -8,7 +8,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from energy_opt.cell.scene import FARTHEST
+from energy_opt.cell.scene import FARTHEST, Arms
 from energy_opt.errors import BadInput
 from energy_opt.robot import Robot
 from energy_opt.robot.kinematics import no_degrees, pose_of
@@ -94,3 +94,8 @@ class CellRequest:
     def base_pose(self) -> np.ndarray:
         """(4, 4) pose of the robot's base in the scene's frame; its angles as in URDF (about fixed x, y, z)."""
         return pose_of(self.base[:3], self.base[3:])
+
+    def arms(self, robot: Robot) -> Arms:
+        """The links and the base of the robot, and of the arms beside it."""
+        others = ((arm.body.link_frames(), pose_of(base[:3], base[3:])) for _, arm, base in self.beside)
+        return [(robot.body.link_frames(), self.base_pose), *others]

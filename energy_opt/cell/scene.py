@@ -7,7 +7,7 @@ base⁻¹ · object.pose · shape.pose · p, with `base` the pose of the robot's
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -28,6 +28,7 @@ SIZES: Mapping[Kind, tuple[str, ...]] = {
     "plane": (),
     "mesh": (),
 }
+WORLD = ("world", "map", "odom", "scene")  # names of the scene's own frame
 TOOL = "<tool>"  # means the tool's frame, where a link is named
 FLOOR = "floor"  # the name of the object that means `Scene.floor`
 FARTHEST = 10_000.0  # [m] largest size or position in a cell: larger ones are in another unit
@@ -60,9 +61,9 @@ class SceneObject:
     """A named thing made of shapes that do not move against each other.
 
     Attributes:
-        pose: (4, 4) in the scene's frame, or in the frame of the link `frame`.
+        pose: (4, 4) in the scene's frame, or in the frame `frame`.
         attached_to: the link that carries it, or `TOOL`; None where it is in the cell.
-        frame: the link in whose frame `pose` is, or `TOOL`; None for the scene's.
+        frame: the link in whose frame `pose` is, or `TOOL`; None for the scene's (see `Scene.among`).
         touch_links: links that may touch it, beside the one that carries it.
     """
 
@@ -79,11 +80,40 @@ class SceneObject:
         own = len(self.shapes) != 1 or not np.array_equal(self.pose, np.eye(4))
         return self.pose if own else self.shapes[0].pose
 
+    @property
+    def still_in(self) -> str | None:
+        """The frame that an object which no link carries is in; None for the scene's."""
+        return self.frame if self.attached_to is None else None
+
     def at(self, place: np.ndarray) -> SceneObject:
         """The object with that frame at `place` (4, 4)."""
         if self.place is self.pose:
             return replace(self, pose=place)
         return replace(self, shapes=(replace(self.shapes[0], pose=place),))
+
+
+Arms = Sequence[tuple[Mapping[str, tuple[int, np.ndarray]], np.ndarray]]  # links (see `link_frames`), and base (4, 4)
+
+
+def place_of(frame: str, what: str, arms: Arms, objects: Iterable[SceneObject] = ()) -> np.ndarray:
+    """(4, 4) pose in the scene's frame of a frame that does not move: the scene's own, a link's, or an object's.
+
+    Raises:
+        BadInput: there is no such frame, it moves with an arm, or several have the name; `what` begins the message.
+    """
+    if frame in WORLD:  # also where a link has this name
+        return np.eye(4)
+    known = [(name, joint, base @ at) for links, base in arms for name, (joint, at) in links.items()]
+    known += [(o.name, -1 if o.frame is None and o.attached_to is None else 0, o.place) for o in objects]
+    named = [(joint, at) for name, joint, at in known if name == frame]
+    if not named:
+        names = list(dict.fromkeys([WORLD[0], *(name for name, joint, _ in known if joint < 0)]))
+        raise BadInput(f"{what}: no frame {frame!r}{suggest(frame, names)}; frames are {', '.join(names)}")
+    if any(joint >= 0 for joint, _ in named):
+        raise BadInput(f"{what}: {frame} moves with the arm, so a pose in its frame is not fixed")
+    if not all(np.allclose(at, named[0][1]) for _, at in named):
+        raise BadInput(f"{what}: several frames are named {frame!r}; give the pose in the scene's frame, world")
+    return named[0][1]
 
 
 @dataclass(frozen=True)
@@ -129,6 +159,7 @@ class Scene:
         source: the file it was read from, for messages.
         warnings: one line for each thing in the file that is not used.
         poses: poses of the tool that the file names, as it has them.
+        root: the file's name of the scene's frame, beside `WORLD`; a link of this name comes first.
     """
 
     objects: tuple[SceneObject, ...] = ()
@@ -137,6 +168,7 @@ class Scene:
     floor: float | None = None
     warnings: tuple[str, ...] = ()
     poses: Mapping[str, object] = field(default_factory=dict)
+    root: str = ""
 
     def to_text(self) -> str:
         """The scene as JSON with the meshes of its files, for worker processes; the same scene gives the same text."""
@@ -144,7 +176,7 @@ class Scene:
         document = {
             "objects": [asdict(thing) for thing in self.objects],
             "allowed": [entries, dict(sorted(self.allowed.defaults.items()))],
-            **{name: getattr(self, name) for name in ("floor", "warnings", "poses")},
+            **{name: getattr(self, name) for name in ("floor", "warnings", "poses", "root")},
             "source": Path(self.source).name,
         }
         return json.dumps(plain(document))
@@ -164,11 +196,29 @@ class Scene:
         Raises:
             BadInput: no object has that name, or it moves with the arm.
         """
-        still = [thing.name for thing in self.objects if thing.frame is None and thing.attached_to is None]
+        still = [thing.name for thing in self.objects if thing.attached_to is None]
         if name not in still:
             known = f"{suggest(name, still)}; those are {', '.join(still) or 'none'}"
             raise BadInput(f"{self.source}: no object {name!r} is fixed in the scene{known}")
-        return replace(self, objects=tuple(o.at(place) if o.name == name else o for o in self.objects))
+        moved = (replace(o.at(place), frame=None) if o.name == name else o for o in self.objects)
+        return replace(self, objects=tuple(moved))
+
+    def among(self, arms: Arms) -> Scene:
+        """The scene with all objects that arms do not carry in its own frame.
+
+        Raises:
+            BadInput: an object's frame is unknown, or moves.
+        """
+        links = {name for frames, _ in arms for name in frames}
+        out = []
+        for thing in self.objects:
+            frame = thing.still_in
+            if frame is not None:
+                own = frame == self.root and frame not in links
+                at = place_of(WORLD[0] if own else frame, f"{self.source}: object {thing.name}", arms)
+                thing = replace(thing.at(at @ thing.place), frame=None)
+            out.append(thing)
+        return replace(self, objects=tuple(out))
 
     def placed(self, base: np.ndarray | None = None, joint: np.ndarray | None = None) -> Iterator[PlacedShape]:
         """Every shape, the floor last.

@@ -150,8 +150,12 @@ def _scene(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
     faults = check_scene(file, allow_outside=request.allow_outside, allow_large=request.allow_large)
     if faults:
         return faults
-    poses_of_scene(read_scene(file, allow_outside=request.allow_outside, allow_large=request.allow_large))
-    if request.robot is not None:
+    scene = read_scene(file, allow_outside=request.allow_outside, allow_large=request.allow_large)
+    poses_of_scene(scene)
+    if request.robot is None:
+        frames = ", ".join(dict.fromkeys(filter(None, (thing.still_in for thing in scene.objects))))
+        notes += [f"{file}: objects are in the frame of {frames}: not checked without --robot"] if frames else []
+    else:
         cell = load_cell(robot_of(request), replace(cell_of(request), scene=file))
         notes += cell.warnings if cell else ()
     return []

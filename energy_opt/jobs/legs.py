@@ -163,6 +163,11 @@ def legs_of(steps: Sequence[Step]) -> list[Leg]:
     return out
 
 
+def at_step(cell: CellRequest, step: Step) -> CellRequest:
+    """Body and cell at a step, whose own scene replaces that of the request."""
+    return replace(cell, scene=step.scene or cell.scene)
+
+
 def pose_in_base(step: Step, robot: Robot, cell: CellRequest) -> Pose:
     """The pose of a step in the frame of the robot's base.
 
@@ -173,7 +178,7 @@ def pose_in_base(step: Step, robot: Robot, cell: CellRequest) -> Pose:
         BadInput: the pose names an unknown frame, or one that moves with the arm.
     """
     assert step.pose is not None
-    scene = scene_of(replace(cell, scene=step.scene or cell.scene)) if step.pose.frame else None
+    scene = scene_of(at_step(cell, step), robot) if step.pose.frame else None
     return in_base(step.pose, robot, scene, cell.base_pose)
 
 

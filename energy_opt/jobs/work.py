@@ -20,7 +20,7 @@ from energy_opt.files import to_json
 from energy_opt.jobs.allocate import Front
 from energy_opt.jobs.cycle import Answer, Scorers
 from energy_opt.jobs.file import Job, Step
-from energy_opt.jobs.legs import Leg, Load, front_of
+from energy_opt.jobs.legs import Leg, Load, at_step, front_of
 from energy_opt.motion import Settings, Trajectory
 from energy_opt.motion.limits.early_check import check_pose
 from energy_opt.motion.path import JointPath, of_trajectory
@@ -44,14 +44,14 @@ class Cells:
 
     def of(self, step: Step) -> Cell | None:
         """The cell of a step; None if there is nothing to keep clear of."""
-        scene = step.scene or self._request.scene
-        if scene not in self._kept:
+        asked = at_step(self._request, step)
+        if asked.scene not in self._kept:
             try:
-                self._kept[scene] = load_cell(self._job.robot, replace(self._request, scene=scene))
+                self._kept[asked.scene] = load_cell(self._job.robot, asked)
             except EnergyOptError as error:
                 error.args = (f"{step.name}: {error.args[0]}",)
                 raise
-        return self._kept[scene]
+        return self._kept[asked.scene]
 
 
 FOLDER = ".answers"

@@ -27,7 +27,7 @@ from energy_opt.jobs.posed import Ends, Posed, run_posed
 from energy_opt.jobs.solve_job import JobResult, RoughCycles
 from energy_opt.jobs.work import Cells
 from energy_opt.motion.move import Settings
-from energy_opt.placement.placement import Looked, PlaceRequest, Rough, fixture_pose, in_scene
+from energy_opt.placement.placement import Looked, PlaceRequest, Rough, check_scenes, fixture_pose, in_scene
 from energy_opt.poses.freedom import places
 from energy_opt.poses.inverse import ToolKinematics
 from energy_opt.poses.sets import contact_error
@@ -61,6 +61,8 @@ class Search:
     ) -> None:
         self.model, self.request, self.settings, self.cell = model, request, settings, cell
         self.stopped, self.progress = stopped, progress
+        if request.fixture is None:
+            check_scenes(job, cell)
         self.job = in_scene(job, cell)
         self.given = cell.base if request.fixture is None else fixture_pose(self.job, cell, request.fixture)
         self.bounds = request.bounds(self.given)

@@ -11,16 +11,16 @@ import numpy as np
 
 from energy_opt.cell.load import scene_of
 from energy_opt.cell.request import CellRequest
-from energy_opt.cell.scene import FARTHEST
+from energy_opt.cell.scene import FARTHEST, WORLD
 from energy_opt.errors import BadInput
 from energy_opt.files import plain, write_json
 from energy_opt.folders import written_whole
 from energy_opt.jobs.cycle import Plan
 from energy_opt.jobs.file import Job
 from energy_opt.jobs.job_files import write as write_job
+from energy_opt.jobs.legs import at_step
 from energy_opt.jobs.posed import Ends
 from energy_opt.jobs.solve_job import JobResult
-from energy_opt.poses.given import WORLD
 from energy_opt.poses.pose import numbers_of
 from energy_opt.reports.page import Report
 from energy_opt.results import interrupted_words
@@ -100,6 +100,15 @@ def in_scene(job: Job, cell: CellRequest) -> Job:
     return replace(job, steps=tuple(steps))
 
 
+def check_scenes(job: Job, cell: CellRequest) -> None:
+    """Raise BadInput if an object's place depends on that of the base."""
+    for scene in filter(None, map(scene_of, {at_step(cell, step) for step in job.steps})):
+        for thing in scene.objects:
+            if thing.still_in in job.robot.body.link_frames():
+                raise BadInput(f"{scene.source}: object {thing.name}: its frame {thing.still_in} moves with the base; "
+                               f"give its pose in the scene's frame, {WORLD[0]}")  # fmt: skip
+
+
 def fixture_pose(job: Job, cell: CellRequest, fixture: str) -> tuple[float, ...]:
     """The placement of a fixture: x, y, z [m], roll, pitch, yaw [rad] (6,) of its frame in the scene's.
 
@@ -113,7 +122,7 @@ def fixture_pose(job: Job, cell: CellRequest, fixture: str) -> tuple[float, ...]
     if not steps:
         raise BadInput(f"{job.name}: no step ends at a pose in the frame of {fixture!r}, so its place changes nothing; "
                        f'give `pose = "{fixture}: X,Y,Z,R,P,Y"`')  # fmt: skip
-    scene = scene_of(replace(cell, scene=steps[0].scene or cell.scene))
+    scene = scene_of(at_step(cell, steps[0]), job.robot)
     if scene is None:
         raise BadInput(f"{job.name}: no scene has the object {fixture!r}; give --scene")
     known = {thing.name: thing for thing in scene.objects}

@@ -20,13 +20,12 @@ import numpy as np
 
 from energy_opt.cell.load import scene_of
 from energy_opt.cell.request import CellRequest
-from energy_opt.cell.scene import Scene
+from energy_opt.cell.scene import WORLD, Scene, place_of
 from energy_opt.errors import BadInput, suggest
 from energy_opt.files import inside, read_yaml_documents
 from energy_opt.poses.pose import FORM, Freedom, Pose, pose_error, pose_from
 from energy_opt.robot import Robot, tool_of
 
-WORLD = ("world", "map", "scene")  # names of the scene's own frame
 KEYS = ("pose", "free", "tolerance", "frame")
 SUFFIXES = (".yaml", ".yml", ".json")
 
@@ -155,28 +154,17 @@ def in_base(pose: Pose, robot: Robot, scene: Scene | None, base: np.ndarray) -> 
     """A pose in the frame of the robot's base.
 
     Args:
-        scene: the scene of the objects; None without one.
+        scene: the scene of the objects, in its own frame (`Scene.among`); None without one.
         base: (4, 4) pose of the robot's base in the scene's frame.
 
     Raises:
         BadInput: its frame is unknown, or moves with the arm.
     """
-    frame = pose.frame
-    links = robot.body.link_frames()
-    if frame in WORLD:  # also where a link of the robot has this name
-        return replace(pose, matrix=np.linalg.inv(base) @ pose.matrix, frame="")
-    if not frame or (frame in links and links[frame][0] < 0):
-        turned = np.eye(4) if not frame else links[frame][1]
-        return replace(pose, matrix=turned @ pose.matrix, frame="")
-    objects = {thing.name: thing for thing in (scene.objects if scene is not None else ())}
-    if frame not in objects:
-        known = [*objects, WORLD[0], *(name for name, (joint, _) in links.items() if joint < 0)]
-        frames = ", ".join(dict.fromkeys(known))
-        raise BadInput(f"{pose.name}: no frame {frame!r}{suggest(frame, known)}; frames are {frames}")
-    thing = objects[frame]
-    if thing.frame is not None or thing.attached_to is not None:
-        raise BadInput(f"{pose.name}: {frame} moves with the arm, so a pose in its frame is not fixed")
-    return replace(pose, matrix=np.linalg.inv(base) @ thing.place @ pose.matrix, frame="")
+    if not pose.frame:
+        return pose
+    objects = () if scene is None else scene.objects
+    place = place_of(pose.frame, pose.name, [(robot.body.link_frames(), base)], objects)
+    return replace(pose, matrix=np.linalg.solve(base, place @ pose.matrix), frame="")
 
 
 def ends_from_text(text: str) -> Ends:
@@ -220,7 +208,7 @@ class Ends:
         in.
         """
         given = [each for each in (self.start, *self.goals, *self.via) if isinstance(each, Pose)]
-        scene = scene_of(asked) if any(pose.frame for pose in given) else None
+        scene = scene_of(asked, robot) if any(pose.frame for pose in given) else None
         return self.changed(lambda pose: in_base(pose, robot, scene, asked.base_pose))
 
     def changed(self, change: Callable[[Pose], Any]) -> Ends:

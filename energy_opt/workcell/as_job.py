@@ -95,7 +95,7 @@ def check_workcell(path: Path, load: Callable[[str], Robot], around: CellRequest
             if table.robot is None:
                 ring_of(cell, table)
                 continue
-            request = request_of(cell, table, path, around)
+            request = request_of(cell, table, path, arms_beside(cell, table, path, load, around))
             explicit = table.model_copy(update={"step": explicit_steps(table)})
             job = job_of(cell, explicit, load, path, around.allow_outside, poses_of_request(request))
             notes += [f"robot {table.name}: {remark}" for remark in job.remarks]
@@ -135,6 +135,14 @@ def robot_in(table: RobotTable, path: Path, load: Callable[[str], Robot], around
     with suppress(BadInput):
         return None if table.robot is None else load(robot_named(table.robot, path.parent, around.allow_outside))
     return None
+
+
+def arms_beside(
+    cell: WorkCell, table: RobotTable, path: Path, load: Callable[[str], Robot], around: CellRequest
+) -> CellRequest:
+    """The request with the other arms of the cell; see `robot_in`."""
+    others = ((other, robot_in(other, path, load, around)) for other in cell.robot if other.name != table.name)
+    return replace(around, beside=tuple((other.name, robot, tuple(other.base)) for other, robot in others if robot))
 
 
 def model_named(name: str, path: Path, allow_outside: bool) -> str:

@@ -22,7 +22,7 @@ from energy_opt.robot import Robot, load_robot
 from energy_opt.schedule import Schedule
 from energy_opt.schedule.problem import CLOSE, keeps
 from energy_opt.workcell.arm import Arm
-from energy_opt.workcell.as_job import robot_in
+from energy_opt.workcell.as_job import arms_beside
 from energy_opt.workcell.between import Between
 from energy_opt.workcell.file import WorkCell
 from energy_opt.workcell.plan import Planned, Planning
@@ -115,14 +115,13 @@ def run_workcell(
 
     around = request or CellRequest()
     load = cache(load)
-    known = [(table.name, table.base, robot_in(table, path, load, around)) for table in cell.robot]
 
     def planned(shares: Mapping[str, np.ndarray]) -> CellResult:
         """The plan in which robots use at most these shares of their torque limits."""
         arms: list[Arm | None] = []
         for table in cell.robot:
-            beside = tuple((name, robot, base) for name, base, robot in known if robot and name != table.name)
-            given = Path(path), load, model_of, settings or Settings(), replace(around, beside=beside), stopped
+            beside = arms_beside(cell, table, path, load, around)
+            given = Path(path), load, model_of, settings or Settings(), beside, stopped
             try:
                 arms.append(None if table.robot is None else Arm(cell, table, *given, shares.get(table.name, 1.0)))
             except Infeasible as error:

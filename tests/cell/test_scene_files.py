@@ -227,7 +227,6 @@ def short(**changes: Any) -> dict[str, Any]:
         (message(box(primitive_poses=[])["id"]), "object 1: it is 'crate'"),
         (message(box(), box()), "object crate: is given twice"),
         (message(box(primitives=[], primitive_poses=[])), "object crate: has no shape"),
-        (message(box(header={"frame_id": "a"}), box("b", header={"frame_id": "b"})), "object b: is in the frame"),
         (message(box(operation=7)), "object crate: operation is 7"),
         (message(box(meshes=[{"vertices": [], "triangles": []}])), "object crate: a mesh without triangles"),
         (message(allowed_collision_matrix={"entry_names": ["a"]}), "allowed_collision_matrix: 0 entry_values"),

@@ -52,7 +52,7 @@ def read_scene(
         tail = f" (and {more} more faults: energy-opt check {path})" if more else ""
         raise BadInput(reading.faults[0] + tail)
     objects, warnings = tuple(reading.objects.values()), tuple(reading.warnings)
-    return FileScene(objects, reading.allowed, fspath(path), floor, warnings, reading.poses)
+    return FileScene(objects, reading.allowed, fspath(path), floor, warnings, reading.poses, reading.root)
 
 
 def check_scene(path: Path, *, allow_outside: bool = False, allow_large: bool = False) -> list[str]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.cell.scene import AllowedPairs, Kind, SceneObject, Shape
+from energy_opt.cell.scene import WORLD, AllowedPairs, Kind, SceneObject, Shape
 from energy_opt.cell.scene_files.parts import Reading, mapping, name_of, number, plane_pose, pose, sequence, vector
 from energy_opt.errors import BadInput
 
@@ -55,31 +55,24 @@ def _where(entry: Any, number: int) -> str:
 
 
 class _Frames:
-    """Frames of the poses: one for all of a scene, or several that the file relates to each other."""
+    """Frames of the poses, some of which the file relates to others."""
 
     def __init__(self, reading: Reading, document: Mapping[str, Any]) -> None:
-        self.known: dict[str, np.ndarray] = {}
-        self.used: str | None = None
+        self.known: dict[str, tuple[str | None, np.ndarray]] = {}
         for entry in sequence(document.get("fixed_frame_transforms"), "fixed_frame_transforms"):
             row = mapping(entry, "an entry of fixed_frame_transforms")
             moved = mapping(row.get("transform"), "transform")
             turned = vector(moved.get("rotation"), "xyzw", "rotation")
             child = name_of(row.get("child_frame_id"), "child_frame_id")
-            self.known[child] = pose(reading, vector(moved.get("translation"), "xyz", "translation"), turned)
-            self.used = self.used or _frame(row) or None
+            at = pose(reading, vector(moved.get("translation"), "xyz", "translation"), turned)
+            reading.root = reading.root or _frame(row)
+            parent, above = self.of(row)
+            self.known[child] = parent, above @ at
 
-    def of(self, entry: Mapping[str, Any]) -> np.ndarray:
-        """(4, 4) pose of the object's frame in the scene's."""
+    def of(self, entry: Mapping[str, Any]) -> tuple[str | None, np.ndarray]:
+        """A frame to which the file relates the entry's, None for the scene's, and the (4, 4) pose of that in it."""
         frame = _frame(entry)
-        if frame in self.known:
-            return self.known[frame]
-        if frame and self.used is None:
-            self.used = frame
-        if frame and frame != self.used:
-            raise BadInput(
-                f"is in the frame {frame!r}, others in {self.used!r}; expected one frame, or fixed_frame_transforms"
-            )
-        return np.eye(4)
+        return self.known.get(frame, (None if frame in ("", *WORLD) else frame, np.eye(4)))
 
 
 def _frame(entry: Mapping[str, Any]) -> str:
@@ -107,9 +100,10 @@ def _apply(reading: Reading, entry: Mapping[str, Any], frames: _Frames) -> None:
         reading.objects.pop(str(entry.get("id")), None)
         return
     name = name_of(entry.get("id"), "id")
-    at = frames.of(entry) @ _pose(reading, entry.get("pose"), "pose")
+    frame, at = frames.of(entry)
+    at = at @ _pose(reading, entry.get("pose"), "pose")
     if operation == ADD:
-        reading.add(SceneObject(name, _shapes(reading, entry), at))
+        reading.add(SceneObject(name, _shapes(reading, entry), at, frame=frame))
         return
     if operation not in (APPEND, MOVE):
         raise BadInput(f"operation is {operation}; expected 0 (add), 1 (remove), 2 (append) or 3 (move)")
@@ -117,12 +111,14 @@ def _apply(reading: Reading, entry: Mapping[str, Any], frames: _Frames) -> None:
     if old is None:
         raise BadInput("cannot be changed: no object of that name comes before it")
     if operation == APPEND:
+        if frame != old.frame:
+            raise BadInput("shapes are appended in another frame than the object's; expected the same")
         added = tuple(
             replace(shape, pose=np.linalg.solve(old.pose, at @ shape.pose)) for shape in _shapes(reading, entry)
         )
         reading.objects[name] = replace(old, shapes=(*old.shapes, *added))
     else:
-        reading.objects[name] = replace(old, pose=at)
+        reading.objects[name] = replace(old, pose=at, frame=frame)
 
 
 def _attach(reading: Reading, entry: Mapping[str, Any]) -> None:

@@ -37,6 +37,7 @@ class Reading:
         objects: by name, in the order of the file.
         poses: of the tool, by name, as the file has them.
         allowed: the pairs of bodies that may touch.
+        root: the file's name of the scene's frame, if it has one.
     """
 
     path: Path
@@ -47,6 +48,7 @@ class Reading:
     allowed: AllowedPairs = field(default_factory=AllowedPairs)
     faults: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
+    root: str = ""
     shapes: int = 0
     triangles: int = 0
 

@@ -23,6 +23,7 @@ from energy_opt.cell.request import CLEARANCE, CellRequest
 from energy_opt.cell.scene import FLOOR, TOOL, Scene, out_of_scale, unknown_names
 from energy_opt.cell.solids import GJK_ERROR, Solid, mesh, primitive
 from energy_opt.cell.words import clearance_words
+from energy_opt.errors import BadInput
 from energy_opt.robot import Robot, tool_of
 from energy_opt.robot.kinematics import Kinematics, pose_of
 from energy_opt.robot.srdf import semantics
@@ -116,7 +117,7 @@ class Cell:
 
     Raises:
         BadInput: a mesh cannot be read, or the tool or an object is attached to a link that does not exist, or an
-            object is in the frame of one.
+            object is in the frame of one, or has the name of a link with a body.
     """
 
     def __init__(self, robot: Robot, request: CellRequest, scene: Scene | None = None) -> None:
@@ -138,6 +139,8 @@ class Cell:
             things += [Kept(Body(f"{name}: {b.name}", -1, at @ b.pose, b.solid), False) for b in still]
         self.obstacles = len(things)  # index of the first body of the scene
         whole = self.scene or Scene(source="--floor")
+        for name in {thing.name for thing in whole.objects} & {body.name for body in links}:
+            raise BadInput(f"{whole.source}: object {name}: a link has this name; give each object its own name")
         if request.floor is not None:
             whole = replace(whole, floor=request.floor)
         self._whole = whole

@@ -129,6 +129,13 @@ def test_a_frame_that_two_arms_of_a_cell_have_is_refused(tmp_path: Path, arm: Ro
             Cell(arm, asked, read)
 
 
+def test_an_object_has_not_the_name_of_a_body_of_the_arm(tmp_path: Path, arm: Robot) -> None:
+    """`l1` and `l1` touched, and nobody could say which of them may."""
+    with pytest.raises(BadInput, match="object l1: a link has this name; give each object its own name"):
+        Cell(arm, CellRequest(), read_scene(scene(tmp_path, box("world", "l1"))))
+    Cell(arm, CellRequest(), read_scene(scene(tmp_path, box("world", "mount"))))  # a link without a body
+
+
 def test_place_refuses_objects_that_would_move_with_the_base(tmp_path: Path) -> None:
     path, robot = tmp_path / "job.toml", load_robot("ur5e")
     path.write_text(JOB)

@@ -39,7 +39,7 @@ from energy_opt.requests.verbs import CheckRequest
 from energy_opt.results import Found
 from energy_opt.robot import Robot, known_robots, load_robot
 from energy_opt.robot.degrees import doubted_units
-from energy_opt.robot.limits import names_in
+from energy_opt.robot.limits import limits_in, names_in
 from energy_opt.robot.srdf import read_srdf
 from energy_opt.workcell.as_job import check_workcell
 
@@ -142,7 +142,12 @@ def _document(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
         return _trajectory(file, request, notes)
     if any(map(is_scene, documents)):
         return _scene(file, request, notes)
-    return _trajectory(file, request, notes) if file.suffix == ".json" else _limits(file, request)
+    if file.suffix == ".json":
+        return _trajectory(file, request, notes)
+    if any(map(limits_in, documents)):
+        return _limits(file, request)
+    return [f"{file}: of no known form; expected a scene (with world or objects), a message with a trajectory (with "
+            "joint_names and points), or joint limits (with joint_limits)"]  # fmt: skip
 
 
 def _scene(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:

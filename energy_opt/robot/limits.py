@@ -305,18 +305,23 @@ def names_in(path: Path) -> list[str]:
     return list(_document(path).joint_limits)
 
 
+def limits_in(document: Any) -> dict[Any, Any] | None:
+    """The table with `joint_limits` that a document is, or holds; None without one."""
+    for _ in range(len(WRAPPERS)):
+        if isinstance(document, dict) and "joint_limits" not in document:
+            inner = [document[key] for key in WRAPPERS if isinstance(document.get(key), dict)]
+            document = inner[0] if inner else document
+    return document if isinstance(document, dict) and "joint_limits" in document else None
+
+
 def _document(path: Path) -> LimitsTable:
     """The limits of a file, taken out of the parameters around them.
 
     Raises:
         BadInput: no such table, an unknown key, or a value that is none.
     """
-    document = read_yaml(path)
-    for _ in range(len(WRAPPERS)):
-        if isinstance(document, dict) and "joint_limits" not in document:
-            inner = [document[key] for key in WRAPPERS if isinstance(document.get(key), dict)]
-            document = inner[0] if inner else document
-    if not isinstance(document, dict) or "joint_limits" not in document:
+    document = limits_in(read_yaml(path))
+    if document is None:
         raise BadInput(f"{path}: no joint_limits table; expected MoveIt's joint_limits.yaml")
     return parse(LimitsTable, {str(key): value for key, value in document.items()}, str(path))
 

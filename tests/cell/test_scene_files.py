@@ -262,6 +262,14 @@ def test_check_names_every_fault_and_outside_and_large_are_asked_for(
     assert not check_scene(path, allow_outside=True, allow_large=True)
 
 
+def test_check_knows_the_forms_that_scene_takes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["check", str(written(tmp_path, "a.yaml", {"scene": message(box())}))]) == 0
+    for text in ("[{name: crate}]", "{}", "", "world"):
+        assert main(["check", str(written(tmp_path, "a.yaml", text))]) == 2
+        fault = capsys.readouterr().err
+        assert all(word in fault for word in ("with world or objects", "joint_names and points", "with joint_limits"))
+
+
 def test_the_example_works(tmp_path: Path) -> None:
     assert len(read_scene(written(tmp_path, "a.yaml", EXAMPLE)).objects) == 4
     uncommented = EXAMPLE.replace("#  - ", "  - ").replace("\n#    ", "\n    ").replace("# allow", "allow")

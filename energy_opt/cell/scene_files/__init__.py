@@ -69,7 +69,15 @@ def check_scene(path: Path, *, allow_outside: bool = False, allow_large: bool = 
 
 def is_scene(document: Any) -> bool:
     """Whether a YAML or JSON document is a scene: a PlanningScene message or the short form."""
-    return isinstance(document, Mapping) and ("objects" in document or any(key in document for key in message.KEYS))
+    return _scene_in(document) is not None
+
+
+def _scene_in(document: Any) -> Mapping[str, Any] | None:
+    """The scene that a document is, or holds; None without one."""
+    if isinstance(document, Mapping) and isinstance(document.get("scene"), Mapping):
+        document = document["scene"]  # the answer of MoveIt's service get_planning_scene
+    found = isinstance(document, Mapping) and any(key in document for key in ("objects", *message.KEYS))
+    return document if found else None
 
 
 def _read(path: Path, allow_outside: bool, allow_large: bool) -> Reading:
@@ -89,10 +97,8 @@ def _read(path: Path, allow_outside: bool, allow_large: bool) -> Reading:
     documents = [read_json(path)] if suffix == ".json" else read_yaml_documents(path)
     if len(documents) > 1:
         raise BadInput(f"{path}: {len(documents)} documents; expected one scene")
-    document = documents[0] if documents else None
-    if isinstance(document, Mapping) and isinstance(document.get("scene"), Mapping):
-        document = document["scene"]  # the answer of MoveIt's service get_planning_scene
-    if not isinstance(document, Mapping) or not is_scene(document):
+    document = _scene_in(documents[0]) if documents else None
+    if document is None:
         raise BadInput(f"{path}: expected a PlanningScene (with world) or a short scene (with objects)")
     if "objects" in document:
         short.read_short(reading, document)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from html import escape
 from operator import itemgetter
 
@@ -101,6 +101,11 @@ class SolverReport:
     solve_seconds: float
     compiled: bool = False
     starts: int = 0
+
+    def whole(self, seconds: float, build_seconds: float = 0.0) -> SolverReport:
+        """The report of a solve that took so many `seconds` in all, with a first path and a choice among answers."""
+        build = max(self.build_seconds, build_seconds)
+        return replace(self, build_seconds=build, solve_seconds=seconds - build)
 
 
 BASELINES = ("toppra", "scaled", "input")

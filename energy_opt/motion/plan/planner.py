@@ -79,7 +79,7 @@ class Planner:
         self._starts: list[tuple[Cell | None, Move, Start]] = []  # first paths, with their cell and move
         # their fastest timings, with the model, the shares of limits and the settings that they hold for
         self._timings: list[tuple[Move, PowerModel, Shares, Settings, Timing]] = []
-        self._workshop, self.stopped = Workshop(), stopped
+        self.workshop, self.stopped = Workshop(), stopped
         self._take_cell(cell)
         self._take_model(model)
         self.limits()  # report faults now, not when a move needs the limits
@@ -316,7 +316,7 @@ class Planner:
             limits=limits,
             standing=self.limits(),
             judge=Judge(self.scorer, limits, self.settings.verify_samples, cell),
-            workshop=self._workshop,
+            workshop=self.workshop,
             stopped=self.stopped,
             cell=cell,
         )

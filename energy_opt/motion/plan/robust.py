@@ -120,6 +120,7 @@ class RobustPlanner:
         model, if such a move is found; else a warning says which joint exceeds its limit.
         """
         progress = Progress(self._planner.settings.deadline if deadline is None else deadline, self.stopped)
+        built = self._planner.workshop.seconds
         first = answer = self._solve(move, warm, progress, confirm)
         share, (own, use) = np.ones(self.robot.n), self._efforts(first.result.trajectory)
         for _ in range(EFFORT_ROUNDS):
@@ -140,7 +141,8 @@ class RobustPlanner:
             motion = rested(self._planner, move, given, most, self.totals, self.value, self.overloads, progress.ended)
             if motion is not given:
                 best = self._answer(self._planner.with_trajectory(best.result, move, motion), best.bound)
-        return self._stated(best)
+        found = self._stated(best)
+        return replace(found, solver=found.solver.whole(progress.seconds, self._planner.workshop.seconds - built))
 
     def _beside_held(self, result: Result) -> UnderJudges:
         """A result that holds the torque limits under every model; its baselines are valid only if they hold them."""
@@ -225,9 +227,7 @@ class RobustPlanner:
     def _best_answer(self, find: Find, stopped: Callable[[], bool], move: Move | None = None) -> UnderJudges:
         weights, members = np.ones(len(self.rivals)) / len(self.rivals), list(self._mixture.members)
         best: UnderJudges | None = None
-        answers: list[UnderJudges] = []
-        weighted: list[np.ndarray] = []
-        bounds: list[float] = []
+        answers, weighted, bounds = list[UnderJudges](), list[np.ndarray](), list[float]()
         for number in range(ROUNDS[self.kind]):
             planner = self._planner.under(Mixture.of(members, weights))
             answer = self._answer(find(planner, [] if best is None else [best.result.trajectory]))

@@ -262,9 +262,10 @@ class Single:
 
     def rested(self, move: Move, result: Result, progress: Progress) -> Result:
         """The result of a move, or a faster move with rest that takes less energy in the same duration."""
-        return rested(
+        found = rested(
             self.context, move, self.timing, result, lambda faster: self.at(faster, None, (), progress).result
         )
+        return replace(found, solver=found.solver.whole(progress.seconds))
 
     @one_thread
     def at(

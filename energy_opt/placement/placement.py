@@ -101,10 +101,11 @@ def in_scene(job: Job, cell: CellRequest) -> Job:
 
 
 def check_scenes(job: Job, cell: CellRequest) -> None:
-    """Raise BadInput if an object's place depends on that of the base."""
+    """Raise BadInput if an object's place depends on that of the base: it is in the frame of a link beside the root."""
+    links = {name for name, (_, at) in job.robot.body.link_frames().items() if not np.allclose(at, np.eye(4))}
     for scene in filter(None, map(scene_of, {at_step(cell, step) for step in job.steps})):
         for thing in scene.objects:
-            if thing.still_in in job.robot.body.link_frames():
+            if thing.still_in in links:
                 raise BadInput(f"{scene.source}: object {thing.name}: its frame {thing.still_in} moves with the base; "
                                f"give its pose in the scene's frame, {WORLD[0]}")  # fmt: skip
 

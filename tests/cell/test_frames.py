@@ -66,7 +66,7 @@ def place_in_base(robot: Robot, path: Path, request: CellRequest) -> np.ndarray:
 @pytest.mark.parametrize(
     ("frame", "expected"),
     [
-        ("mount", [0, 1.5, 0]), ("/mount", [0, 1.5, 0]), ("base", [0.5, 0, 0]),
+        ("mount", [0, 1.5, 0]), ("/mount", [0, 1.5, 0]),
         ("", [-1.5, 0, 0]), ("world", [-1.5, 0, 0]), ("map", [-1.5, 0, 0]), ("odom", [-1.5, 0, 0]),
     ],
 )  # fmt: skip
@@ -79,6 +79,20 @@ def test_an_object_is_in_the_frame_that_it_names(tmp_path: Path, arm: Robot, fra
     if frame:  # a pose of the tool means the same
         pose = in_base(Given().pose(f"{frame.strip('/')}: 0.5,0,0,0,0,0", "goal"), arm, None, asked.base_pose)
         assert np.allclose(pose.matrix[:3, 3], expected)
+
+
+@pytest.mark.parametrize(
+    ("frame", "says"), [("base", "base: the frame of objects is taken"), ("hall", "no link is named 'hall'")]
+)
+def test_the_root_link_and_a_single_unknown_name_are_the_scenes_frame_and_a_warning_says_so(
+    tmp_path: Path, arm: Robot, frame: str, says: str
+) -> None:
+    """Planning scenes name the root link; `place` and --base move the arm among their objects."""
+    path, asked = scene(tmp_path, box(frame)), CellRequest(base=(2, 0, 0, 0, 0, 0))
+    assert np.allclose(place_in_base(arm, path, asked), [-1.5, 0, 0])
+    assert any(says in warning for warning in Cell(arm, asked, read_scene(path)).warnings)
+    if frame == "base":  # without a base, both are the same
+        assert not any(says in warning for warning in Cell(arm, CellRequest(), read_scene(path)).warnings)
 
 
 def test_frames_that_the_file_relates_to_each_other(tmp_path: Path, arm: Robot) -> None:
@@ -99,16 +113,16 @@ def test_frames_that_the_file_relates_to_each_other(tmp_path: Path, arm: Robot) 
 
 
 @pytest.mark.parametrize(
-    ("thing", "says"),
+    ("things", "says"),
     [
-        (box("l1"), "object crate: l1 moves with the arm"),
-        (box("mout"), "object crate: no frame 'mout'; did you mean 'mount'.*frames are world, base, mount"),
+        ([box("l1")], "object crate: l1 moves with the arm"),
+        ([box("hall", "a"), box("mout")], "object a: no frame 'hall'; frames are world, base, mount"),
     ],
 )
 def test_frames_that_move_or_are_unknown_are_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], thing: dict[str, Any], says: str
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], things: list[dict[str, Any]], says: str
 ) -> None:
-    urdf, path = tmp_path / "arm.urdf", scene(tmp_path, thing)
+    urdf, path = tmp_path / "arm.urdf", scene(tmp_path, *things)
     urdf.write_text(ARM)
     with pytest.raises(BadInput, match=says):
         Cell(load_robot(str(urdf)), CellRequest(), read_scene(path))
@@ -139,6 +153,6 @@ def test_an_object_has_not_the_name_of_a_body_of_the_arm(tmp_path: Path, arm: Ro
 def test_place_refuses_objects_that_would_move_with_the_base(tmp_path: Path) -> None:
     path, robot = tmp_path / "job.toml", load_robot("ur5e")
     path.write_text(JOB)
-    asked = CellRequest(scene=scene(tmp_path, box("base_link")))
-    with pytest.raises(BadInput, match="object crate: its frame base_link moves with the base"):
+    asked = CellRequest(scene=scene(tmp_path, box("base_link_inertia")))  # turned against the root, base_link
+    with pytest.raises(BadInput, match="object crate: its frame base_link_inertia moves with the base"):
         place(load_job(path, lambda name: robot), source_model(robot), PlaceRequest((0, 0.1, 0, 0, 0, 0)), cell=asked)

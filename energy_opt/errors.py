@@ -16,7 +16,7 @@ from math import ceil, floor, inf, log10
 from traceback import extract_tb
 from typing import Any, TypeVar
 
-OTHERWISE = {"as": "standard"}  # options whose argument has another name
+OTHERWISE = {"as": "standard", "force": "force=True"}  # how a call says what differs from the option
 LONGEST = 300  # most characters of a fault's text: libraries list every form of a call
 MOST = 20  # most faults of a file that are named; the rest is counted
 Read = TypeVar("Read")

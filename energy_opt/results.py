@@ -10,9 +10,9 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Self
 
-from energy_opt.errors import suggest
+from energy_opt.errors import BadInput, shown, suggest
 from energy_opt.files import plain, to_json
-from energy_opt.folders import written_whole
+from energy_opt.folders import digest_of, no_foreign_files, no_other_verb, written_whole
 
 
 def exit_of(interrupted: bool, good: bool) -> int:
@@ -41,6 +41,7 @@ class Found:
     """
 
     document: Any  # a method that returns the content of its JSON file
+    answer = ""  # the file in a folder that shows that it holds such a result, see `folders.ANSWERS`
 
     @property
     def exit_code(self) -> int:
@@ -66,13 +67,32 @@ class Found:
         """Text that the command prints for a result saved in `out`; empty if the messages are enough."""
         return ""
 
-    def save(self, out: str | PathLike[str]) -> Path:
+    def save(self, out: str | PathLike[str], *, force: bool = False) -> Path:
         """Write all files of the result into the folder `out`, or none on an error; return the folder.
 
-        Results that only show something (`check`, `robots`) have no files: nothing is written.
+        The files of an earlier result of the same verb are replaced. Results that only show something (`check`,
+        `robots`) have no files: nothing is written.
+
+        Args:
+            force: replace all files that are in the way.
+
+        Raises:
+            BadInput: files of another verb, or files that no result there lists, would be replaced; or `out` cannot be
+                written.
         """
-        self.kept(Path(out))
-        return Path(out)
+        if not isinstance(out, (str, PathLike)):
+            raise BadInput(f"save {shown(out)}: expected the name of a folder")
+        folder = Path(out)
+        if not force:
+            self.guarded(folder)
+        self.kept(folder)
+        return folder
+
+    def guarded(self, out: Path) -> None:
+        """Refuse a folder where the result's files would replace those of another verb, or foreign ones."""
+        if self.answer:
+            no_other_verb(out, self.answer)
+            no_foreign_files(out, self.answer)
 
     def kept(self, out: Path) -> Self:
         """Write the result's files into the folder `out`; return the result, completed with data on these files."""
@@ -91,11 +111,20 @@ class FoundSet(Found):
     """A measured set that its verb wrote into the folder `out`; `save` copies it."""
 
     out: Path
+    answer = "log.toml"
+
+    def guarded(self, out: Path) -> None:
+        """Refuse a folder with the results of a verb, or with another file of the same name."""
+        no_other_verb(out, self.answer)
+        for path in (file for file in self.out.rglob("[!.]*") if file.is_file()):
+            held = out / path.relative_to(self.out)
+            if digest_of(held) not in (None, digest_of(path)):
+                raise BadInput(f"{held}: another file of this name; choose another folder, or add --force")
 
     def kept(self, out: Path) -> Self:
         """Copy the folder, except hidden files."""
         if out.resolve() != self.out.resolve():
-            with written_whole(out, "log.toml") as aside:
+            with written_whole(out, self.answer) as aside:
                 shutil.copytree(self.out, aside, ignore=shutil.ignore_patterns(".*"), dirs_exist_ok=True)
         return self
 

@@ -13,7 +13,7 @@ from types import MappingProxyType
 from typing import Any
 
 from energy_opt.batches.executors import Solver, cluster, local, run_tasks, solve_task
-from energy_opt.batches.records import Journal, Record, Row, read_journal, write_parquet
+from energy_opt.batches.records import NAME, Journal, Record, Row, read_journal, write_parquet
 from energy_opt.batches.suite import Suite
 from energy_opt.batches.summary import summarize, table, write_report
 from energy_opt.errors import Infeasible
@@ -43,6 +43,7 @@ class Batch(Found):
     left_out: int
     out: Path = Path(".")
     request: Request | None = None
+    answer = NAME
 
     @property
     def exit_code(self) -> int:

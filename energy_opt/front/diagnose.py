@@ -33,7 +33,6 @@ from energy_opt.power.variants import of_joints
 from energy_opt.requests.verbs import DiagnoseRequest
 from energy_opt.results import Found
 
-ANSWER = "diagnosis.json"
 NEXT = "next_motion.csv"
 ALIKE = (
     "Next: plan under all alternatives (optimize --model model.toml --robust mean); the proposed motion may still tell "
@@ -55,6 +54,7 @@ class Diagnosed(Found, Diagnosis):
     request: DiagnoseRequest | None = None
     next_motion: Trajectory | None = None
     interrupted: bool = False
+    answer = "diagnosis.json"
     __str__ = Diagnosis.__str__
 
     @property
@@ -64,7 +64,7 @@ class Diagnosed(Found, Diagnosis):
 
     def kept(self, out: Path) -> Diagnosed:
         """Write diagnosis.json, model.toml, report.html and the motion to record next into the folder `out`."""
-        with written_whole(out, ANSWER) as aside:
+        with written_whole(out, self.answer) as aside:
             if self.next_motion is not None:
                 table.write(self.next_motion, aside / NEXT)
             Diagnosis.save(self, aside)
@@ -88,7 +88,7 @@ def run(request: DiagnoseRequest, desk: Desk) -> Diagnosed:
     surroundings = cell_of(request)  # for the motion to record next
     if not 0 < request.tolerance <= 100:
         raise BadInput(f"--tolerance {request.tolerance:g}: expected per cent of the energy, above 0 and at most 100")
-    document = desk.take(ANSWER, asked)
+    document = desk.take(Diagnosed.answer, asked)
     with desk.working() as (stopped, show):
         show.stage("searching", 0.0, 1.0)
         found = diagnosed(measured, declared, request.seed, request.tolerance, given, stopped)
@@ -108,7 +108,7 @@ def run(request: DiagnoseRequest, desk: Desk) -> Diagnosed:
             add_worth(result, surroundings, seed=request.seed, stopped=pressed)
             result = desk.keep(replace(result, next_motion=motion))
     worth = [worth_words(result.document()["worth"])] if result.document().get("worth") else []
-    where = [] if desk.out is None else [f"written: {desk.out / ANSWER}, model.toml, report.html"]
+    where = [] if desk.out is None else [f"written: {desk.out / Diagnosed.answer}, model.toml, report.html"]
     desk.say("\n".join([str(result), *worth, *where]))
     for change in (x for x in since if x.real):
         desk.say(f"changed since {request.model}: {change}")

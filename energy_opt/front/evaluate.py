@@ -32,7 +32,6 @@ from energy_opt.robot import Robot
 from energy_opt.robot.degrees import doubted_units
 
 FORMAT = "energy-opt/evaluation/1"
-ANSWER = "evaluate.json"
 IN_CELL = ("base", "tool", "floor", "scene")
 WIDTH = 14  # [characters] least width of a column
 
@@ -52,6 +51,7 @@ class Answers(Answered):
     found: tuple[Evaluation, ...]
     given: tuple[Any, ...] = ()
     files: tuple[Written, ...] = ()
+    answer = "evaluate.json"
 
     @property
     def exit_code(self) -> int:
@@ -79,28 +79,30 @@ class Answers(Answered):
         return f"Answers({self.robot.name!r}, {len(self.found)} motions)"
 
     def save(
-        self, out: str | PathLike[str], write: Sequence[str] = (), rate: float | None = None, prefix: str = ""
-    ) -> Path:
+        self, out: str | PathLike[str], write: Sequence[str] = (), rate: float | None = None, prefix: str = "",
+        *, force: bool = False,
+    ) -> Path:  # fmt: skip
         """Write evaluate.json, and every motion in the formats asked for, into `out`.
 
         Args:
             write, rate, prefix: in place of the request's `write`, `rate` [Hz] and `joint_prefix`.
+            force: replace all files that are in the way.
         """
         given: dict[str, Any] = {"write": tuple(write) or None, "rate": rate, "joint_prefix": prefix or None}
         if not any(given.values()):
-            return super().save(out)
+            return super().save(out, force=force)
         asked = replace(self.request, **{name: value for name, value in given.items() if value is not None})
         files = files_of(asked, self.robot, self.found)
         warn_of(files)
-        return super(Answers, replace(self, request=asked, files=files)).save(out)
+        return super(Answers, replace(self, request=asked, files=files)).save(out, force=force)
 
     def kept(self, out: Path) -> Answers:
         """Write evaluate.json, and every motion in the formats that the request asks for, into the folder `out`."""
-        with written_whole(out, ANSWER) as aside:
+        with written_whole(out, self.answer) as aside:
             names = put_motions(self.given, aside, self.request.joint_prefix)
             for row in self.files:
                 row.put(aside)
-            write_json(aside / ANSWER, replace(self, request=replace(self.request, files=names)).document())
+            write_json(aside / self.answer, replace(self, request=replace(self.request, files=names)).document())
         return self
 
 
@@ -150,7 +152,7 @@ def run(request: EvaluateRequest, desk: Desk) -> Answers:
         request, files=names, model=documents(rivals), payload=payload_document(request.payload),
         **as_loaded(robot, request.robot),
     )  # fmt: skip
-    desk.take(ANSWER, asked)
+    desk.take(Answers.answer, asked)
     written = files_of(asked, robot, found)
     answers = desk.keep(Answers(robot=robot, request=asked, stamp=desk.stamp, found=found, given=given, files=written))
     for evaluation in answers.found:

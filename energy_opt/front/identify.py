@@ -23,7 +23,7 @@ from energy_opt.static_poses.methods import identify as of_poses
 from energy_opt.static_poses.suggest import Suggestion, suggest
 from energy_opt.tables import read_table, write_table
 
-ANSWER = "identify.json"
+POSES = "suggested_poses.csv"
 
 
 @dataclass(frozen=True, repr=False)
@@ -40,9 +40,18 @@ class Suggested(Found):
         found = {"poses": self.found.poses.tolist(), "load": self.found.load.tolist()}
         return {"robot": self.robot.name, "joints": list(self.robot.joints), **found}
 
+    def guarded(self, out: Path) -> None:
+        """Refuse a folder with other poses."""
+        if (path := out / POSES).is_file():
+            held, (header, columns) = read_table(path), self.table
+            if list(held) != header or any(
+                list(held[name]) != list(x) for name, x in zip(header, columns, strict=True)
+            ):
+                raise BadInput(f"{path} holds other poses; choose another --out, or overwrite it with --force")
+
     def kept(self, out: Path) -> Suggested:
         """Write suggested_poses.csv into the folder `out`."""
-        write_table(out / "suggested_poses.csv", *self.table)
+        write_table(out / POSES, *self.table)
         return self
 
     def text(self, out: Path) -> str:
@@ -88,7 +97,7 @@ def run(request: IdentifyRequest, desk: Desk) -> Identification | Suggested:
         mass = measured.payload
         desk.say(f"note: the arm carries {mass.mass:g} kg, as its recorder states")
     asked = request_of_set(request, measured.robot)
-    document = desk.take(ANSWER, asked)
+    document = desk.take(Identification.answer, asked)
     found = of_poses(measured.robot.name, poses_of(measured, mass, _gravity(request, measured.robot)))
     result = desk.keep(replace(found, request=document))
     desk.say(str(result) + ("" if desk.out is None else f"\nwritten: {desk.out}"))
@@ -106,15 +115,14 @@ def _suggest(request: IdentifyRequest, count: int, robot: Robot, mass: PointMass
     """Static poses that determine a robot's losses best."""
     cell = load_cell(robot, cell_of(request))
     found = suggest(robot, count, request.seed, mass, None if cell is None else cell.free, _gravity(request, robot))
-    answer, path = Suggested(robot, found), (desk.out or Path()) / "suggested_poses.csv"
-    if desk.out is not None and not desk.force and path.is_file():
-        held, (header, columns) = read_table(path), answer.table
-        if list(held) != header or any(list(held[name]) != list(x) for name, x in zip(header, columns, strict=True)):
-            raise BadInput(f"{path} holds other poses; choose another --out, or overwrite it with --force")
+    answer = Suggested(robot, found)
+    if desk.out is not None and not desk.force:
+        answer.guarded(desk.out)
     desk.keep(answer)
     desk.say(
-        f"{path}: {count} poses, |gravity torque|^2 from {found.load.min():.4g} to {found.load.max():.4g} "
-        f"(N m)^2; if the readings scatter by 1 W, the 95 % interval of r_over_kt2 is +-{found.width:.3g} W/(N m)^2"
+        f"{(desk.out or Path()) / POSES}: {count} poses, |gravity torque|^2 from {found.load.min():.4g} to "
+        f"{found.load.max():.4g} (N m)^2; if the readings scatter by 1 W, the 95 % interval of r_over_kt2 is "
+        f"+-{found.width:.3g} W/(N m)^2"
     )
     return answer
 

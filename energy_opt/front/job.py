@@ -11,7 +11,7 @@ from energy_opt.errors import BadInput
 from energy_opt.front.controllers import check_rate_of, check_written
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, robot_of, several
-from energy_opt.front.jobs import JOB, WORKCELL, JobAnswer, answers_of, content_of, prepared
+from energy_opt.front.jobs import WORKCELL, JobAnswer, answers_of, content_of, prepared
 from energy_opt.front.models import rivals_from, said, with_careful
 from energy_opt.front.moves import settings_of
 from energy_opt.jobs import job_files
@@ -42,11 +42,11 @@ def run(request: JobRequest, desk: Desk) -> JobAnswer:
     job, rivals, kind, asked = prepared(request, desk)
     formats = check_written(request, job.robot)
     settings, cell = settings_of(request), cell_of(request)
-    document = desk.take(JOB, asked)
+    document = desk.take(JobAnswer.answer, asked)
     answers = answers_of(request, job, rivals, settings, desk)
     with desk.working() as (stopped, show):
         usual: dict[str, Any] = {"cell": cell, "stopped": stopped, "progress": show}
-        with desk.stating(JOB, robot=job.robot.name, cycle_time=job.cycle_time, request=document):
+        with desk.stating(JobAnswer.answer, robot=job.robot.name, cycle_time=job.cycle_time, request=document):
             first = run_posed(job, mean_of(rivals), settings, answers=answers, **usual)
 
             def under(model: PowerModel, held: Shares = NONE, result: JobResult | None = None) -> JobResult:
@@ -110,10 +110,10 @@ def run_workcell_job(request: JobRequest, desk: Desk) -> JobAnswer:
 
     asked = replace(request, job=content, folder=str(path.parent.resolve()))
     _ = request.worth  # refuses invalid numbers before the work
-    document = desk.take(JOB, asked)
+    document = desk.take(JobAnswer.answer, asked)
     settings = settings_of(request)
     with desk.working() as (stopped, show):
-        with desk.stating(JOB, cycle_time=cell.cycle_time, request=document):
+        with desk.stating(JobAnswer.answer, cycle_time=cell.cycle_time, request=document):
             result = run_workcell(
                 cell, path, load=load, model_of=model_of, settings=settings, request=cell_of(request),
                 stopped=stopped, progress=show,

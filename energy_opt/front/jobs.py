@@ -34,7 +34,7 @@ from energy_opt.power.assumptions import assumptions, assumptions_line
 from energy_opt.requests.moves import JobRequest, PlaceRequest, TradeoffRequest
 from energy_opt.results import Document, exit_of
 from energy_opt.robot import Robot
-from energy_opt.tradeoffs.front_files import ANSWER, Tradeoff
+from energy_opt.tradeoffs.front_files import Tradeoff
 
 WORKCELL = "energy-opt/job/2"
 Asked = TypeVar("Asked", JobRequest, TradeoffRequest, PlaceRequest)
@@ -115,9 +115,6 @@ def answers_of(
     return Answers(desk.out, job.robot.joints, [*about, cell_of(request).document()], request.resume)
 
 
-JOB = "job.json"
-
-
 @dataclass(frozen=True, repr=False, kw_only=True)
 class JobAnswer(Answered):
     """A solved cycle of one robot or of several: `result`, and of one robot its `trajectory`; by name, as
@@ -131,6 +128,7 @@ class JobAnswer(Answered):
     result: Any
     request: JobRequest
     files: tuple[Written, ...]
+    answer = "job.json"
 
     @classmethod
     def of(cls, result: Any, request: JobRequest, stamp: Mapping[str, Any], formats: Any) -> JobAnswer:
@@ -170,7 +168,7 @@ class JobAnswer(Answered):
 
     def kept(self, out: Path) -> JobAnswer:
         """Write job.json, the tables of all motions, report.html and the programs asked for into the folder `out`."""
-        with written_whole(out, JOB) as aside:
+        with written_whole(out, self.answer) as aside:
             _output(self.result).write(self.result, self.asked, aside, self.request.worth, self.files)
         return self
 
@@ -211,7 +209,7 @@ def run_job(request: TradeoffRequest, times: list[float] | None, desk: Desk) -> 
         raise BadInput(f"--{(given or 'via').replace('_', '-')} belongs to one move; {file} states its own moves")
     worth, settings, cell = request.worth, settings_of(request), cell_of(request)
     job, rivals, kind, asked = prepared(request, desk, durations=times)
-    stamped = desk.take(ANSWER, asked)
+    stamped = desk.take(Tradeoff.answer, asked)
     answers = answers_of(request, job, rivals, settings, desk)
 
     def restated(result: JobResult, again: Callable[[Shares], JobResult]) -> JobResult:

@@ -42,7 +42,6 @@ from energy_opt.robot import Robot
 
 UNCHECKED = "self-collision is off: whether the arm touches itself was not checked"
 FORMAT = "energy-opt/result/1"
-ANSWER = "result.json"
 STILL = 1e-6  # [rad, m] a joint whose ends are nearer to each other stays where it is
 
 
@@ -65,6 +64,7 @@ class Answer(Result, Answered):
     cell: Cell | None = None
     goals: Mapping[str, Any] = field(default_factory=dict)
     files: tuple[Written, ...] = ()
+    answer = "result.json"
 
     @property
     def per_year(self) -> dict[str, float | None] | None:
@@ -97,7 +97,7 @@ class Answer(Result, Answered):
 
         Beside them the files for controllers that the request asks for.
         """
-        with written_whole(out, ANSWER) as aside:
+        with written_whole(out, self.answer) as aside:
             own: dict[str, object] = {}
             for name in ("csv", "yaml"):
                 form = formats.FORMATS[name]
@@ -112,7 +112,7 @@ class Answer(Result, Answered):
             lost = _lost(self, self.arm, document)
             report = page(document, self.trajectory, motions, self.arm, self.cell, lost)
             report.write(aside / "report.html", aside / "plot.png")
-            write_json(aside / ANSWER, document)
+            write_json(aside / self.answer, document)
         return self
 
 
@@ -283,7 +283,7 @@ def run(request: OptimizeRequest, desk: Desk) -> Answer:
     if free and given.input is not None and SHORTEST <= given.input.duration <= LONGEST:
         move = replace(given, duration=given.input.duration)
     asked = resolved(request, robot, rivals, kind, given, ends)
-    document = desk.take(ANSWER, asked)
+    document = desk.take(Answer.answer, asked)
     with desk.working() as (stopped, _):
         cell = load_cell(robot, around)
         known: dict[str, Any] = {"cell": cell, "stopped": stopped}
@@ -313,8 +313,8 @@ def run(request: OptimizeRequest, desk: Desk) -> Answer:
         except Infeasible as fault:
             error = fault if ends is not None else replace(controllers, request=asked).with_duration(move, fault)
             desk.failed(
-                ANSWER, error, robot=robot.name, joints=list(robot.joints), mode=move.mode, duration=move.duration,
-                request=document,
+                Answer.answer, error, robot=robot.name, joints=list(robot.joints), mode=move.mode,
+                duration=move.duration, request=document,
             )  # fmt: skip
             raise error from None
         answer = desk.keep(with_files(answer, partial(controllers.write, move, moves)))

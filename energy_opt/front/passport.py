@@ -15,8 +15,6 @@ from energy_opt.requests.option import plain
 from energy_opt.requests.verbs import PassportRequest
 from energy_opt.robot import Robot
 
-ANSWER = "passport.json"
-
 
 def run(request: PassportRequest, desk: Desk) -> Passport:
     """The electrical passport of one model of an arm, or of several side by side.
@@ -34,7 +32,7 @@ def run(request: PassportRequest, desk: Desk) -> Passport:
     found = passport_of(models, named, request.limits, request.locked or None)
     states = [arm.model.to_document() for arm in found.arms]
     robot = request.robot if request.robot is None else str(getattr(request.robot, "name", request.robot))
-    document = desk.take(ANSWER, replace(request, models=tuple(given), robot=robot), contents=plain(states))
+    document = desk.take(Passport.answer, replace(request, models=tuple(given), robot=robot), contents=plain(states))
     result = desk.keep(replace(found, request=document))
     for arm in found.arms:
         if said := of_another_arm(arm.label, arm.model, arm.robot):

@@ -30,7 +30,6 @@ from energy_opt.poses.pose import TURNS, Freedom
 from energy_opt.requests.moves import JobRequest, PlaceRequest
 from energy_opt.results import exit_of
 
-ANSWER = "place.json"
 ENDS = ("to", "pose", "free", "pose_tolerance")  # keys of a step that say where it ends
 
 
@@ -49,6 +48,7 @@ class PlaceAnswer(Answered):
     request: PlaceRequest
     job: PlaceRequest | JobRequest
     saved: Mapping[str, Any] | None = None
+    answer = "place.json"
 
     @property
     def exit_code(self) -> int:
@@ -65,7 +65,7 @@ class PlaceAnswer(Answered):
 
     def kept(self, out: Path) -> PlaceAnswer:
         """Write place.json, map.png, report.html and the job solved at the answer into the folder `out`."""
-        with written_whole(out, ANSWER) as aside:
+        with written_whole(out, self.answer) as aside:
             job = {**self.job.document(), **self.stamp, "command": None}
             saved = write(self.placement, self.asked, self.asked if self.job is self.request else job, aside)
         return replace(self, saved=saved)
@@ -86,9 +86,9 @@ def run(request: PlaceRequest, desk: Desk) -> PlaceAnswer:
     counts = {name: getattr(request, name) for name in ("looked_at", "seeds", "steps", "fixture")}
     box, around = Box.of(words, **counts), cell_of(request)
     job, rivals, kind, asked = prepared(request, desk)
-    document = desk.take(ANSWER, asked)
+    document = desk.take(PlaceAnswer.answer, asked)
     with desk.working() as (stopped, show):
-        with desk.stating(ANSWER, robot=job.robot.name, request=document):
+        with desk.stating(PlaceAnswer.answer, robot=job.robot.name, request=document):
             found = placed(
                 job, mean_of(rivals), box, settings=settings_of(request), cell=around, stopped=stopped, progress=show
             )

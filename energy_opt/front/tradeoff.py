@@ -31,7 +31,7 @@ from energy_opt.results import Document, interrupted_words
 from energy_opt.robot import Robot
 from energy_opt.tradeoffs.fixed_cycle import Cycle
 from energy_opt.tradeoffs.front import Front, trace
-from energy_opt.tradeoffs.front_files import ANSWER, Tradeoff, document, motions_of, stated, text
+from energy_opt.tradeoffs.front_files import Tradeoff, document, motions_of, stated, text
 
 MOST = 1000  # most durations of a front; each needs a solve or more: some minutes
 DURATIONS = "expected FIRST:LAST:COUNT, two durations above 0 s, the smaller first, and a count"
@@ -64,7 +64,7 @@ def run(request: TradeoffRequest, desk: Desk) -> Tradeoff:
     desk.report(warnings=robot.warnings)
     settings = settings_of(request)
     asked = replace(resolved(request, robot, rivals, kind, move, ends), durations=durations, duration=None)
-    document = desk.take(ANSWER, asked)
+    document = desk.take(Tradeoff.answer, asked)
     with desk.working() as (stopped, show):
 
         def progress(front: Front, expected: int) -> None:

@@ -32,6 +32,7 @@ class Passport(Found):
     arms: tuple[Arm, ...]
     changes: tuple[Change, ...]
     request: dict[str, Any] = field(default_factory=dict)
+    answer = "passport.json"
 
     @property
     def headline(self) -> str:
@@ -72,8 +73,8 @@ class Passport(Found):
 
     def kept(self, out: Path) -> Passport:
         """Write passport.json and report.html into the folder `out`."""
-        with written_whole(out, "passport.json") as aside:
-            write_json(aside / "passport.json", self.document())
+        with written_whole(out, self.answer) as aside:
+            write_json(aside / self.answer, self.document())
             page(self.arms, self.changes, self.headline, self.request).write(aside / "report.html")
         return self
 

@@ -68,6 +68,7 @@ class Identification(Found):
     line: dict[str, Any] | None
     word: str
     request: Mapping[str, Any] = field(default_factory=dict)
+    answer = "identify.json"
 
     def model_1(self) -> PowerModel:
         """Method 1 as a model."""

@@ -29,7 +29,6 @@ from energy_opt.robot import Robot
 from energy_opt.tradeoffs.fixed_cycle import Cycle
 from energy_opt.tradeoffs.front import Front, Point
 
-ANSWER = "tradeoff.json"
 EXITS = {"solved": 0, "infeasible": 3, "not_converged": 4, "interrupted": 130}  # exit codes by status
 COLUMNS = ("duration", "energy_total", "energy_standby", "energy_loss", "status")
 
@@ -124,6 +123,7 @@ class Tradeoff(Found):
     robot: Robot
     front: Front | None = None
     move: Move | None = None
+    answer = "tradeoff.json"
 
     @property
     def exit_code(self) -> int:
@@ -147,13 +147,13 @@ class Tradeoff(Found):
     def kept(self, out: Path) -> Tradeoff:
         """Write tradeoff.csv, tradeoff.json, plot.png, report.html and trajectories of the optima into a folder."""
         best = {} if self.front is None else {"minimum": self.front.minimum, "cycle_minimum": self.front.cycle_minimum}
-        with written_whole(out, ANSWER) as aside:
+        with written_whole(out, self.answer) as aside:
             write_text(aside / "tradeoff.csv", table(self.document()))
             for name, point in best.items():
                 if point is not None and point.trajectory is not None:
                     rows.write(point.trajectory, aside / f"trajectory_{name}.csv")
             self.page(self.document()).write(aside / "report.html", aside / "plot.png")
-            write_json(aside / ANSWER, self.document())
+            write_json(aside / self.answer, self.document())
         return self
 
     def __repr__(self) -> str:

@@ -9,7 +9,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 
@@ -19,12 +18,6 @@ from energy_opt.motion.trajectory import Trajectory
 NO_LENGTH = 1e-12  # [rad] a shorter path counts as no move
 HALVINGS = 30  # of the time between two samples, until a point of an even path is found
 TRAJECTORY_PIECES = 200  # cubic pieces of the curve through a trajectory
-
-
-class Curve(Protocol):
-    """The common interface of paths and trajectories: values and derivatives (M, n) at places (or times) s (M,)."""
-
-    def __call__(self, s: np.ndarray, order: int = 0, /) -> np.ndarray: ...
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ Values may be given as the command line spells them (`"0,1,0"`, `"1.5,0,0,0.1"`)
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from typing import TYPE_CHECKING, Any
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from energy_opt.cell.request import CellRequest
     from energy_opt.conditions import Condition, Limit
     from energy_opt.effects import Payload
-    from energy_opt.motion.path import Curve, JointPath
+    from energy_opt.motion.path import JointPath
     from energy_opt.motion.result import Result
     from energy_opt.motion.trajectory import Trajectory
     from energy_opt.poses.pose import AnyOf, Pose
@@ -34,7 +34,8 @@ if TYPE_CHECKING:
     Positions = Vector | Mapping[str, float] | str
     AnyPayload = float | Sequence[float] | Payload | Mapping[str, Any] | str
     Motion = Trajectory | Result
-    AnyPath = JointPath | Motion | Curve | Sequence[Vector] | np.ndarray | Mapping[str, Any] | str | PathLike[str]
+    Waypoints = Sequence[Vector] | np.ndarray | Callable[[Any], Vector]
+    AnyPath = JointPath | Motion | Waypoints | Mapping[str, Any] | str | PathLike[str]
     AnyPose = Pose | Vector | Sequence[Vector] | Mapping[str, Any] | str
 
 ROBOT = "a name (`energy-opt robots`) or a URDF"

@@ -284,6 +284,14 @@ front.save("out")
 again = eo.Planner(robot, model).solve(Move(list(ends[0]), list(ends[1]), duration=2.0, via=[list(ends[0])]))
 limit: type[eo.conditions.Limit] = eo.conditions.Limit
 scene = eo.load_scene("scene.yaml", floor=0.0)
+
+
+def along(s: float) -> list[float]:
+    return [0.6 * s, 1.0, -1.0, 0.0, 0.0, 0.0]
+
+
+eo.optimize("z1", path=along, mode="retime")
+eo.optimize("z1", path=lambda s: np.multiply.outer(s, ends[1]), mode="retime")
 """
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 

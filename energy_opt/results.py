@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator, KeysView, Mapping
 from dataclasses import dataclass
 from html import escape
 from os import PathLike
@@ -58,6 +58,13 @@ class Found:
         if key not in content:
             raise KeyError(f"no value {key!r}; values are {', '.join(content)}{suggest(str(key), content)}")
         return plain(content[key])
+
+    def keys(self) -> KeysView[str]:
+        """The names of the document's values; with these and `[key]`, `dict(found)` is the document."""
+        return self.document().keys()
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.keys())
 
     def to_json(self) -> str:
         """The document as JSON text."""

@@ -3,7 +3,7 @@
 import inspect
 import json
 import re
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
@@ -105,3 +105,9 @@ def test_a_type_checker_knows_that_a_result_has_effort_and_power() -> None:
 @pytest.mark.parametrize(("interrupted", "good", "code"), [(0, 1, 0), (0, 0, 4), (1, 1, 130), (1, 0, 130)])
 def test_an_interrupted_answer_says_so_whether_it_is_good_or_not(interrupted: int, good: int, code: int) -> None:
     assert exit_of(bool(interrupted), bool(good)) == code
+
+
+def test_a_result_is_read_like_a_mapping() -> None:
+    """`"a" in found`, `list(found)` and `dict(found)` raised KeyError."""
+    assert "a" in Table() and "b" not in Table() and list(Table()) == ["a"] and dict(Table()) == {"a": 1}
+    assert dict(Said()) == {"b": [2.0]}

@@ -136,7 +136,7 @@ class FoundSet(Found):
         return self
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Listing(Found):
     """Records that a verb only shows: `found` holds them by name, and `words` is the text that is printed."""
 

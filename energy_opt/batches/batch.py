@@ -25,7 +25,7 @@ from energy_opt.results import Found, exit_of
 log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Batch(Found):
     """A batch, finished or interrupted: the `records` of its moves, its folder `out`; by name, as `["status"]`, the
     values of summary.json.

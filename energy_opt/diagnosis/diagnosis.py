@@ -57,7 +57,7 @@ FEWEST = 20  # least readings for a diagnosis
 TOLERANCE = 3.0  # [%] energy error up to which a model is good enough to plan with
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Diagnosis(Result):
     """A diagnosis with its inputs, see `Result`; it can be printed and saved."""
 

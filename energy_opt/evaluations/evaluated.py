@@ -47,7 +47,7 @@ class Baseline:
     valid: bool
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Evaluation:
     """Result for one motion.
 

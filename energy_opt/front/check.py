@@ -44,7 +44,7 @@ from energy_opt.robot.srdf import read_srdf
 from energy_opt.workcell.as_job import check_workcell
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Checked(Found):
     """Whether all files are `usable`, and the `faults` and further `remarks` of each."""
 

@@ -49,7 +49,7 @@ Asked = TypeVar("Asked", bound=Request)
 Given = TypeVar("Given", bound=Found)
 
 
-@dataclass(frozen=True, repr=False, kw_only=True)
+@dataclass(frozen=True, repr=False, kw_only=True, eq=False)
 class Answered(Found):
     """The result of a verb with its request.
 

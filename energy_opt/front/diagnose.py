@@ -40,7 +40,7 @@ ALIKE = (
 )
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Diagnosed(Found, Diagnosis):
     """A diagnosis: `verdict`, the claimed `effects`, the calibrated `model`, `next_motion`; by name, as `["usable"]`,
     the values of diagnosis.json.

@@ -36,7 +36,7 @@ IN_CELL = ("base", "tool", "floor", "scene")
 WIDTH = 14  # [characters] least width of a column
 
 
-@dataclass(frozen=True, repr=False, kw_only=True)
+@dataclass(frozen=True, repr=False, kw_only=True, eq=False)
 class Answers(Answered):
     """Evaluations of all motions: `found`, each with `energies` by model, `certificate` and `baselines`; by name, as
     `["motions"]`, the values of evaluate.json.

@@ -26,7 +26,7 @@ from energy_opt.tables import read_table, write_table
 POSES = "suggested_poses.csv"
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Suggested(Found):
     """Static poses that determine the copper loss of the arm `robot` best: `found.poses` (K, n) [rad], `found.load`
     (K,), their |gravity torque|^2 [(N m)^2], and `found.width`, their expected accuracy.

@@ -200,7 +200,7 @@ def _rising(samples: Sequence[tuple[float, Any]]) -> tuple[np.ndarray, list[Any]
     return np.array([time for time, _ in kept]), [value for _, value in kept]
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Set(FoundSet):
     """A measured set that was written into the folder `out`; by name: `["guesses"]`, `["remarks"]`, `["runs"]`.
 

@@ -115,7 +115,7 @@ def answers_of(
     return Answers(desk.out, job.robot.joints, [*about, cell_of(request).document()], request.resume)
 
 
-@dataclass(frozen=True, repr=False, kw_only=True)
+@dataclass(frozen=True, repr=False, kw_only=True, eq=False)
 class JobAnswer(Answered):
     """A solved cycle of one robot or of several: `result`, and of one robot its `trajectory`; by name, as
     `["energy_total"]` [J], the values of job.json.

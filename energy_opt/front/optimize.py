@@ -45,7 +45,7 @@ FORMAT = "energy-opt/result/1"
 STILL = 1e-6  # [rad, m] a joint whose ends are nearer to each other stays where it is
 
 
-@dataclass(frozen=True, repr=False, kw_only=True)
+@dataclass(frozen=True, repr=False, kw_only=True, eq=False)
 class Answer(Result, Answered):
     """A planned move: `status`, `trajectory`, `energy` [J], `saving`, `baseline(name)`, `certificate`; by name, as
     `["peak_power"]`, the values of result.json.

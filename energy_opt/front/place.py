@@ -33,7 +33,7 @@ from energy_opt.results import exit_of
 ENDS = ("to", "pose", "free", "pose_tolerance")  # keys of a step that say where it ends
 
 
-@dataclass(frozen=True, repr=False, kw_only=True)
+@dataclass(frozen=True, repr=False, kw_only=True, eq=False)
 class PlaceAnswer(Answered):
     """A placement: `placement.place`, the pose [m, rad], and `placement.result`, the job solved there; by name, as
     `["energy_total"]` [J], the values of place.json.

@@ -19,7 +19,7 @@ from energy_opt.robot import Robot, known_robots, load_robot
 KINDS = ("lower", "upper", "velocity", "acceleration", "jerk", "effort")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Robots(Found):
     """`robots`, each a `Robot` with its joints and limits."""
 

@@ -33,7 +33,7 @@ BRIEFEST = 0.1  # [s] shortest pose that is held, so that a meter has some readi
 MOST_SECONDS = 3600.0  # [s] longest motion: 4 million steps, some minutes and 2 GB
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Simulation(FoundSet):
     """A measured set of a virtual arm, in the folder `out`: `runs`, each with its true `energy` [J].
 

@@ -40,7 +40,7 @@ from energy_opt.power.assumptions import Assumption
 SHARING = 0.05  # approximate share of the work for sharing the time, and as much again for first paths
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class JobResult:
     """A solved job.
 

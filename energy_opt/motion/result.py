@@ -15,7 +15,7 @@ from energy_opt.power.assumptions import Assumption
 from energy_opt.reports.words import INVALID, first_path_words, limits_words, of_models
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Baseline:
     """Another trajectory of the same move, judged in the same way.
 
@@ -120,7 +120,7 @@ class Saving(dict[str, float | None]):
     joules = property(itemgetter("joules"))
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Result:
     """A solved move.
 

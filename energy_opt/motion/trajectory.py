@@ -66,7 +66,7 @@ def _places(factor: int) -> np.ndarray:
     return np.stack([_powers(x, order) @ _HERMITE for order in range(4)])
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Trajectory:
     """Samples of a motion: time (N,) [s]; position, velocity, acceleration (N, n) [rad, rad/s, rad/s^2].
 

@@ -25,7 +25,7 @@ FORMAT = "energy-opt/passport/1"
 MOST = 12  # most arms in a comparison
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Passport(Found):
     """One or several `arms`, `changes` from the first to each other one; by name the values of passport.json."""
 

@@ -159,7 +159,7 @@ class Looked:
                 "kind": self.kind}  # fmt: skip
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Placement:
     """The cheapest placement of the base, or of a fixture.
 

@@ -52,7 +52,7 @@ Factors = Mapping[str, float]  # by which all limits on "velocity" and "accelera
 UNSCALED: Factors = {"velocity": 1.0, "acceleration": 1.0}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Limits:
     """Bounds of each joint, (n,) each; inf if there is none.
 

@@ -43,7 +43,7 @@ ROUNDING = 1e-3  # [rad, m] a position may lie outside its limits by this much: 
 WEAKEST = 0.1  # least rating of a joint over that of the strongest one; a UR5e's wrist has 0.19, a Panda's 0.14
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Rating:
     """Speed and effort that the drives are rated for; always finite.
 
@@ -113,7 +113,7 @@ def _estimated(body: RigidBody, limits: Limits) -> np.ndarray:
     return out
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Robot:
     """An arm that can be planned for.
 

@@ -49,7 +49,7 @@ class Pose:
     noise: float = 0.0
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Identification(Found):
     """Results of both methods: `standby` [W] of Method 1, `line` of Method 2, `model_1()`, `model_2()`; by name, as
     `["poses"]`, the values of identify.json.

@@ -29,7 +29,7 @@ ROUNDS = 3  # most passes down and up, while they reduce energy
 SEARCH = 12  # most solves of the search for the best duration in a cycle
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Point:
     """A duration [s] and its result; `reason` says why there is no trajectory, if there is none."""
 

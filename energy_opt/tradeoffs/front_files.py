@@ -104,7 +104,7 @@ def table(found: Mapping[str, Any]) -> str:
     return "\n".join(",".join(row) for row in [list(COLUMNS), *records]) + "\n"
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Tradeoff(Found):
     """Energy against duration of one move, or of a job over its cycle time: `durations` (P,) [s], `energies` (P,) [J];
     by name, as `["minimum"]`, the values of tradeoff.json.

@@ -30,7 +30,7 @@ from energy_opt.workcell.stage import Levers, with_lever
 from energy_opt.workcell.supply import FINE, Supplied, Supply
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CellResult:
     """The plan of a cell.
 

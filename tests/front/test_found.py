@@ -111,3 +111,13 @@ def test_a_result_is_read_like_a_mapping() -> None:
     """`"a" in found`, `list(found)` and `dict(found)` raised KeyError."""
     assert "a" in Table() and "b" not in Table() and list(Table()) == ["a"] and dict(Table()) == {"a": 1}
     assert dict(Said()) == {"b": [2.0]}
+
+
+def test_objects_with_arrays_are_compared_as_objects() -> None:
+    """`==` raised ValueError, and `hash` TypeError."""
+    one, other = eo.load_robot("z1"), eo.load_robot("z1")
+    found = eo.optimize(one, "source-method-2", start=[0, 1, -1, 0, 0, 0], goal=[0.3, 1, -1, 0, 0, 0], mode="retime")
+    again = replace(found, trajectory=replace(found.trajectory))
+    for a, b in ((one, other), (one.limits, other.limits), (found, again), (found.trajectory, again.trajectory)):
+        assert a == a and a != b and len({a, b, a}) == 2
+    assert found.baselines[0] in found.baselines and len(set(found.baselines)) == 2

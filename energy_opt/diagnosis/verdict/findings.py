@@ -169,7 +169,7 @@ def evidence_records(found: Inference) -> list[dict[str, Any]]:
     return sorted(records, key=lambda row: -float(row["score"]))[:SHOWN]  # type: ignore[arg-type]
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Result:
     """A diagnosis with its inputs.
 

@@ -29,6 +29,7 @@ _HERMITE = np.array(
 )
 
 
+ARRAYS = ("time", "position", "velocity", "acceleration", "effort", "power")
 CLOSEST = 1e-5  # [s] least time between two samples of a mean
 ROW_STEP = 0.004  # [s] largest time between two samples of a trajectory
 LEAST_SAMPLES = 200
@@ -91,7 +92,7 @@ class Trajectory:
         count, joints = np.size(self.time), len(self.joints)
         if count < 2:
             raise BadInput(f"trajectory: time has {count} samples; expected 2 or more")
-        for name in ("time", "position", "velocity", "acceleration", "effort", "power"):
+        for name in ARRAYS:
             shape, given = (count,) if name in ("time", "power") else (count, joints), getattr(self, name)
             if given is None and name in ("effort", "power"):
                 continue
@@ -321,7 +322,14 @@ def joined(trajectories: Sequence[Trajectory]) -> Trajectory:
 
 
 class Filled(Trajectory):
-    """A trajectory to which a model has been applied: it has effort and power."""
+    """A trajectory to which a model has been applied: it has effort and power. Its arrays cannot be changed."""
 
     effort: np.ndarray
     power: np.ndarray
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ARRAYS:
+            array = getattr(self, name).view()
+            array.flags.writeable = False  # a certificate states what is judged, not what is changed later
+            object.__setattr__(self, name, array)

@@ -121,3 +121,13 @@ def test_objects_with_arrays_are_compared_as_objects() -> None:
     for a, b in ((one, other), (one.limits, other.limits), (found, again), (found.trajectory, again.trajectory)):
         assert a == a and a != b and len({a, b, a}) == 2
     assert found.baselines[0] in found.baselines and len(set(found.baselines)) == 2
+
+
+def test_a_trajectory_of_an_answer_keeps_what_was_judged() -> None:
+    """`save` wrote positions that were changed in place, with the certificate of the others."""
+    given = np.zeros((2, 1))
+    held = eo.Trajectory(("a",), np.array([0.0, 1.0]), given, given, given).filled(given, np.zeros(2))
+    for array in (held.time, held.position, held.velocity, held.acceleration, held.effort, held.power):
+        with pytest.raises(ValueError, match="read-only"):
+            array[:] += 0.5
+    given += 1.0  # a trajectory of one's own can be changed

@@ -147,8 +147,9 @@ def options_and_limits(given: Sequence[Any]) -> tuple[dict[str, Any], tuple[Limi
         elif isinstance(condition, Limit):
             more, own = {}, (condition,)
         else:
+            kind = f", as {condition.__name__}(...)" if isinstance(condition, type) else ""
             raise BadInput(
-                f"--conditions {shown(condition)}: expected a condition, a limit, or a file that defines them"
+                f"--conditions {shown(condition)}: expected a condition, a limit{kind}, or a file that defines them"
             )
         for name, value in more.items():
             if name in options and name != "keep":

@@ -40,7 +40,8 @@ FORMS = {
     **dict.fromkeys(("start_pose", "goal_pose", "via_pose"), "as `pose_from` takes it"),
     "conditions": "objects of `energy_opt.conditions`, your own limits, or names of files that define them",
     "durations": "a sequence, or text FIRST:LAST:COUNT",
-    **dict.fromkeys(("job", "request"), "a file, or its content as a mapping"),
+    "job": "a file, or its content as a mapping",
+    "request": "also a result, its request or folder, or a mapping",
 }
 
 P = ParamSpec("P")

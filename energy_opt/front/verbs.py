@@ -12,7 +12,7 @@ from typing import Any
 
 from energy_opt import __version__
 from energy_opt.errors import BadInput, suggest
-from energy_opt.files import found_beside, read_json
+from energy_opt.files import found_beside, path_of, read_json
 from energy_opt.folders import ANSWERS
 from energy_opt.front.desk import Desk, verb
 from energy_opt.requests import moves, verbs
@@ -39,16 +39,20 @@ def function_of(verb: str) -> Callable[..., Any]:
 
 
 def asked_in(given: Any, say: Callable[[str], None] = lambda _: None) -> Request:
-    """The request of a document, of a result that holds one, or of the file of either.
+    """The request of a document, of a result that holds one, or of the file of either or its folder; or as it is.
 
     Files of a request that is itself a file are found as `_found` says; `say` takes notes of these.
 
     Raises:
         BadInput: there is none, it is not one of a known verb, or a newer version of this program wrote it.
     """
+    given = getattr(given, "request", given)  # of a result
+    if isinstance(given, Request):
+        return given
     where, document = "the request", given
     if not isinstance(given, Mapping):
-        path = Path(str(given))
+        path = path_of(given, "the request")
+        path = next((path / name for name in ANSWERS if (path / name).is_file()), path)
         if path.suffix == ".toml":
             raise BadInput(f'{path}: TOML; expected JSON: a request with "verb", or a result of this program')
         where, document = str(path), read_json(path)

@@ -215,7 +215,9 @@ def _one(flag: str, spelled: Option, value: Any, text: bool) -> Any:
         return path_of(value, flag)
     if spelled.kind is bool and isinstance(value, str) and value in ON_OFF:
         return value == "on"
-    if text or spelled.kind in KINDS:
+    if text and not isinstance(value, str):
+        raise BadInput(f"{flag} {shown(value)}: expected text: {spelled.help}")
+    if spelled.kind in KINDS:
         expect(value, spelled.kind, flag)
     if spelled.choices and value not in spelled.choices:
         raise BadInput(f"{flag} {shown(value)}: expected one of {', '.join(spelled.choices)}")

@@ -247,6 +247,6 @@ class RunRequest(Request):
     summary = "repeat the request of a result, or one written by hand"
     report = True
 
-    request: str | PathLike[str] | Mapping[str, Any] = option(
+    request: Request | Found | str | PathLike[str] | Mapping[str, Any] = option(
         ..., "a request (JSON), or a result that holds one", "REQUEST.json", place="1"
     )

@@ -114,7 +114,7 @@ def test_arguments_as_people_have_them(panda):
         ({"lock": {"panda_joint1": "a"}}, "^lock panda_joint1=a: 'a' is not a number"),
         ({"lock": "panda_joint1=0,panda_joint2=b"}, "^lock panda_joint2=b: 'b' is not a number"),
         ({"keep": [3]}, "^keep 3: expected text"),
-        ({"tube": 0.1}, "^tube 0.1: expected text"),
+        ({"tube": 0.1}, "^tube 0.1: expected text: .*0.1rad"),
         ({"tool": ["hand"]}, r"^tool \['hand'\]: expected text"),
         ({"write": 3}, "^write 3: expected text"),
         ({"base": 3}, "^base 3: 1 numbers; expected X,Y,Z"),

@@ -89,3 +89,15 @@ def test_suggested_poses_replace_no_other_ones(tmp_path: Path) -> None:
 def test_save_names_what_it_expects(moved: Any) -> None:
     with pytest.raises(eo.BadInput, match="save None: expected the name of a folder"):
         moved.save(None)
+
+
+def test_a_request_is_repeated_from_a_result_its_request_or_its_folder(moved: Any, saved: Path) -> None:
+    """The text of a request was taken for the name of a file, and a folder was refused."""
+    assert {eo.repeat(given).energy.total for given in (moved, moved.request, saved)} == {moved.energy.total}
+    with pytest.raises(eo.BadInput, match="the request 3: expected the name of a file"):
+        eo.repeat(3)
+
+
+def test_a_limit_that_is_a_class_is_refused_as_such() -> None:
+    with pytest.raises(eo.BadInput, match=r"expected a condition, a limit, as MaxPower\(\.\.\.\)"):
+        eo.optimize("z1", goal=GOAL, conditions=[eo.conditions.MaxPower], **ASKED)

@@ -52,8 +52,10 @@ def in_order(values: Any, joints: Sequence[str], what: str) -> Any:
         values: one per joint, or a column per joint. what: they are, for messages.
 
     Raises:
-        BadInput: a label that is no joint, or is there twice, or a joint without a value.
+        BadInput: a label that is no joint, or is there twice, a joint without a value, or a masked or complex value.
     """
+    if np.ma.is_masked(values) or np.iscomplexobj(values):
+        raise BadInput(f"{what}: masked or complex values; expected real numbers")
     labels = labels_of(values)
     if not labels:
         return values

@@ -19,6 +19,7 @@ from energy_opt.front.given import as_loaded, cell_of, model_from, of_another_ar
 from energy_opt.front.motion_files import motion_files, trajectory_of
 from energy_opt.motion.trajectory import Trajectory
 from energy_opt.power import PowerModel
+from energy_opt.power.known import is_named, named_model
 from energy_opt.power.variants import of_joints
 from energy_opt.requests.verbs import SimulateRequest
 from energy_opt.results import FoundSet
@@ -79,6 +80,8 @@ def run(request: SimulateRequest, desk: Desk) -> Simulation:
     if request.seed < 0:
         raise BadInput(f"--seed {request.seed}: expected 0 or more")
     out, given = Path(request.out), request.plant
+    if isinstance(given, str) and is_named(given):
+        given = named_model(given, robot_of(request))
     file = Path("plant") if isinstance(given, PowerModel) else path_of(given, "--plant")
     plant = Plant(given) if isinstance(given, PowerModel) else load_plant(file)
     named = None if request.robot is not None else robot_named(plant.model.robot, file.parent, request.allow_outside)

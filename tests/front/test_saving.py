@@ -101,3 +101,17 @@ def test_a_request_is_repeated_from_a_result_its_request_or_its_folder(moved: An
 def test_a_limit_that_is_a_class_is_refused_as_such() -> None:
     with pytest.raises(eo.BadInput, match=r"expected a condition, a limit, as MaxPower\(\.\.\.\)"):
         eo.optimize("z1", goal=GOAL, conditions=[eo.conditions.MaxPower], **ASKED)
+
+
+def test_warnings_name_arguments_as_errors_do() -> None:
+    """They named options of the command line."""
+    model = eo.source_model("z1") + eo.effects.Payload(mass=0.5, com=[0.0, 0.0, 0.05])
+    asked = {**ASKED, "payload": 0.3, "duration": 2.0}
+    assert "replaced by that of payload" in " ".join(eo.optimize("z1", model, goal=GOAL, **asked).warnings)
+
+
+def test_a_plant_by_its_name(moved: Any, tmp_path: Path) -> None:
+    with pytest.raises(eo.BadInput, match="robot is missing"):
+        eo.simulate(moved, "careful", tmp_path / "none")
+    found = eo.simulate(moved, "careful", tmp_path / "set", robot="z1", self_collision=False)
+    assert "coulomb_friction" in {effect.name for effect in found.plant.model.effects}

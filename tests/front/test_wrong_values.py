@@ -169,3 +169,10 @@ def test_a_trajectory_as_a_path_has_rising_finite_samples_of_the_robots_joints(r
     refused("^trajectory: time has 0 samples", motion, [])
     turned = motion([0, 1], joints=robot.joints[::-1], position=np.linspace(HOME, np.add(HOME, 0.1), 2)[:, ::-1])
     assert path_from(turned, robot).start == pytest.approx(HOME)
+
+
+@pytest.mark.parametrize("values", [np.ma.masked_array(np.zeros(6), [1, 0, 0, 0, 0, 0]), np.zeros(6) + 1j], ids=str)
+def test_masked_and_complex_positions_are_refused(values: np.ndarray) -> None:
+    """The mask and the imaginary part were dropped."""
+    refused("^start: masked or complex", eo.optimize, "z1", start=values, goal=[0, 1, -1, 0, 0, 0])
+    refused("^path: masked or complex", eo.optimize, "z1", path=[values, values])

@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from time import process_time
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -237,3 +238,23 @@ def test_a_limit_of_ones_own_that_forbids_a_duration_is_named(panda):
     assert caught.value.shortest_duration > abs(GOAL[3] - START[3]) / 0.3
     with pytest.raises(eo.Infeasible, match=r"the (acceleration|velocity) limit .* exceeded"):
         eo.optimize(panda, "source-method-2", duration=0.7, **settings)
+
+
+class Sum(eo.conditions.Limit):
+    """The sum of all |a|, with kinks."""
+
+    name, unit, binds, bound, one_sided = "sum", "rad/s2", "arm", 1.6, True
+
+    def value(self, x: eo.conditions.State) -> ca.SX:
+        """[rad/s^2]."""
+        return ca.sum1(ca.fabs(x.a))
+
+
+def test_a_limit_with_kinks_gives_no_worse_answer_than_timing_the_first_path() -> None:
+    """The search stopped at a kink, and its curve took more than the first path in its best timing."""
+    asked = {"start": [0, 1, -1, 0, 0, 0], "goal": [0.3, 1.2, -1.2, 0.1, 0, 0], "duration": 2.0, "conditions": [Sum()]}
+    found = {
+        mode: eo.optimize("z1", "source-method-2", mode=mode, starts=1, controls=10, self_collision=False, **asked)
+        for mode in ("retime", "reshape")
+    }
+    assert found["reshape"].energy.total <= found["retime"].energy.total + 1e-9

@@ -172,8 +172,10 @@ def least(
         return next((v for v in sorted(judged, key=rank) if v[1].certificate.valid), None)
 
     best, iterations = valid(), 0
-    # a retiming cannot be better than a curve, except in a tube that is too narrow for its control points
-    freer = best is not None and best[0] == "reshape" and context.settings.tube is None
+    # a retiming cannot be better than a curve, except in a tube that is too narrow for its control points, or where a
+    # kink of the user's own limit stopped the search
+    settings = context.settings
+    freer = best is not None and best[0] == "reshape" and settings.tube is None and not settings.own_limits
     beaten = freer or (best is not None and not energy_counts)
     solution = None if work.retimed is not None or beaten or context.stopped() else work.retiming()
     # its energy is by its own quadrature

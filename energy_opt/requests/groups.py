@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from energy_opt.cell.request import CellRequest
     from energy_opt.conditions import Condition, Limit
     from energy_opt.effects import Payload
-    from energy_opt.motion.path import JointPath
     from energy_opt.motion.result import Result
     from energy_opt.motion.trajectory import Trajectory
     from energy_opt.poses.pose import AnyOf, Pose
@@ -34,8 +33,7 @@ if TYPE_CHECKING:
     Positions = Vector | Mapping[str, float] | str
     AnyPayload = float | Sequence[float] | Payload | Mapping[str, Any] | str
     Motion = Trajectory | Result
-    Waypoints = Sequence[Vector] | np.ndarray | Callable[[Any], Vector]
-    AnyPath = JointPath | Motion | Waypoints | Mapping[str, Any] | str | PathLike[str]
+    AnyPath = Motion | Callable[[Any], Vector] | Sequence[Vector] | np.ndarray | Mapping[str, Any] | str | PathLike[str]
     AnyPose = Pose | Vector | Sequence[Vector] | Mapping[str, Any] | str
 
 ROBOT = "a name (`energy-opt robots`) or a URDF"

@@ -7,17 +7,28 @@ import pytest
 from poses import GOAL, MIDDLE, START, without_jerk
 from scipy.integrate import quad
 
-from energy_opt.effects import Armature, CoulombFriction, FrictionCurve, LoadFriction, StribeckFriction, ViscousFriction
+from energy_opt.effects import (
+    Armature,
+    CoulombFriction,
+    FrictionCurve,
+    LoadFriction,
+    Standby,
+    StribeckFriction,
+    ViscousFriction,
+)
 from energy_opt.errors import Infeasible
 from energy_opt.motion import Move, Planner
+from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.limits.base import Violation
 from energy_opt.motion.path import JointPath, straight, through
 from energy_opt.motion.path_dynamics import PathDynamics
+from energy_opt.motion.plan.choice import within_limits
 from energy_opt.motion.timing.spline_timing import Timing
 from energy_opt.motion.timing.toppra import fastest
 from energy_opt.numerics.bspline import greville
 from energy_opt.power import PowerModel
-from energy_opt.robot import Robot
+from energy_opt.robot import Robot, load_robot
 
 
 def with_friction(model: PowerModel) -> PowerModel:
@@ -150,6 +161,31 @@ def test_the_fastest_timing_of_a_curve_holds_the_limits_between_its_samples(pand
     move, planner = Move(points[0], points[-1], "retime", path=through(points)), Planner(panda, model)
     fastest_motion = planner.slowed(move, planner.minimum_time(move))
     assert fastest_motion is not None and planner.certify(fastest_motion).violation <= 1e-6
+
+
+def test_the_fastest_timing_around_a_post_holds_the_limits_at_the_sharp_bends() -> None:
+    """The acceleration peaked at a bend between two points of the program, 0.4 % above its bound."""
+    ur5e = load_robot("ur5e")
+    start, goal = np.array([0.4, -1.3, 1.2, -2.1, -1.6, -1.1]), np.array([-1.1, -1.2, 1.8, -2.1, -1.6, -2.7])
+    share = np.array([[0.0, 0.3, 0.33, 0.36, 0.4, 0.45, 0.5, 1.0]]).T
+    around = 0.4 * np.exp(-(((share - 0.36) / 0.05) ** 2)) * [0.0, -1.0, 0.5, 0.3, 0.0, 0.0]
+    path = through(start + share * (goal - start) + around)
+    move, planner = Move(start, goal, "retime", path=path), Planner(ur5e, PowerModel("ur5e", (Standby(power=90.0),)))
+    motion = planner.timing(move).trajectory(ur5e.joints)
+    *_, v, a, j = motion.sample(motion.denser(10))
+    worst = [np.abs(v) / ur5e.limits.velocity, np.abs(a) / ur5e.limits.acceleration, np.abs(j) / ur5e.limits.jerk]
+    assert 0.999 < np.max(worst) < 1 + 1e-6
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_a_timing_slightly_too_fast_is_slowed_until_it_holds(order: int) -> None:
+    timing = Timing(straight([0.0], [1.0]), np.array([0.0, 0.5, 1.0]), np.array([0.0, 1.0, 1.0, 0.0]))
+    enough = 1.01 * timing.duration
+
+    def judge(at: Timing) -> Certificate:
+        return Certificate(2, (Violation("a", (enough / at.duration) ** order - 1, "j", 0.0, 1.0, 1.0),), 0.0)
+
+    assert enough <= within_limits(timing, judge).duration < 1.01 * enough
 
 
 @pytest.mark.parametrize(

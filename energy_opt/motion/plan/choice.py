@@ -21,7 +21,9 @@ from energy_opt.motion.trajectory import Trajectory
 
 SLOW = 200.0  # a duration of more times the shortest gives a warning about its unit
 HARDLY = 1e-5  # an answer that is faster than TOPP-RA's timing by a smaller share is compared with that timing itself
-HAIR = 1e-3  # share of a bound: largest violation of TOPP-RA's timing that is removed by slowing it
+# A timing that breaks a limit by an excess is slowed by shares of it: accelerations and jerk need 0.5 and less, speeds
+# 1, torques more. MOST: share of the duration by which it is slowed at most.
+SHARES, MOST = (0.6, 1.2, 2.4), 0.05
 
 
 @dataclass(frozen=True)
@@ -254,9 +256,11 @@ def within_limits(timing: Timing, judge: Callable[[Timing], Certificate]) -> Tim
         return timing
     whole = timing.slowed(float(np.ceil(timing.duration * 1e9) / 1e9))
     excess = judge(whole).violation
-    if not ALLOWED < excess < HAIR:
-        return whole
-    return timing.slowed(float(np.ceil(timing.duration * (1 + 2 * excess) * 1e9) / 1e9))
+    for more in (share * excess for share in SHARES if ALLOWED < excess <= MOST / share):
+        slower = timing.slowed(float(np.ceil(timing.duration * (1 + more) * 1e9) / 1e9))
+        if judge(slower).within_limits:
+            return slower
+    return whole
 
 
 def _baseline(name: str, judged: Judged) -> Baseline:

@@ -117,16 +117,17 @@ class Worker:
         return {**vars(self), "_steps": {}}
 
     def check_poses(self) -> None:
-        """Raise Infeasible if the arm touches something at a step's ends, or cannot hold its load at the beginning.
+        """Raise Infeasible if the arm touches something at a step's ends, or cannot hold its load there.
 
         Where brakes hold the arm, the motors hold it before these close and after they open.
         """
         for before, step in zip([self.job.steps[-1], *self.job.steps], self.job.steps, strict=False):
             cell, planner = self.cells.of(step), self.planner(step)
-            check_pose(planner.limits(), self.job.robot, planner.model, step.start, step.name, before.stop)
-            if cell is not None and cell.checks:
-                check_free(cell, step.start, f"{step.name}, at its beginning")
-                check_free(cell, step.goal, f"{step.name}, at its end")
+            for q, rests, place in ((step.start, before.stop, "beginning"), (step.goal, step.stop, "end")):
+                name = f"{step.name}, at its {place}"
+                check_pose(planner.limits(), self.job.robot, planner.model, q, name, rests)
+                if cell is not None and cell.checks:
+                    check_free(cell, q, name)
 
     def planner(self, step: Step) -> Planner:
         """The planner under a step's payload, in its scene."""

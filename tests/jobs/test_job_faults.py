@@ -99,8 +99,18 @@ def test_a_payload_that_is_held_only_in_a_wait_must_be_within_the_limits(brakes:
         "payload = 0",
     ])  # fmt: skip
     # the arm alone needs 29 N m (Pinocchio), 20 kg at 0.54 m another 105 N m
-    with pytest.raises(Infeasible, match=r"^grip: panda_joint2: holding still needs 134\.8 N m, the limit is 87 N m"):
+    with pytest.raises(Infeasible, match=r"^grip, at its beginning: panda_joint2: holding still needs 134\.8 N m, "):
         run_job(load_job(written(tmp_path, text), load_robot), source_method_2())
+
+
+def test_a_payload_that_cannot_be_held_where_it_is_carried_to_names_that_step(panda: Robot, tmp_path: Path) -> None:
+    """The next step, which begins there with the same payload, was named."""
+    text = "\n".join([
+        'format = "energy-opt/job/1"', 'robot = "panda"', "cycle_time = 5", "home = [0, 0, 0, -2, 0, 2, 0]", "[[step]]",
+        'name = "stretch"', "to = [0, 1.5, 0, -0.3, 0, 1.6, 0]", "payload = 6", "[[step]]", 'to = "home"',
+    ])  # fmt: skip
+    with pytest.raises(Infeasible, match=r"^stretch, at its end: panda_joint2: holding still needs"):
+        run_job(load_job(written(tmp_path, text), lambda _: panda), source_method_2())
 
 
 def test_a_pose_in_a_new_scene_is_named_with_its_step(panda: Robot, tmp_path: Path) -> None:

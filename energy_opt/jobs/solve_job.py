@@ -259,6 +259,10 @@ def _shortest(job: Job, legs: Sequence[Leg], timings: Sequence[Timing]) -> np.nd
             f"its moves take {shortest.sum():.4g} s at least and it waits {job.waiting:.4g} s, "
             f"{at_least(needed)} s in all; the longest is {longest.name} with {shortest.max():.4g} s"
         )
+        held = [leg.name for leg, timing in zip(legs, timings, strict=True) if leg.least > timing.duration]
+        if held:
+            free = sum(timing.duration for timing in timings)
+            text += f"; without min_duration of {', '.join(held)} its moves take {at_least(free)} s at least"
     else:
         text += f"it waits {at_least(needed)} s"
     raise Infeasible(text, limit="duration", shortest_duration=needed)

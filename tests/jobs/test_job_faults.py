@@ -65,6 +65,14 @@ def test_a_cycle_that_is_too_short_says_what_would_do(panda: Robot, tmp_path: Pa
     assert run_job(load_job(written(tmp_path, text), lambda _: panda), source_method_2()).pieces
 
 
+def test_a_cycle_that_is_too_short_for_a_min_duration_names_it(panda: Robot, tmp_path: Path) -> None:
+    text = RETIMED.replace('to = "home"', 'to = "home"\nmin_duration = 5')
+    job = load_job(written(tmp_path, text), lambda _: panda)
+    last = job.steps[-1].name
+    with pytest.raises(Infeasible, match=f"the longest is {last} with 5 s; without min_duration of {last} its moves"):
+        run_job(job, source_method_2())
+
+
 def test_waits_that_are_longer_than_the_cycle_say_so(panda: Robot, tmp_path: Path) -> None:
     head = EXAMPLE[: EXAMPLE.index("[[step]]")]
     job = load_job(written(tmp_path, head + "[[step]]\nwait = 6.5\n"), lambda _: panda)

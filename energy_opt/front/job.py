@@ -16,7 +16,7 @@ from energy_opt.front.models import rivals_from, said, with_careful
 from energy_opt.front.moves import settings_of
 from energy_opt.jobs import job_files
 from energy_opt.jobs.models import compared, efforts_held, grounded, held, mean_of, stated, warned
-from energy_opt.jobs.posed import run_posed
+from energy_opt.jobs.run_posed import run_posed
 from energy_opt.jobs.solve_job import JobResult, run_job
 from energy_opt.motion.plan.planner import Shares
 from energy_opt.power import PowerModel

@@ -12,7 +12,7 @@ from energy_opt.cell.request import CellRequest
 from energy_opt.errors import Infeasible
 from energy_opt.jobs.legs import Job
 from energy_opt.jobs.posed import Posed
-from energy_opt.jobs.solve_job import JobResult, run_job
+from energy_opt.jobs.solve_job import JobResult, RoughCycles, run_job
 from energy_opt.jobs.work import Answers, Cells, Worker
 from energy_opt.motion.move import Settings
 from energy_opt.motion.plan.planner import Shares
@@ -73,7 +73,8 @@ def over_time(
     """
     around = cell or CellRequest()
     if job.open:  # the same positions at every cycle time
-        job = job.at(Posed(job, model, settings, around).estimated()[0])
+        rough = RoughCycles(model, settings, job, stopped)
+        job = job.at(Posed(job, model, settings, around).likely(rough)[0])
     shortest, work = TOO_SHORT, Worker(job, model, settings, Cells(job, around), stopped, answers=answers)
     usual: dict[str, Any] = {"stopped": stopped, "worker": work}
     try:

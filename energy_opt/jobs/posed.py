@@ -1,17 +1,16 @@
 """Jobs whose steps end at poses of the tool: the joint positions of all of them are chosen over the whole cycle.
 
-choose     the cheapest ring through the branches of every pose, by estimates of moves that share the cycle's time
+choose     the cheapest ring through the branches of every pose, by estimates of moves that share the cycle's time; if
+           one of its straight moves touches something, also the cheapest ring whose straight moves are clear
 improve    if poses leave freedom, each end in turn is moved along it, by the same estimates
 settle     rough cycles, bent, show where ends cost less; they are settled again there
-solve      the cycle in full
-compare    with the usual choice: at every pose the branch nearest to the arm's previous position
+
+`run_posed` then solves the cycle in full with the ends whose rough cycle costs least.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
-from functools import partial
 from itertools import islice
 from typing import Any
 
@@ -19,10 +18,10 @@ import numpy as np
 
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import Infeasible
-from energy_opt.jobs.cycle import Choice, Plan, Scorers
+from energy_opt.jobs.cycle import Plan, Scorers
 from energy_opt.jobs.file import Job
 from energy_opt.jobs.legs import pose_in_base
-from energy_opt.jobs.solve_job import JobResult, RoughCycles, run_job
+from energy_opt.jobs.solve_job import RoughCycles
 from energy_opt.jobs.work import Cells
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.move import Settings
@@ -32,7 +31,9 @@ from energy_opt.poses.freedom import Bent, has_freedom, improved
 from energy_opt.poses.inverse import ToolKinematics, turned_near
 from energy_opt.poses.pose import Pose
 from energy_opt.poses.sets import (
+    BLOCKED,
     DETOUR,
+    KNOWN,
     Layer,
     Ring,
     as_reached,
@@ -48,8 +49,13 @@ SWEEPS = 3  # sweeps over all ends, by estimates
 WORTH = 1e-3  # share of the losses: ends are not optimized again if bent motions promise to save less
 SETTLED = 5  # most rough cycles
 RINGS = 24  # most rings through the branches to estimate for alternatives
-SAME = 0.1  # [rad, m] positions this near each other settle at the same optimum
+SAME = 0.1  # [rad, m] largest difference of positions that are `same`
 Ends = dict[int, np.ndarray]  # positions (n,) of steps
+
+
+def same(one: Ends, other: Ends) -> bool:
+    """True if positions are so near each other that they settle at the same optimum."""
+    return all(np.abs(q - other[k]).max() <= SAME for k, q in one.items())
 
 
 class Posed:
@@ -94,36 +100,62 @@ class Posed:
                 known[key] = positions_of(self.tool, target, cell_of, near=near, seed=settings.seed)
             self.sets[k] = known[key]
 
-    def estimated(self, improve: bool = True) -> tuple[Ends, float]:
-        """Positions of all moving steps' ends that are likely to be cheapest, and the estimate [J] before improving."""
-        ends, energy = next(self._rings())
-        return self._improved(ends) if improve else ends, energy
+    def estimate(self) -> float:
+        """The likely energy [J] of the cycle, before its ends are improved."""
+        return self._cheapest(self._first_ring())[1]
+
+    def choices(self) -> list[Ends]:
+        """Positions of all moving steps' ends that are likely to be cheapest.
+
+        If a straight move between them touches something, those come first whose straight moves are all clear.
+        """
+        ring = self._first_ring()
+        out = [self._improved(self._ends(ring, self._cheapest(ring)[0]))]
+        if not self._is_clear(out[0]):
+            clear = self._improved(self._ends(ring, self._cheapest(ring, BLOCKED)[0]), BLOCKED)
+            out = out if same(clear, out[0]) else [clear, *out]
+        return out
+
+    def likely(self, rough: RoughCycles, choices: Sequence[Ends] | None = None, settle: bool = False) -> list[Ends]:
+        """The choices, settled, those with the cheapest rough cycle first; without `settle` a single one as it is."""
+        found = list(choices or self.choices())
+        if len(found) > 1 or settle:
+            settled = [self.settled(rough, ends) for ends in found]
+            found = [ends for ends, _, _ in sorted(settled, key=lambda item: item[2])]
+        return found
 
     def alternatives(self, count: int) -> list[Ends]:
         """At most `count` different choices of positions at the ends of all moving steps, the likely cheapest first."""
         found: list[tuple[float, Ends]] = []
-        for ends, _ in islice(self._rings(), RINGS):
+        for ends in islice(self._rings(), RINGS):
             ends = self._improved(ends)
-            if all(max(np.abs(q - other[k]).max() for k, q in ends.items()) > SAME for _, other in found):
+            if not any(same(ends, other) for _, other in found):
                 ring = self._ring([self._layer(k, q[None]) for k, q in ends.items()])
                 found.append((self._cheapest(ring)[1], ends))
         return [ends for _, ends in sorted(found, key=lambda item: item[0])[:count]]
 
-    def _rings(self) -> Iterator[tuple[Ends, float]]:
-        """Positions of all moving steps' ends, and their estimate [J]: each differs in every move from those before."""
-        nearest = self.greedy()
-        costs = {k: holding(self._models(k), q) for k, q in self.sets.items()}
-        sets = [np.vstack([nearest[k], thinned(self.sets[k], costs[k])]) for k in self.moving]
-        ring = self._ring(list(map(self._layer, self.moving, sets, self._turning)))
-        costly = np.inf
+    def _rings(self) -> Iterator[Ends]:
+        """Positions of all moving steps' ends: each differs in every move from those before."""
+        ring, costly = self._first_ring(), np.inf
         while True:
             chosen, energy = self._cheapest(ring)
             if energy > costly:
                 return
-            chain = [at.positions[c] for at, c in zip(ring.layers, chosen, strict=True)]
-            yield self._by_step(unwound(self.tool, chain, self._turning, True)), energy
-            costly = min(costly, energy + DETOUR / 2)
+            yield self._ends(ring, chosen)
+            costly = min(costly, energy + KNOWN / 2)
             ring.avoid(chosen)
+
+    def _first_ring(self) -> Ring:
+        """The ring through all branches; of a pose with very many, through some that are far from each other."""
+        nearest = self.greedy()
+        costs = {k: holding(self._models(k), q) for k, q in self.sets.items()}
+        sets = [np.vstack([nearest[k], thinned(self.sets[k], costs[k])]) for k in self.moving]
+        return self._ring(list(map(self._layer, self.moving, sets, self._turning)))
+
+    def _ends(self, ring: Ring, chosen: Sequence[int]) -> Ends:
+        """The positions that a ring passes."""
+        chain = [at.positions[c] for at, c in zip(ring.layers, chosen, strict=True)]
+        return self._by_step(unwound(self.tool, chain, self._turning, True))
 
     def _ring(self, layers: Sequence[Layer]) -> Ring:
         """The ring through positions at the ends of all moving steps."""
@@ -131,18 +163,26 @@ class Posed:
         bounds = [(self.job.steps[k].least, self.job.steps[k].most) for k in order]
         return Ring(self.tool, layers, [self._models(k) for k in order], bounds)
 
-    def _cheapest(self, ring: Ring) -> tuple[list[int], float]:
-        """The cheapest ring in the cycle's time without its waits, its straight moves clear; see `Ring.cheapest`."""
+    def _cheapest(self, ring: Ring, detour: float = DETOUR) -> tuple[list[int], float]:
+        """The cheapest ring in the cycle's time without its waits; see `Ring.cheapest`."""
         waiting = min(float(layer.standing.min()) for layer in ring.layers)
-        cells = [self.cells.of(self.job.steps[k]) for k in [*self.moving[1:], self.moving[0]]]
-        free = lambda k, a, b: straight_is_free(cells[k], a, b)  # noqa: E731
-        return ring.cheapest(self.job.cycle_time - self.job.waiting, waiting, free)
+        order = [*self.moving[1:], self.moving[0]]
+        free = lambda k, a, b: self._straight_is_free(order[k], a, b)  # noqa: E731
+        return ring.cheapest(self.job.cycle_time - self.job.waiting, waiting, free, detour)
 
-    def _turned(self, ends: Ends) -> Ends:
+    def _straight_is_free(self, k: int, start: np.ndarray, goal: np.ndarray) -> bool:
+        """True if a straight move (n,) of a moving step touches nothing."""
+        return straight_is_free(self.cells.of(self.job.steps[k]), start, goal)
+
+    def _is_clear(self, ends: Ends) -> bool:
+        """True if the straight moves between these ends touch nothing."""
+        return all(self._straight_is_free(k, ends[self._around(k)[0]], q) for k, q in ends.items())
+
+    def _turned(self, ends: Ends, detour: float) -> Ends:
         """The ends, with joints turned by whole turns to where the cycle is likely to be cheaper."""
 
         def cheapest(sets: Sequence[np.ndarray]) -> list[int]:
-            return self._cheapest(self._ring(list(map(self._layer, self.moving, sets))))[0]
+            return self._cheapest(self._ring(list(map(self._layer, self.moving, sets))), detour)[0]
 
         return self._by_step(turned(self.tool, [ends[k] for k in self.moving], self._turning, cheapest))
 
@@ -160,9 +200,9 @@ class Posed:
         waits = [steps[m % len(steps)] for m in places]
         return sum(step.wait or 0.0 for step in waits if not step.brakes)
 
-    def _improved(self, ends: Ends) -> Ends:
+    def _improved(self, ends: Ends, detour: float = DETOUR) -> Ends:
         """The ends, turned; each with freedom moved along it, the others held, at durations that share the time."""
-        ends = self._turned(ends)
+        ends = self._turned(ends, detour)
         for _ in range(SWEEPS):
             price = self._price(ends)
             before = {k: q.copy() for k, q in ends.items()}
@@ -221,6 +261,10 @@ class Posed:
                 robot, q, turned_near(self.sets[k], q, self.tool) if k in self.poses else self.sets[k]
             )
         return out
+
+    def near(self, ends: Ends) -> tuple[str, ...]:
+        """A warning for each pose whose position is nearer to a body than the clearance."""
+        return nearer_words((pose.name, ends[k], self.cells.of(self.job.steps[k])) for k, pose in self.poses.items())
 
     def _bent_legs(self, plan: Plan) -> dict[int, Bent]:
         """The solved motions by the step that they end."""
@@ -286,65 +330,3 @@ class Posed:
             if gain <= WORTH * sum(answer.energy.loss for answer in plan.answers):
                 break
         return ends, plan, energy
-
-
-def run_posed(
-    job: Job,
-    model: PowerModel,
-    settings: Settings | None = None,
-    *,
-    cell: CellRequest | None = None,
-    ends: Ends | None = None,
-    compare: bool = True,
-    refine: bool = True,
-    stopped: Callable[[], bool] = lambda: False,
-    progress: Callable[[str, float], None] = lambda text, share: None,
-    **more: Any,
-) -> JobResult:
-    """As `run_job`, for jobs that may have poses: their positions are chosen over the whole cycle.
-
-    Args:
-        ends: positions (n,) at the ends of all moving steps, by their index; by default they are chosen.
-        compare: also solve the cycle with the nearest branches; the cheaper one is the answer.
-        refine: move the ends along their freedom to where rough cycles cost least, before the cycle is solved.
-        more: further arguments of `run_job`.
-
-    Raises:
-        Infeasible: a pose is out of reach, or a cycle cannot be done; says which step and what would work.
-    """
-    if not job.open:
-        return run_job(job, model, settings, cell=cell, stopped=stopped, progress=progress, **more)
-    settings, cell = settings or Settings(), cell or CellRequest()
-    progress("joint positions of the poses", 0.0)
-    posed = Posed(job, model, settings, cell, None if ends is None else {k: q[None] for k, q in ends.items()})
-    known: dict[str, Any] = {"cell": cell, "stopped": stopped, **more}
-    solves, errors, first, greedy = 0, [], None, None
-    best: tuple[Ends, JobResult] | None = None
-    for name in ("cycle", "nearest") if compare else ("cycle",):
-        part = partial(_part, progress, 0.0 if name == "cycle" else 0.5, 0.5 if compare else 1.0)
-        at = posed.greedy() if name == "nearest" else posed.estimated()[0] if ends is None else ends
-        if name == "cycle" and refine:
-            at = posed.settled(RoughCycles(model, settings, job, stopped), at)[0]
-        if first is not None and all(np.abs(q - first[k]).max() <= SAME for k, q in at.items()):
-            greedy = None if best is None else best[1].energy
-            break
-        first, solves = at, solves + 1
-        try:
-            found = run_job(job.at(at), model, settings, progress=part, **known)
-        except Infeasible as error:
-            errors.append(error)
-            continue
-        greedy = found.energy if name == "nearest" else greedy
-        if best is None or (not found.solved, found.energy) < (not best[1].solved, best[1].energy):
-            best = at, found
-    if best is None:
-        raise errors[0]
-    branches = {k: len(posed.sets[k]) for k in posed.poses}
-    chosen = {k: best[0][k] for k in posed.poses}
-    near = nearer_words((posed.poses[k].name, q, posed.cells.of(job.steps[k])) for k, q in chosen.items())
-    choice = Choice(chosen, posed.asked, branches, best[1].energy, greedy, solves, cell.tool)
-    return replace(best[1], choice=choice, warnings=(*best[1].warnings, *near))
-
-
-def _part(progress: Callable[[str, float], None], first: float, share: float, text: str, done: float) -> None:
-    progress(text, first + share * done)

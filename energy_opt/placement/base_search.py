@@ -23,7 +23,8 @@ from energy_opt.cell.standing import Standing, touching_anyhow
 from energy_opt.errors import Infeasible
 from energy_opt.jobs.file import Job
 from energy_opt.jobs.legs import pose_in_base
-from energy_opt.jobs.posed import Ends, Posed, run_posed
+from energy_opt.jobs.posed import Ends, Posed
+from energy_opt.jobs.run_posed import run_posed
 from energy_opt.jobs.solve_job import JobResult, RoughCycles
 from energy_opt.jobs.work import Cells
 from energy_opt.motion.move import Settings
@@ -152,13 +153,13 @@ class Search:
             known = pool.get(k, q[:0])
             pool[k] = np.vstack([q[:: max(1, len(q) // POOL)], known])[:POOL]
         self._pool = pool
-        return posed.estimated(improve=False)[1]
+        return posed.estimate()
 
     def solve(self, point: np.ndarray, kind: str, ends: Ends | None = None) -> JobResult | None:
         """The job at a placement in full; None where it cannot be done.
 
         Args:
-            ends: positions at the ends of steps; by default the better of those that are likely and of the nearest.
+            ends: positions at the ends of steps; by default the best of those that are likely and of the nearest.
         """
         done: list[JobResult] = []
         for chosen in self._choices(point) if ends is None else [ends]:
@@ -204,7 +205,7 @@ class Search:
             posed = self.posed(point)
         except Infeasible:
             return []
-        return [posed.estimated()[0], posed.greedy()]
+        return [*posed.choices(), posed.greedy()]
 
     def better(self, here: Rough) -> tuple[np.ndarray, float]:
         """A placement (4,) near a rough cycle at which its bent motions cost less, and the gain [J]."""

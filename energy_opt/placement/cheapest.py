@@ -13,7 +13,7 @@ from energy_opt.jobs.solve_job import JobResult
 from energy_opt.motion.move import Settings
 from energy_opt.placement.base_search import Search
 from energy_opt.placement.placement import Looked, Placement, PlaceRequest, Rough
-from energy_opt.poses.sets import DETOUR
+from energy_opt.poses.sets import TOO_SLOW
 from energy_opt.power import PowerModel
 
 TRIES = 2  # times as many seeds are tried if rough cycles fail
@@ -97,8 +97,8 @@ def place(
     warnings = [
         f"steps with given joint positions do not move with the {request.fixture or 'base'}: {', '.join(fixed)}"
     ]
-    # estimates with the penalty of a move in contact, or too slow, are no energies
-    known = ((point, value if value < DETOUR else np.inf) for point, value in looked)
+    # estimates with the penalty of a move that is too slow are no energies
+    known = ((point, value if value < TOO_SLOW / 2 else np.inf) for point, value in looked)
     tried = tuple(Looked(search.place(point), value, "estimate") for point, value in known)
     return Placement(
         search.place(best), result, search.given, given_result, tried, tuple(search.path),

@@ -22,6 +22,7 @@ from energy_opt.poses.distance import is_free
 from energy_opt.poses.estimate import curves
 from energy_opt.poses.freedom import directions, has_freedom
 from energy_opt.poses.inverse import SAME, TURN, ToolKinematics
+from energy_opt.poses.sets import DETOUR
 from energy_opt.poses.turns import with_turns
 
 # Most goals that are outlined, and most that are sketched: on 29 moves of a ur5e, more save less than they take.
@@ -31,9 +32,7 @@ HOPE = 3.0  # a goal is outlined if its estimate, less so many times the largest
 EQUAL = 1e-5  # relative: goals whose estimates differ by less differ only in joints that cost nothing
 ALIKE = 0.03  # share of the loss: of the turns of a goal whose energies differ by less, one is outlined and sketched
 APART = 0.35  # [rad, m] least distance of goals that are both outlined
-# Assumed cost of going around what a sketch touches, as a share of its loss. In four slow ur5e moves it was 0.25 to
-# 1.5; with 0.3, goals whose detours are short are missed. LOOKS: places of a sketch to check.
-DETOUR, LOOKS = 0.1, 24
+LOOKS = 24  # places of a sketch to check
 
 
 class Sketch(Protocol):

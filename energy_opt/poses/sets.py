@@ -25,7 +25,10 @@ Target = Pose | np.ndarray  # the end of a move: a pose of the tool, or joint po
 MOST = 24  # most positions of a layer inside a cycle
 FURTHER = 60  # further starts if none of the given ones reaches a pose
 AVOIDED = 12  # most rings to check for moves in contact
-DETOUR = 1e6  # [J] assumed cost of a straight move in contact, so that others come first
+# Assumed cost of going around what a straight move touches, as a share of its loss. In four slow ur5e moves it was 0.25
+# to 1.5; with 0.3, moves whose detours are short are missed. BLOCKED: the share with which moves in contact come last.
+DETOUR, BLOCKED = 0.1, 1e4
+KNOWN = 1e6  # [J] assumed cost of the moves of rings that are known, so that others come first
 TOO_SLOW = 1e12  # [J] the same of a move that takes longer than it may
 HIGHEST = 1e12  # [W] largest change of the price of time to try
 LOOKS = 12  # places of a straight move to check
@@ -230,17 +233,25 @@ class Ring:
             self._pairs.append((ends[0].reshape(shape), ends[1].reshape(shape)))
         self._looked: set[tuple[int, int, int]] = set()  # moves that were checked for contact
         sizes = [len(layer.positions) for layer in layers]
-        self._detours = [np.zeros((a, b)) for a, b in zip(sizes, [*sizes[1:], sizes[0]], strict=True)]  # [J]
+        self._known = [np.zeros((a, b)) for a, b in zip(sizes, [*sizes[1:], sizes[0]], strict=True)]  # [J]
+        self._touching = [np.zeros(at.shape) for at in self._known]  # 1 for a move in contact
+        self._detour = DETOUR
 
     def cheapest(
-        self, time: float, waiting: float, free: Callable[[int, np.ndarray, np.ndarray], bool] | None = None
+        self,
+        time: float,
+        waiting: float,
+        free: Callable[[int, np.ndarray, np.ndarray], bool] | None = None,
+        detour: float = DETOUR,
     ) -> tuple[list[int], float]:
         """The position of every layer in the cheapest ring of `time` s without waits, and its estimate [J].
 
         Args:
             waiting: power [W] during remaining time: the price of a second is at most this.
-            free: whether straight move k between two positions (n,) touches nothing; moves in contact come last.
+            free: whether straight move k between two positions (n,) touches nothing.
+            detour: cost of a move in contact, as a share of its own; with BLOCKED such moves come last.
         """
+        self._detour = detour
         for _ in range(AVOIDED):
             chosen, energy, price = self._priced(time, waiting)
             if free is None or not self._price_contacts(chosen, price, free):
@@ -249,8 +260,8 @@ class Ring:
 
     def avoid(self, chosen: Sequence[int]) -> None:
         """Make every move of a ring costly, so that others come first."""
-        for k, detours in enumerate(self._detours):
-            detours[chosen[k], chosen[(k + 1) % len(chosen)]] += DETOUR
+        for k, known in enumerate(self._known):
+            known[chosen[k], chosen[(k + 1) % len(chosen)]] += KNOWN
 
     def _price_contacts(
         self, chosen: list[int], price: float, free: Callable[[int, np.ndarray, np.ndarray], bool]
@@ -266,7 +277,7 @@ class Ring:
                 break
             any_found = True
             for k, i, j in found:
-                self._detours[k][i, j] = DETOUR
+                self._touching[k][i, j] = 1.0
             chosen = self._ring_at_price(price)[0]
         return any_found
 
@@ -303,7 +314,9 @@ class Ring:
             cost, time = of.cheapest(price, most, least)
             too_slow = of.shortest > most
             cost = np.where(too_slow, TOO_SLOW * (1 + abs(price)), cost)  # above all others at any price of time
-            costs.append(cost.reshape(shape) + b.wait * b.standing + self._detours[k])
+            cost = cost.reshape(shape)
+            detour = self._detour * self._touching[k] * np.abs(cost)
+            costs.append(cost + b.wait * b.standing + detour + self._known[k])
             times.append(np.where(too_slow, 0.0, time).reshape(shape))
         # the ring is cut at its smallest layer: one shortest path from each of its positions back to itself
         count = len(self.layers)

@@ -18,12 +18,12 @@ from energy_opt.jobs.cycle import Answer, standing_power
 from energy_opt.jobs.file import Job, Step
 from energy_opt.jobs.legs import Leg, legs_of
 from energy_opt.jobs.posed import Posed
+from energy_opt.jobs.solve_job import RoughCycles
 from energy_opt.jobs.work import Cells, Worker
 from energy_opt.motion.limits.joint import Effort
 from energy_opt.motion.move import Settings
 from energy_opt.motion.plan.first_path import check_free
 from energy_opt.motion.trajectory import Trajectory, standing, whole
-from energy_opt.poses.distance import nearer_words
 from energy_opt.poses.given import poses_of_request
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot
@@ -84,11 +84,9 @@ class Arm:
             self.job = self._read(self.table, lambda _: self.job.robot)
         if self.job.open:
             posed = Posed(self.job, model, settings, self.request)
-            chosen = posed.estimated()[0]
-            cells = {k: posed.cells.of(self.job.steps[k]) for k in posed.poses}
-            near = nearer_words((pose.name, chosen[k], cells[k]) for k, pose in posed.poses.items())
+            chosen = posed.likely(RoughCycles(model, settings, self.job, stopped))[0]
             self.table = at_positions(self.table, {k: chosen[k] for k in self.job.open})
-            self.job = replace(self.job.at(chosen), remarks=(*self.job.remarks, *near))
+            self.job = replace(self.job.at(chosen), remarks=(*self.job.remarks, *posed.near(chosen)))
         self.scoring = Scoring(self.job.robot, model, None if cell.supply is None else cell.supply.capacity)
         room, bodies = {**USED, Effort.name: USED[Effort.name] * share}, Cells(self.job, self.request)
         self._worker_of = partial(Worker, self.job, settings=settings, cells=bodies, stopped=stopped, shares=room)

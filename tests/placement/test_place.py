@@ -171,7 +171,7 @@ def test_alternatives_reach_the_poses_by_different_positions_and_cost_more_in_tu
     path.write_text(JOB)
     job, model = load_job(path, lambda name: ur.robot), source_model(ur.robot)
     posed = Posed(job, model, Settings(starts=1), CellRequest())
-    likely = posed.estimated()[0]
+    likely = posed.choices()[0]
     found = posed.alternatives(4)
     assert 2 <= len(found) <= 4
     away = [max(np.abs(a[k] - b[k]).max() for k in a) for i, a in enumerate(found) for b in found[:i]]

@@ -68,5 +68,5 @@ def test_a_step_to_a_pose_leaves_the_gripper_as_the_step_before_it(arm: Robot, t
     path.write_text(f'format = "energy-opt/job/1"\nrobot = "arm"\ncycle_time = 9.0\n{steps}')
     job = load_job(path, lambda name: arm)
     posed = Posed(job, source_model(arm), Settings(), CellRequest(tool="flange", self_collision=False))
-    for ends in (posed.estimated()[0], posed.greedy()):
+    for ends in (posed.choices()[0], posed.greedy()):
         assert [ends[k][4] for k in range(4)] == [OPEN, 0.0, 0.0, OPEN]

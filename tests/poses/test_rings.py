@@ -35,6 +35,20 @@ def test_the_ring_is_the_cheapest_of_all(ur: ToolKinematics) -> None:
     assert energy == pytest.approx(min(costs.values()))
 
 
+@pytest.mark.parametrize(("farther", "detour", "taken"), [(1.02, 0.1, 1), (1.5, 0.1, 0), (1.5, 1e4, 1)])
+def test_a_move_in_contact_costs_a_detour(ur: ToolKinematics, farther: float, detour: float, taken: int) -> None:
+    """Of two places, the nearer one is reached only past a body."""
+    scorer = [Scorer(ur.robot, rivals_from(["source-method-2"], None, ur.robot)[0][0].model)]
+    away = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])  # a turn about the vertical: no gravity
+    places = np.vstack([away, -farther * away])
+    ring = Ring(ur, [layer(scorer, np.zeros((1, 6))), layer(scorer, places)], [scorer] * 2, [(0.0, np.inf)] * 2)
+
+    def free(move: int, start: np.ndarray, goal: np.ndarray) -> bool:
+        return bool(start[0] + goal[0] <= 0)
+
+    assert ring.cheapest(3.0, 0.0, free, detour)[0] == [0, taken]
+
+
 @pytest.mark.parametrize("seconds", [1e3, 0.1])
 def test_a_ring_with_a_move_that_takes_too_long_comes_after_all_others(ur: ToolKinematics, seconds: float) -> None:
     """In little time its estimate was far below zero, so that `place` began at the placements that are impossible."""

@@ -116,9 +116,9 @@ class Posed:
             out = out if same(clear, out[0]) else [clear, *out]
         return out
 
-    def likely(self, rough: RoughCycles, choices: Sequence[Ends] | None = None, settle: bool = False) -> list[Ends]:
+    def likely(self, rough: RoughCycles, settle: bool = False) -> list[Ends]:
         """The choices, settled, those with the cheapest rough cycle first; without `settle` a single one as it is."""
-        found = list(choices or self.choices())
+        found = self.choices()
         if len(found) > 1 or settle:
             settled = [self.settled(rough, ends) for ends in found]
             found = [ends for ends, _, _ in sorted(settled, key=lambda item: item[2])]

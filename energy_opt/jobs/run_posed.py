@@ -27,8 +27,6 @@ def run_posed(
     *,
     cell: CellRequest | None = None,
     ends: Ends | None = None,
-    compare: bool = True,
-    refine: bool = True,
     stopped: Callable[[], bool] = lambda: False,
     progress: Callable[[str, float], None] = lambda text, share: None,
     **more: Any,
@@ -36,9 +34,8 @@ def run_posed(
     """As `run_job`, for jobs that may have poses: their positions are chosen over the whole cycle.
 
     Args:
-        ends: positions (n,) at the ends of all moving steps, by their index; by default they are chosen.
-        compare: also solve the cycle with the nearest branches; the cheaper one is the answer.
-        refine: move the ends along their freedom to where rough cycles cost least, before the cycle is solved.
+        ends: positions (n,) at the ends of all moving steps, by their index; by default they are chosen, and the cycle
+            with the nearest branches is solved, too; the cheaper one is the answer.
         more: further arguments of `run_job`.
 
     Raises:
@@ -60,19 +57,18 @@ def run_posed(
         try:
             found = run_job(
                 job.at(at), model, settings, cell=cell, stopped=stopped, **more,
-                progress=lambda text, share: progress(text, first + share * (0.5 if compare else 1.0)),
+                progress=lambda text, share: progress(text, first + share * (0.5 if ends is None else 1.0)),
             )  # fmt: skip
         except Infeasible as error:
             found = error
         tried.append((at, found))
         return found
 
-    rough = RoughCycles(model, settings, job, stopped)
-    for at in posed.likely(rough, None if ends is None else [ends], refine):
+    for at in posed.likely(RoughCycles(model, settings, job, stopped), True) if ends is None else [ends]:
         answer = solved(at, 0.0)
         if isinstance(answer, JobResult) and (answer.solved or stopped()):
             break
-    nearest = solved(posed.greedy(), 0.5) if compare else None
+    nearest = solved(posed.greedy(), 0.5) if ends is None else None
     done = [(at, found) for at, found in tried if isinstance(found, JobResult)]
     if not done:
         raise next(found for _, found in tried if isinstance(found, Infeasible))

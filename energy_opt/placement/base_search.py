@@ -161,16 +161,10 @@ class Search:
         Args:
             ends: positions at the ends of steps; by default the best of those that are likely and of the nearest.
         """
-        done: list[JobResult] = []
-        for chosen in self._choices(point) if ends is None else [ends]:
-            with suppress(Infeasible):
-                done.append(
-                    run_posed(
-                        self.job, self.model, self.settings, cell=self.at(point), ends=chosen, compare=False,
-                        refine=ends is None, stopped=self.stopped,
-                    )
-                )  # fmt: skip
-        best = min(done, key=lambda found: (not found.solved, found.energy), default=None)
+        best = None
+        with suppress(Infeasible):
+            cell = self.at(point)
+            best = run_posed(self.job, self.model, self.settings, cell=cell, ends=ends, stopped=self.stopped)
         self.path.append(Looked(self.place(point), np.nan if best is None else best.energy, kind))
         return best
 

@@ -72,7 +72,7 @@ def test_the_other_branch_follows_where_the_first_cannot_be_done(
 
     monkeypatch.setattr(module, "run_job", run)
     with pytest.raises(KeyboardInterrupt):
-        run_posed(job[0], source_model(job[0].robot), cell=job[1], compare=False)
+        run_posed(job[0], source_model(job[0].robot), cell=job[1])
     assert tried == [True, False]
 
 

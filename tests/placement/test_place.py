@@ -16,8 +16,9 @@ from energy_opt.cell.request import CellRequest
 from energy_opt.cli.main import main
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.front.given import source_model
-from energy_opt.jobs.file import load_job
+from energy_opt.jobs.file import Job, load_job
 from energy_opt.jobs.posed import Posed
+from energy_opt.jobs.solve_job import JobResult
 from energy_opt.motion import Settings
 from energy_opt.placement import PlaceRequest, place
 from energy_opt.placement.base_search import Rough, Search
@@ -232,27 +233,27 @@ def test_a_placement_at_which_the_likely_positions_fail_is_solved_with_the_neare
 ) -> None:
     path = tmp_path / "job.toml"
     path.write_text(JOB)
-    tried: list[dict[int, np.ndarray]] = []
+    tried: list[Job] = []
 
-    def run(*given: object, ends: dict[int, np.ndarray], **more: object) -> SimpleNamespace:
-        tried.append(ends)
+    def run(job: Job, *given: object, **more: object) -> JobResult:
+        tried.append(job)
         if len(tried) == 1:
             raise Infeasible("too short")
-        return SimpleNamespace(solved=True, energy=3.0)
+        return JobResult(job, None, {}, next(energies), None, None)  # type: ignore[arg-type]
 
-    monkeypatch.setattr("energy_opt.placement.base_search.run_posed", run)
+    monkeypatch.setattr("energy_opt.jobs.run_posed.run_job", run)
+    monkeypatch.setattr(JobResult, "energy", property(lambda found: found.bound))
+    monkeypatch.setattr(JobResult, "solved", True)
     box = PlaceRequest((0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     job, model = load_job(path, lambda name: ur.robot), source_model(ur.robot)
     search = Search(job, model, box, Settings(), CellRequest(), stopped=lambda: False, progress=lambda t, s: None)
+    energies = iter([3.0, 5.0, 4.0])
     found = search.solve(np.zeros(4), "given")
     assert found is not None and found.energy == 3.0
-    energies = iter([5.0, 4.0])
-    both = lambda *given, **more: SimpleNamespace(solved=True, energy=next(energies))  # noqa: E731
-    monkeypatch.setattr("energy_opt.placement.base_search.run_posed", both)
     cheaper = search.solve(np.zeros(4), "given")
     assert cheaper is not None and cheaper.energy == 4.0  # a job takes the better of both, too
     nearest = search.posed(np.zeros(4)).greedy()
-    assert all(np.array_equal(tried[1][k], nearest[k]) for k in nearest)
+    assert all(np.array_equal(tried[1].steps[k].goal, nearest[k]) for k in nearest)
 
 
 @pytest.mark.nightly

@@ -31,15 +31,8 @@ from energy_opt.diagnosis.report.joint_report import (
     side_remarks,
     wrong_units,
 )
-from energy_opt.diagnosis.report.words import (
-    UNRECORDED,
-    headline,
-    joints_headline,
-    next_step,
-    remarks,
-    speeds_seen,
-    summary,
-)
+from energy_opt.diagnosis.report.remarks import remarks, speeds_seen
+from energy_opt.diagnosis.report.words import UNRECORDED, headline, joints_headline, next_step, summary
 from energy_opt.diagnosis.verdict.claims import written
 from energy_opt.diagnosis.verdict.findings import Finding, Result, evidence_records, findings_of, nuisance_of
 from energy_opt.diagnosis.verdict.inference import Inference, infer, plain_fit

@@ -19,7 +19,8 @@ from energy_opt.diagnosis.evidence.errors import reading_of
 from energy_opt.diagnosis.evidence.odds import density
 from energy_opt.diagnosis.evidence.residual import wave_words
 from energy_opt.diagnosis.fit.posterior import Free
-from energy_opt.diagnosis.report.words import UNRECORDED, headline, remarks
+from energy_opt.diagnosis.report.remarks import remarks
+from energy_opt.diagnosis.report.words import UNRECORDED, headline
 from energy_opt.diagnosis.verdict.claims import Claim, is_a_line
 from energy_opt.diagnosis.verdict.findings import between
 from energy_opt.diagnosis.verdict.judge import jackknifed

@@ -10,12 +10,14 @@ from logs import lines, log, put
 from energy_opt.diagnosis import diagnose
 from energy_opt.diagnosis.data.noise import Noise
 from energy_opt.diagnosis.data.recordings import take_samples
-from energy_opt.diagnosis.fit.posterior import Nuisance, World
+from energy_opt.diagnosis.fit.posterior import Nuisance, World, fit
 from energy_opt.diagnosis.hypothesis.links import links_of
 from energy_opt.diagnosis.hypothesis.terms import Scale, Term, chart
 from energy_opt.diagnosis.search.effect_sets import Search
 from energy_opt.diagnosis.search.kinks import elsewhere, usual_laws
-from energy_opt.effects import CopperLoss, Standby
+from energy_opt.diagnosis.verdict.claims import Claim, widened
+from energy_opt.diagnosis.verdict.plausible import is_far
+from energy_opt.effects import CopperLoss, CoulombFriction, Standby
 from energy_opt.measured import read_set
 from energy_opt.power import PowerModel
 from energy_opt.robot import load_robot
@@ -84,6 +86,21 @@ def test_declared_values_may_be_wrong_by_another_factor_for_each_joint(tmp_path)
     for j in (0, 1, 2):  # the others bear too little torque
         low, high = found["effects"][0]["ci95"]["r_over_kt2"][j]
         assert low < copper[j] < high
+
+
+@pytest.mark.parametrize(("times", "far"), [(10.0, False), (200.0, True)])
+def test_a_declared_value_is_not_believed_to_be_hundreds_of_times_larger(tmp_path, times, far):
+    """Brakes took 6 W while joints moved; claimed was a wrist's copper loss times 210: dry friction heats it."""
+    copper = COPPER * np.array([1.0, 1.0, 1.0, 1.0, 1.0, times])
+    measured, declared = recorded(tmp_path, lambda v, tau: 4 * np.sign(v), 3, copper=copper)
+    declared = declared.replaced(CoulombFriction(tau_c=4.0))
+    samples = take_samples(measured)
+    scale, links = Scale.of(measured.robot.limits, samples.power), links_of(samples, declared)
+    world = World.of(samples, declared, scale, links, Noise(samples.noise))
+    own = chart(Term("copper_loss", declared=True), declared, scale, samples.n)
+    f = widened(fit(world, Nuisance(0.003, 0.1), [own], [own.origin]))
+    assert f.numbers[0][5] > 0.5 * times * COPPER
+    assert is_far(f, Claim("copper_loss", 1000.0, f)) == far
 
 
 DRY, VISCOUS = np.array([1.5, 2.0, 1.1, 0.5, 0.5, 0.4]), np.array([1.5, 1.9, 1.2, 0.5, 0.4, 0.4])  # N m, N m s/rad

@@ -49,13 +49,14 @@ from energy_opt.diagnosis.verdict.claims import (
 )
 from energy_opt.diagnosis.verdict.judge import Judge, by_chance_least, contradicted, same_readings, scattered
 from energy_opt.diagnosis.verdict.likeliest import Likeliest, likeliest_of, likeliest_with_settling
+from energy_opt.diagnosis.verdict.plausible import is_far
 from energy_opt.diagnosis.verdict.rivals import as_good, left_open, pair, supported
 from energy_opt.power import PowerModel
 from energy_opt.robot import Limits
 
 log = logging.getLogger(__name__)
 
-NO_CLAIM = (is_a_step, is_a_line, is_beyond_bounds)  # an effect is not claimed if one of these is true
+NO_CLAIM = (is_a_step, is_a_line, is_beyond_bounds, is_far)  # an effect is not claimed if one of these is true
 BESIDE = 0.3  # share of the explained log odds that a claimed effect must have if more than noise is left
 NOISE = 1.2  # factor on the noise below which a model's held-out error counts as noise
 

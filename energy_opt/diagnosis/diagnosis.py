@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag
 
+from energy_opt.diagnosis.data.clipped import unclipped
 from energy_opt.diagnosis.data.clusters import excited, parted, split
 from energy_opt.diagnosis.data.recordings import on_time, prepared, take_samples
 from energy_opt.diagnosis.data.samples import Samples
@@ -117,9 +118,11 @@ def diagnose(
         side = joint_side(measured, declared)
     prior = prior_of(side) if enough else {}
     limits, joints = measured.robot.limits, measured.robot.joints
+    samples = take_samples(measured)
+    if (kept := unclipped(measured, samples, declared)) is not measured:
+        measured, samples = kept, take_samples(kept)
 
-    def inferred(measured: MeasuredSet, clock: bool) -> tuple[Samples, list[int], list[int], Inference]:
-        samples = take_samples(measured)
+    def inferred(samples: Samples, clock: bool) -> tuple[Samples, list[int], list[int], Inference]:
         if len(samples.power) < FEWEST:
             raise BadInput(
                 f"{measured.path}: {len(samples.power)} readings in all; a diagnosis needs at least {FEWEST}"
@@ -131,10 +134,10 @@ def diagnose(
         )  # fmt: skip
 
     # an error of the clocks must not be claimed as a property of the meter: it is removed, and the set judged anew
-    samples, train, holdout, found = inferred(measured, True)
+    samples, train, holdout, found = inferred(samples, True)
     if found.late:
         measured = on_time(measured, found.late)
-        samples, train, holdout, found = inferred(measured, False)
+        samples, train, holdout, found = inferred(take_samples(measured), False)
     model = replace(found.model, uncertainty=_covariance(found))
 
     def judged(model: PowerModel) -> dict[str, Any]:

@@ -36,6 +36,7 @@ class Quality:
         squares: (C,) mean square error of each distinct motion or pose, whitened to a noise variance of 1, so that
             correlated readings count less.
         counts: (C,) how many readings a repeat of each has.
+        whole: rms error [W] in motion and at rest with the drift.
     """
 
     motion: float
@@ -46,6 +47,7 @@ class Quality:
     noise: float
     squares: np.ndarray
     counts: np.ndarray
+    whole: tuple[float, float] = (0.0, 0.0)
 
     @property
     def ratio(self) -> float:
@@ -121,10 +123,11 @@ def quality(model: PowerModel, samples: Samples, noise: Noise, drift: np.ndarray
 
     each = [[(np.mean(x := white[samples.parts[r]]), len(x)) for r in group] for group in clusters(samples)]
     by_motion, counts = np.array([np.mean(group, axis=0) for group in each]).T
-    least, always = usual**0.5, np.ones(len(live), dtype=bool)
+    least, always, squares = usual**0.5, np.ones(len(live), dtype=bool), np.concatenate(off) ** 2
     return Quality(
         rms(own, live), rms(own, ~live), rms(expected, live) or least, rms(expected, ~live) or least,
-        rms(np.concatenate(off) ** 2, always), rms(expected + drifted, always), by_motion, counts,
+        rms(squares, always), rms(expected + drifted, always), by_motion, counts,
+        (rms(squares, live), rms(squares, ~live)),
     )  # fmt: skip
 
 

@@ -57,8 +57,8 @@ def remarks(found: Inference, measured: MeasuredSet, declared: PowerModel, links
     after = found.after
     if found.verdict and after.ratio >= NOISE:
         out.append(
-            f"The remaining residual is {after.motion:.3g} W rms in motion and {after.rest:.3g} W at rest; noise alone "
-            f"would leave {after.noise_motion:.3g} and {after.noise_rest:.3g} W."
+            "The remaining residual is {:.3g} W rms in motion and {:.3g} W at rest; noise alone ".format(*after.whole)
+            + f"would leave {after.noise_motion:.3g} and {after.noise_rest:.3g} W."
         )
     if found.verdict in ("partly", "unexplained"):
         out += _implausible(found, joints)

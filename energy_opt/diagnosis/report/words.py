@@ -62,10 +62,12 @@ def headline(document: dict[str, Any]) -> str:
     if verdict == "ambiguous" and document["alternatives"]:
         said += " Equally well: " + "; ".join(listed(a) if a else "nothing" for a in document["alternatives"][1:]) + "."
     if document["remainder"]:
-        first = document["remainder"][0]
-        rest = max(after["power_rmse"] ** 2 - document["noise_floor"] ** 2, first["watts"] ** 2) ** 0.5
+        first, where = document["remainder"][0], ""
+        rest = max(after["power_rmse"] ** 2 - document["noise_floor"] ** 2, 0.0) ** 0.5
+        if rest < first["watts"]:  # of the runs fitted, or of all
+            rest, where = first["watts"], " in the runs fitted"
         share = "; they" if first["signal"] == UNRECORDED else f", of which {first['watts']:.1f} W"
-        said += f" {rest:.1f} W are left above the noise{share} go with {_source(first)}."
+        said += f" {rest:.1f} W are left above the noise{where}{share} go with {_source(first)}."
     return said
 
 

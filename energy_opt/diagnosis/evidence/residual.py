@@ -25,6 +25,7 @@ from energy_opt.power import PowerModel
 LEVELS = 0.03  # share of the arm's level by which the levels of runs may differ, as meters drift
 WEAKEST = 0.05  # least share of the residual that a named signal explains
 ALONE = 0.1  # largest share of the spread of the runs' levels that one step leaves
+MOSTLY = 0.5  # least share of a step that readings at rest show
 MOST = 8
 
 
@@ -99,13 +100,21 @@ def goes_with(
 
 
 def step_of(model: PowerModel, samples: Samples) -> Attribution | None:
-    """A step of the level of power, where it alone is why the runs' levels differ; a drift leaves a quarter of that."""
+    """A step of the level of power, where it alone is why the runs' levels differ; a drift leaves a quarter of that.
+
+    A power that depends on the motion changes where static recordings follow motions. So readings at rest must show
+    most of the step, or those in motion where the arm never rests before it, or never after.
+    """
     order = np.argsort(samples.at, kind="stable")
     off, at = samples.power - predict(model, samples).reading, samples.at[order]
     k, before, after = _largest_step(off[order], np.arange(1, len(off)))
-    level = np.where(samples.at < at[k], before, after)
+    earlier = samples.at < at[k]
+    level = np.where(earlier, before, after)
     spread, left = (np.var([np.mean(x[p]) for p in samples.parts]) for x in (off, off - level))
-    if left > ALONE * spread:
+    alike = next((x for x in (~samples.moving, samples.moving) if 0 < np.sum(x & earlier) < np.sum(x)), None)
+    if left > ALONE * spread or alike is None:
+        return None
+    if (np.mean(off[alike & ~earlier]) - np.mean(off[alike & earlier])) / (after - before) < MOSTLY:
         return None
     watts = float(np.sqrt(np.mean(level**2)))
     strength = min(float(watts**2 / np.mean(off**2)), 1.0)

@@ -161,13 +161,17 @@ def _next_motion(result: Diagnosis, seed: int, surroundings: CellRequest) -> Tra
         return None
     result.document()["next_motion"] = NEXT
     result.document()["next_step"] = next_step(result.document())
-    text = f"Record {NEXT} next: on this motion the alternatives predict powers that differ by "
-    text += f"{motion.difference:.3g} W (rms)."
-    if count is None:
+    usable = result.document()["usable"]
+    text = f"Record {NEXT} next: on this motion the alternatives"
+    text = f"To tell the alternatives apart, record {NEXT}: on this motion they" if usable else text
+    text += f" predict powers that differ by {motion.difference:.3g} W (rms)."
+    if result.verdict == "insufficient":
+        text += " Record it at least once; each further recording lowers the noise."
+    elif count is None:
         text += f" Even {MOST} recordings may not decide between them, because they are too similar."
-        if not result.document()["usable"]:
+        if not usable:
             result.document()["next_step"] = ALIKE
-    elif count > 1:
-        text += f" Record it {count} times: one recording is hardly enough."
+    else:
+        text += f" Record it {count} times: one recording is hardly enough." if count > 1 else " Record it once."
     remarks.append(text)
     return motion.trajectory

@@ -165,9 +165,9 @@ def speeds_seen(found: Inference, joints: Sequence[str]) -> list[str]:
             continue
         usual = float(np.median(v))
         sums = [float(law(np.array([usual]), j)[0]) for law in laws]
-        if not any(sums):  # they depend on the load alone
+        if not np.ptp(sums):  # the alternatives differ in other effects alone
             continue
         speed, unit = (unit_of(kind, s.body.slides[j]) for kind in ("velocity", "effort"))
-        span = f"{min(sums):.2g} to {max(sums):.2g} {unit}"
-        out.append(f"Friction of {joint} at {usual:.2g} {speed} is {span} under all these alternatives.")
+        span = " to ".join(dict.fromkeys(f"{x:.2g}" for x in (min(sums), max(sums))))
+        out.append(f"Friction of {joint} at {usual:.2g} {speed} is {span} {unit} under all these alternatives.")
     return out

@@ -88,6 +88,14 @@ def test_where_static_recordings_follow_motions_the_level_is_compared_at_rest(mo
     assert any(row.change is not None for row in rows) == named
 
 
+@pytest.mark.parametrize(("signal", "spring"), [("position", True), ("power", False)])
+def test_a_rest_that_goes_with_a_position_asks_for_the_data_of_that_joint(signal, spring):
+    """A wrong zero, sign, order or scale of positions acts like a torque by position."""
+    left = [{"signal": signal, "joint": "elbow"}, {"signal": "position", "joint": "elbow"}]
+    said = next_step({"verdict": "unexplained", "usable": False, "remainder": left})
+    assert "zero, sign, order and scale of the data of elbow" in said and ("spring" in said) == spring
+
+
 def test_the_headline_says_where_more_is_left_than_on_held_out_motions():
     """3.4 W were left above noise of 1.2 W, of an error of 1.0 W on held-out motions."""
     error = {"train": None, "holdout": {"power_rmse": 1.0, "energy_percent": 0.1}}

@@ -107,7 +107,14 @@ def next_step(document: dict[str, Any], follows: bool = True) -> str:
             return f"Next: {said}."
         if "change" in first:
             return f"Next: look for a consumer, such as a fan, that caused {_source(first)}."
-        return f"Next: look for a cause that depends on {_source(first)}."
+        said = f"Next: look for a cause that depends on {_source(first)}"
+        bent = next(
+            (row["joint"] for row in document["remainder"] if row["signal"] == "position" and row["joint"]), None
+        )
+        if bent is None:
+            return f"{said}."
+        such = ", such as a spring, a balancer or a hose" if first["signal"] == "position" else ""
+        return f"{said}{such}; check zero, sign, order and scale of the data of {bent}."
     return "Next: record more runs in other parts of the workspace, so that the held-out error is known better."
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -32,6 +33,7 @@ SURE = 2.0  # standard deviations added to a time constant to get the longest pl
 LAGS = 1.5  # a meter lag is claimed only above this multiple of the time uncertainty `Samples.lag`
 SHORTEST = 5e-4  # [s] a shorter error of the clocks is ignored
 MOST = 6  # most alternatives that are fitted
+GLANCED = 50.0  # log odds by which a quick look may be lower than the evidence over all nuisances
 LIKE = 0.1  # largest share of an effect's squares that a free function of the same signal may fail to represent
 BENT = 0.2  # least change of the power of an effect's watts that makes it another law
 WIDE_ENOUGH = 1.1  # priors stay if the numbers ask for less than this multiple of their present width
@@ -242,9 +244,10 @@ def bent(found: Search, f: Fit) -> list[bool]:
 
 
 def alternatives(found: Search, accepted: Fit, reach: float) -> tuple[Fit, ...]:
-    """The accepted fit, then fits with one effect exchanged that are as likely, see `_as_likely`.
+    """The accepted fit, then fits with one effect exchanged whose score is within `reach` of its own.
 
-    Linearised evidence, by which they are chosen, is uncertain by a share `DETAIL` of what the effects explain.
+    Scores with the usual priors or with widened ones count. Linearised evidence, by which fits are chosen, is uncertain
+    by a share `DETAIL` of what the effects explain.
     """
     if all(c.term.name in found.world.given for c in accepted.charts):
         return (accepted,)
@@ -252,38 +255,33 @@ def alternatives(found: Search, accepted: Fit, reach: float) -> tuple[Fit, ...]:
     here = found.whole(bank)
     value = bank.weigh(here).value
     least = value - 2 * reach - DETAIL * max(value - bank.weigh(frozenset()).value, 0.0)
-    near = []
+    wide = cache(lambda: found.score(widened(accepted)))
+
+    def as_likely(f: Fit) -> bool:
+        return found.score(f) > found.score(accepted) - reach or found.score(widened(f)) > wide() - reach
+
+    names, near = {bank.blocks[k].name for k in here}, []
+    others = [j for j, b in enumerate(bank.blocks) if b.name not in names and not b.name.startswith("free")]
     for k in here:
         if bank.blocks[k].name in found.world.given:
             continue
-        for j, b in enumerate(bank.blocks):
-            if j in here or b.name.startswith("free") or any(b.name == bank.blocks[i].name for i in here - {k}):
-                continue
+        for j in others:
             option = (here - {k}) | {j}
-            if not buildable(bank, option):
-                continue
-            found_value = bank.weigh(option).value
-            if b.name != bank.blocks[k].name and found_value > least:
-                near.append((found_value, option))
+            if buildable(bank, option) and bank.glance(option) > least - GLANCED:
+                near.append((bank.weigh(option).value, option))
     # fits that no exchange of one effect reaches: other laws of negative power, other lags of the meter
     out = {frozenset(accepted.names): accepted}
     for new in elsewhere(found, accepted):
-        if _as_likely(found, new, accepted, reach):
+        if as_likely(new):
             out.setdefault(frozenset(new.names), new)
     first: dict[frozenset[str], Subset] = {}
-    for _, option in sorted(near, key=lambda row: -row[0]):
+    for _, option in sorted((row for row in near if row[0] > least), key=lambda row: -row[0]):
         first.setdefault(frozenset(bank.blocks[i].name for i in option), option)
     for option in list(first.values())[:MOST]:
         new = found.refit(bank, option)
-        names = frozenset(new.names)
-        if names not in out and _as_likely(found, new, accepted, reach):
-            out[names] = new
+        if frozenset(new.names) not in out and as_likely(new):
+            out[frozenset(new.names)] = new
     return tuple(out.values())
-
-
-def _as_likely(found: Search, f: Fit, other: Fit, reach: float) -> bool:
-    """True if the score of a fit is within `reach` of another's, with the usual priors or with widened ones."""
-    return any(found.score(a) > found.score(b) - reach for a, b in ((f, other), (widened(f), widened(other))))
 
 
 def instead_of_links(found: Search, start: Fit) -> list[Fit]:

@@ -21,6 +21,7 @@ from energy_opt.diagnosis.verdict.claims import CLAIM, alike, alternatives, shap
 # most noise estimates, and search rounds before each: few, as effects that imitate a misfit hide it
 TURNS, EARLY = 5, 2
 SEVERAL = 3  # effects from which a search from none, with free functions, is tried, too
+MANY = 6  # effects above which they imitate an unknown law: exchanges of one are then slow, and of no use
 NONE = Settling()
 log = logging.getLogger(__name__)
 
@@ -93,11 +94,16 @@ def likeliest_of(
     best = found.descend(best)
     if len(best.charts) - len(found.world.given) >= SEVERAL:  # together they may imitate an unlisted law
         best = max(best, found.descend(root(found.world, best.nuisance)), key=found.score)
-    # the steps of a descent may end beside a set with other laws that is likelier
-    best = max(alternatives(found, best, CLAIM), key=found.score)
+
+    def likelier(f: Fit) -> Fit:  # the steps of a descent may end beside a set with other laws that is likelier
+        return (
+            f if len(f.charts) - len(found.world.given) > MANY else max(alternatives(found, f, CLAIM), key=found.score)
+        )
+
+    best = likelier(best)
     while (k := shaped_otherwise(found, best)) is not None:
-        likelier = max(alternatives(found, best, CLAIM), key=found.score)  # linearised evidence is not exact
-        best = without(found, best, k) if likelier is best else likelier
+        other = likelier(best)  # linearised evidence is not exact
+        best = without(found, best, k) if other is best else other
     best = settled(found, max([best, *elsewhere(found, best)], key=found.score))
     return Likeliest(found, best, noise, settling)
 

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import casadi as ca
 import numpy as np
 import pytest
+from hidden import Hidden, record
 
 from energy_opt.cell.load import load_cell
 from energy_opt.cell.request import CellRequest
@@ -285,7 +286,19 @@ def test_laws_that_are_too_alike_are_not_said_to_be_settled_by_a_recording(tmp_p
     document = read_json(tmp_path / "out" / "diagnosis.json")
     assert any("Even 5 recordings may not decide" in said for said in document["remarks"])
     assert document["usable"] and "good enough" in document["next_step"]  # either law plans as well
+    assert any(said.startswith("To tell the alternatives apart, record") for said in document["remarks"])
+    assert not any("under all these" in said for said in document["remarks"])  # they differ by load alone
     assert (tmp_path / "out" / document["next_motion"]).is_file()
+
+
+@pytest.mark.slow
+def test_a_set_without_motions_says_how_often_to_record_one(tmp_path):
+    """It asked for a motion, of unknown number."""
+    record(tmp_path / "set", Hidden("ur5e"), legs=0, rest=2.0)
+    assert main(["diagnose", str(tmp_path / "set"), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    document = read_json(tmp_path / "out" / "diagnosis.json")
+    assert document["verdict"] == "insufficient"
+    assert any("Record next_motion.csv next" in said and "at least once" in said for said in document["remarks"])
 
 
 def test_errors_that_repeats_share_limit_what_they_tell():

@@ -207,7 +207,7 @@ class Scene:
         """The scene with all objects that arms do not carry in its own frame.
 
         The name of an arm's root link means the scene's frame, as in a planning scene, wherever the base is. So does a
-        single name that no link has.
+        name that no link or object has, if all objects are in this frame.
 
         Raises:
             BadInput: an object's frame moves, or several are unknown.
@@ -215,23 +215,26 @@ class Scene:
         fixed = {name: (base, at) for links, base in arms for name, (joint, at) in links.items() if joint < 0}
         roots = {name for name, (_, at) in fixed.items() if np.allclose(at, np.eye(4))}
         links = {name for of_arm, _ in arms for name in of_arm}
-        used = dict.fromkeys(frame for thing in self.objects if (frame := thing.still_in) is not None)
-        unknown = [frame for frame in used if frame not in (*WORLD, *links)]
-        own = self.root if self.root else unknown[0] if len(unknown) == 1 else ""
-        said, out = [], []
-        for frame in used:
-            if frame in roots and not np.allclose(fixed[frame][0], np.eye(4)):
-                said.append(f"{frame}: the frame of objects is taken as the scene's, in which --base places this link")
-            elif frame in unknown and frame == own != self.root:
-                said.append(f"no link is named {frame!r}{suggest(frame, links)}: this frame is taken as the scene's")
+        still = [thing for thing in self.objects if thing.attached_to is None]
+        used = dict.fromkeys(thing.frame for thing in still if thing.frame is not None)
+        known = {*WORLD, *links, *(thing.name for thing in still)}
+        only = next(iter(used)) if len(used) == 1 and all(thing.frame for thing in still) else ""
+        own = self.root or ("" if only in known else only)
+        said: list[str] = []
+        out: list[SceneObject] = []
+        for each in used:
+            if each in roots and not np.allclose(fixed[each][0], np.eye(4)):
+                said.append(f"{each}: the frame of objects is taken as the scene's, in which --base places this link")
+            elif each == own != self.root:
+                said.append(f"no link is named {each!r}{suggest(each, links)}: this frame is taken as the scene's")
         for thing in self.objects:
             if (frame := thing.still_in) is not None:
                 scene = frame in roots or (frame == own and frame not in links)
-                at = place_of(WORLD[0] if scene else frame, f"{self.source}: object {thing.name}", arms)
+                at = place_of(WORLD[0] if scene else frame, f"{self.source}: object {thing.name}", arms, out)
                 thing = replace(thing.at(at @ thing.place), frame=None)
             out.append(thing)
-        said = [f"{self.source}: {each}" for each in said]
-        return replace(self, objects=tuple(out), warnings=tuple(dict.fromkeys((*self.warnings, *said))))
+        remarks = (f"{self.source}: {text}" for text in said)
+        return replace(self, objects=tuple(out), warnings=tuple(dict.fromkeys((*self.warnings, *remarks))))
 
     def placed(self, base: np.ndarray | None = None, joint: np.ndarray | None = None) -> Iterator[PlacedShape]:
         """Every shape, the floor last.

@@ -44,7 +44,7 @@ BY_SIGNAL = {"position": "", "velocity": "/s", "acceleration": "/s^2"}  # suffix
 OTHER = {
     "°": "deg", "º": "deg", "degree": "deg", "degrees": "deg", "grad": "deg", "radian": "rad", "radians": "rad",
     "degres": "deg", "grados": "deg", "gradi": "deg", "secondes": "s", "segundos": "s", "secondi": "s",
-    "sec": "s", "second": "s", "seconds": "s", "msec": "ms", "µs": "us", "μs": "us", "usec": "us", "turn": "rev",
+    "sec": "s", "second": "s", "seconds": "s", "msec": "ms", "usec": "us", "turn": "rev",
     "turns": "rev", "1/min": "rpm", "u/min": "rpm", "°c": "degC", "c": "degC", "celsius": "degC", "watt": "W",
     "watts": "W", "ampere": "A", "amps": "A", "amp": "A", "joule": "J", "joules": "J", "inches": "inch",
     "volt": "V", "volts": "V", "kilowatt": "kW", "kilowatts": "kW", "kwatt": "kW", "milliwatt": "mW",
@@ -172,12 +172,13 @@ def _parts(text: str) -> list[str]:
 
 
 def plain(text: str) -> str:
-    """A text without accents.
+    """A text without accents, and with u for the sign of millionths.
 
-    >>> plain("Énergie")
-    'Energie'
+    >>> plain("Énergie"), plain("µA")
+    ('Energie', 'uA')
     """
-    return "".join(letter for letter in unicodedata.normalize("NFD", text) if not unicodedata.combining(letter))
+    text = "".join(letter for letter in unicodedata.normalize("NFD", text) if not unicodedata.combining(letter))
+    return re.sub("[µμ](?=[A-Za-z])", "u", text)
 
 
 def _parted(word: str) -> tuple[str, ...]:

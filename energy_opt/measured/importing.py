@@ -151,11 +151,11 @@ def _joints_and_meters(
             meters[table] = of_meter(table)
         if table.faults:
             raise BadInput(table.faults[0])
-    _refuse_unsure(joints)
+    _refuse_unsure(joints, robot)
     return in_one_unit(joints, lambda table: guess_joints(table, robot, hand)), in_one_unit(meters, of_meter)
 
 
-def _refuse_unsure(joints: Mapping[Table, Guess]) -> None:
+def _refuse_unsure(joints: Mapping[Table, Guess], robot: Robot) -> None:
     """Refuse angles whose unit is not clear: those of other joints have one in which they would hardly move.
 
     Where most angles of a table are clear, the others have their unit, and a line says so.
@@ -171,7 +171,7 @@ def _refuse_unsure(joints: Mapping[Table, Guess]) -> None:
         units = {joint: "rad" if column in unsure else "deg" for joint, column in columns.items()}
         given = [f"{joint}={columns[joint]}:{units[joint]}" for joint in rules if columns[joint] in guess.sure]
         options = f"`--joint {' --joint '.join(map(shlex.quote, given))}`"
-        if 2 * len(unsure) >= max(len(rules), 1):
+        if unsure and 2 * len(unsure) >= robot.slides.count(False):
             raise BadInput(
                 f"{table.path}: column(s) {quoted(unsure)} may be in rad, though other angles are not; give units, "
                 f"as by {options} (or :deg)"

@@ -140,8 +140,8 @@ def _angle_units(
 ) -> tuple[Units, dict[str, bool]]:
     """Units of the angles, and what `joint_units` says of `sure`, by joint.
 
-    Degrees are shown by positions, or speeds between samples, that are far outside the limits as radians. An angle
-    without a unit has that of the others, unless the logged velocities show another.
+    Degrees are shown by positions, or speeds between samples, that are far outside the limits as radians, unless the
+    file states another unit. An angle without a unit has that of the others, unless the logged velocities show another.
     """
     turning = [k for k, slides in enumerate(robot.slides) if not slides]
     out, values, time = dict(named["position"]), columns["position"], time[: len(columns["position"])]
@@ -153,14 +153,16 @@ def _angle_units(
         piece = np.searchsorted(leaps(at, values, robot), np.arange(len(at)))
         real = np.bincount(piece)[piece] >= min(FEWEST, len(at))
         values, at = values[real], at[real]
-    shown = [robot.joints[k] for k in turning if out[robot.joints[k]] in (None, "rad") and _far(values, k, robot, out)]
+    usual = {out[robot.joints[k]] for k in turning} <= {None, "rad", "deg"}
+    doubtful = [k for k in turning if usual and out[robot.joints[k]] in (None, "rad")]
+    shown = [robot.joints[k] for k in doubtful if _far(values, k, robot, out)]
     why = " (as radians they are far outside the limits)" if shown else ""
     if any(out[joint] for joint in shown):  # the file says rad of all alike
         why = f"{why[:-1]}, though the file says rad)"
         out = {joint: None if unit == "rad" else unit for joint, unit in out.items()}
     if not shown:
         fast = _too_fast(values, at, robot)
-        shown = [robot.joints[k] for k in turning if fast[k] and out[robot.joints[k]] is None]
+        shown = [robot.joints[k] for k in doubtful if fast[k] and out[robot.joints[k]] is None]
         why = FAST if shown else ""
     out |= dict.fromkeys(shown, "deg")
     others = list(dict.fromkeys(unit for k in turning if (unit := out[robot.joints[k]])))
@@ -236,10 +238,9 @@ def _by_velocities(
         of = named["velocity"][joint] or fit
         if not robot.slides[k] and units[joint] is None and of is not None:
             ratio = _slope_ratio(velocity[good, k : k + 1] * UNITS["velocity"][of], raw[good, k : k + 1], time, cuts)
-            own = (
-                u for u, factor in POSITIONS.items() if u not in LENGTHS and ratio and abs(ratio / factor - 1) < ALIKE
-            )
-            out[joint] = next(own, None)
+            off = {u: abs((ratio or np.inf) / factor - 1) for u, factor in POSITIONS.items() if u not in LENGTHS}
+            nearest = min(off, key=off.__getitem__)
+            out[joint] = nearest if off[nearest] < ALIKE else None
     return out
 
 

@@ -13,7 +13,7 @@ ODD = words_in(
     "tick ticks pulses lsb arcmin arcsec pu percent promille pa kpa bar psi degf"
 )
 ANYWHERE = words_in("arcmin arcsec btu kcal kgf lbf ozf degf")  # no other words, so that no brackets are needed
-PREFIXED = re.compile(r"(?:[uµnhGT]|da)(?:W|Wh|Ws|J|A|V|N ?m)")
+PREFIXED = re.compile(r"(?:[uµμnhGT]|da)(?:W|Wh|Ws|J|A|V|N ?m)")
 SIGNS = re.compile(r"[%‰^*·⋅]|^[^\W\d_]{1,6} ?/ ?(?:s|min|h|m|rev|turn|deg|rad|v|a)\d?$")
 FACTOR = re.compile(r"[x×]? ?[\d.,]+ ?([^\W\d_][^\d]*)|([^\d]*[^\W\d_]) ?[x×*] ?[\d.,]+")
 IN_BRACKETS = re.compile(r"([\[(<{])([^\[\](){}<>]+)[\])>}]")

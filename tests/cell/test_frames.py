@@ -95,6 +95,15 @@ def test_the_root_link_and_a_single_unknown_name_are_the_scenes_frame_and_a_warn
         assert not any(says in warning for warning in Cell(arm, CellRequest(), read_scene(path)).warnings)
 
 
+def test_an_object_may_be_in_the_frame_of_another_and_an_unknown_name_beside_the_scenes_is_refused(
+    tmp_path: Path, arm: Robot
+) -> None:
+    path = scene(tmp_path, box("world", "post", pose=at(1, 0, 0)), box("post"))
+    assert np.allclose(place_in_base(arm, path, CellRequest()), [1.5, 0, 0])
+    with pytest.raises(BadInput, match="object crate: no frame 'hall'"):
+        Cell(arm, CellRequest(), read_scene(scene(tmp_path, box("world", "post"), box("hall"))))
+
+
 def test_frames_that_the_file_relates_to_each_other(tmp_path: Path, arm: Robot) -> None:
     turn = {"translation": [0, 0, 1], "rotation": [0, 0, 0, 1]}
     rows = [

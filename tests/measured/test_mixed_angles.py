@@ -78,3 +78,13 @@ def test_a_joint_that_hardly_moves_has_the_unit_of_the_others(tmp_path: Path) ->
     still = np.degrees(Q) * [0, 1, 1, 1, 1, 1] + [0.5, 0, 0, 0, 0, 0]
     import_files([log_of(tmp_path / "a.csv", NAMES, still)], tmp_path / "set", UR)
     np.testing.assert_allclose(read_set(tmp_path / "set").runs[0].position, np.radians(still), atol=1e-8)
+
+
+@pytest.mark.parametrize("unit", ["mrad", "gon"])
+def test_an_angle_without_a_unit_has_that_of_the_others_whatever_it_is(tmp_path: Path, unit: str) -> None:
+    """Far outside the limits as radians, it was taken to be in degrees."""
+    q, factor = Q * (0.1 if unit == "mrad" else 1.0), {"mrad": 1000.0, "gon": 200 / np.pi}[unit]
+    import_files(
+        [log_of(tmp_path / "a.csv", [*(f"q{k} [{unit}]" for k in SIX[:5]), "q5"], q * factor)], tmp_path / "set", UR
+    )
+    np.testing.assert_allclose(read_set(tmp_path / "set").runs[0].position, q, atol=1e-8)

@@ -163,8 +163,8 @@ def test_the_fastest_timing_of_a_curve_holds_the_limits_between_its_samples(pand
     assert fastest_motion is not None and planner.certify(fastest_motion).violation <= 1e-6
 
 
-def test_the_fastest_timing_around_a_post_holds_the_limits_at_the_sharp_bends() -> None:
-    """The acceleration peaked at a bend between two points of the program, 0.4 % above its bound."""
+def test_the_fastest_timing_around_a_post_is_slowed_until_it_holds_the_limits_at_the_sharp_bends() -> None:
+    """The acceleration peaks at a bend between two points of the program, 0.4 % above its bound: it is slowed."""
     ur5e = load_robot("ur5e")
     start, goal = np.array([0.4, -1.3, 1.2, -2.1, -1.6, -1.1]), np.array([-1.1, -1.2, 1.8, -2.1, -1.6, -2.7])
     share = np.array([[0.0, 0.3, 0.33, 0.36, 0.4, 0.45, 0.5, 1.0]]).T
@@ -174,7 +174,7 @@ def test_the_fastest_timing_around_a_post_holds_the_limits_at_the_sharp_bends() 
     motion = planner.timing(move).trajectory(ur5e.joints)
     *_, v, a, j = motion.sample(motion.denser(10))
     worst = [np.abs(v) / ur5e.limits.velocity, np.abs(a) / ur5e.limits.acceleration, np.abs(j) / ur5e.limits.jerk]
-    assert 0.999 < np.max(worst) < 1 + 1e-6
+    assert 0.98 < np.max(worst) < 1 + 1e-6
 
 
 @pytest.mark.parametrize("order", [1, 2, 3])

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from energy_opt.motion.limits.base import Functions, Limit, Linear
-from energy_opt.motion.path_dynamics import PathDynamics, points_of
+from energy_opt.motion.path_dynamics import PathDynamics
 from energy_opt.motion.retime.nlp import CurvedConstraints, LinearConstraints, PathConstraints
 from energy_opt.motion.retime.points import Symbolic
 from energy_opt.motion.retime.quadrature import Lift, kept_lift, lift
@@ -30,6 +30,9 @@ PIECE_NEAR = 0.8  # the same for limits such as jerk, where tightening has more 
 FAR = 1.5  # times the bound: jerk beyond this is limited along the whole path
 BESIDE = 4  # neighbouring points added on both sides
 CLOSE = 1 - 1e-3  # share of a bound from which places between the grid's points are checked
+TIGHTER = (
+    0.5  # least share by which a bound is tightened in a round: at a strong bend, an excess may be many times the bound
+)
 EVEN = 1e-12  # relative: a limit that varies by less along the path counts as constant
 
 
@@ -195,7 +198,7 @@ class PathLimits:
         return True
 
     def refine(self, control: np.ndarray) -> bool:
-        """Check between the grid's points, at both ends and at the path's knots, where a limit is close.
+        """Check between the grid's points, and at both ends, where a limit is close.
 
         A limit that is broken there is tightened at the neighbouring points; True if there was any.
         """
@@ -211,23 +214,21 @@ class PathLimits:
         intervals = np.flatnonzero(close[:-1] | close[1:])
         share_of = np.where(intervals[:, None] == len(d.s), 1 - inner, inner)
         places = (edges[intervals, None] + np.diff(edges)[intervals, None] * share_of).ravel()
-        sharp = points_of(d.path, 2)[1:-1]  # the curvature peaks at the path's knots, however far the points beside are
-        places = np.concatenate([places, sharp])
-        beside = np.concatenate([np.repeat(intervals, len(inner)), np.searchsorted(edges, sharp) - 1])
         between = d.at(places)
         broken = False
         for held, use in zip(self.at_points, self._used(between, lift(self.knots, places), control), strict=True):
             if held.bounds_speed:
                 continue
-            k, j = np.nonzero(use - 1 > 0.9 * MARGIN)  # the margin covers the rest
+            excess = use.reshape(len(intervals), len(inner), -1).max(axis=1) - 1
+            k, j = np.nonzero(excess > 0.9 * MARGIN)  # the margin covers the rest
             if not k.size:
                 continue
             broken = True
             factor = np.ones(held.tight.shape)
             for side in (-1, 0):
-                place = (np.clip(beside[k] + side, 0, len(d.s) - 1), j)
+                place = (np.clip(intervals[k] + side, 0, len(d.s) - 1), j)
                 held.held[place] = True
-                np.minimum.at(factor, place, 1 - 1.5 * (use[k, j] - 1))
+                np.minimum.at(factor, place, np.maximum(1 - 1.5 * excess[k, j], TIGHTER))
             held.tight *= factor
         return broken
 

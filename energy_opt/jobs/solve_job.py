@@ -197,8 +197,10 @@ def run_job(
     ]  # fmt: skip
     changed = [leg.name for before, _, leg in pairs if before.mode != leg.mode]
     faster = [leg.name for _, before, leg in pairs if before is not leg]
+    around = {id(at): at for at in (work.cells.of(leg.step) for leg in legs) if at is not None}.values()
     warnings = (
         *job.remarks,
+        *dict.fromkeys(said for at in around for said in at.warnings),
         *turning,
         *(f"{name}: its path is not free of contact, so the step is reshaped" for name in changed),
         *(f"{name}: its first path is too slow; that of its fastest reshaped move is used instead" for name in faster),

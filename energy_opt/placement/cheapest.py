@@ -102,7 +102,7 @@ def place(
     tried = tuple(Looked(search.place(point), value, "estimate") for point, value in known)
     return Placement(
         search.place(best), result, search.given, given_result, tried, tuple(search.path),
-        tuple(warnings if fixed else ()), request.fixture, stopped(),
+        (*(warnings if fixed else ()), *result.warnings), request.fixture, stopped(),
     )  # fmt: skip
 
 

@@ -178,3 +178,12 @@ def test_check_names_a_frame_that_no_pose_can_be_in(panda: Robot, tmp_path: Path
     scene.write_text("objects:\n  - {name: table, type: box, size: [0.3, 0.3, 0.1], position: [0.5, 0, 0]}\n")
     cell = CellRequest(scene=scene)
     assert wrong_frames(load_job(path, lambda name: panda, named=poses_of_request(cell)), cell) == []
+
+
+def test_a_job_states_warnings_on_its_scene(tmp_path: Path, panda: Robot) -> None:
+    """A move stated them; a job and a placement did not."""
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(f"objects: [{POST}]\nallow: [[post, nothing]]\n")
+    job = load_job(written(tmp_path, RETIMED), lambda _: panda)
+    found = run_job(job, source_method_2(panda), cell=CellRequest(scene=scene, self_collision=False))
+    assert any("nothing" in said for said in found.warnings)

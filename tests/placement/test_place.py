@@ -63,7 +63,7 @@ def test_a_proven_placement_comes_before_a_cheaper_one_that_is_none(
 
     def solve(search: Search, point: np.ndarray, kind: str, ends: object = None) -> SimpleNamespace:
         proven = point[0] == 0.0
-        return SimpleNamespace(solved=proven, energy=5.0 if proven else 1.0)
+        return SimpleNamespace(solved=proven, energy=5.0 if proven else 1.0, warnings=())
 
     def settled(search: Search, point: np.ndarray, kind: str, ends: object = None) -> Rough:
         return Rough(point, {}, SimpleNamespace(), 4.0 + point[0])
@@ -300,7 +300,7 @@ def test_an_interrupted_search_says_so_though_the_job_at_its_answer_is_solved(
     """place.json said `solved`."""
     path = tmp_path / "job.toml"
     path.write_text(JOB)
-    known = SimpleNamespace(solved=True, energy=5.0)
+    known = SimpleNamespace(solved=True, energy=5.0, warnings=())
     monkeypatch.setattr(Search, "solve", lambda *_: known)
     monkeypatch.setattr(Search, "estimates", lambda search: [])
     job, box = load_job(path, lambda name: ur.robot), PlaceRequest((-0.2, 0.2, 0.0, 0.0, 0.0, 0.0))

@@ -54,16 +54,15 @@ def in_order(values: Any, joints: Sequence[str], what: str) -> Any:
     Raises:
         BadInput: a label that is no joint, or is there twice, a joint without a value, or a masked or complex value.
     """
-    if np.ma.is_masked(values) or np.iscomplexobj(values):
-        raise BadInput(f"{what}: masked or complex values; expected real numbers")
     labels = labels_of(values)
-    if not labels:
-        return values
     for label in labels:
         if label not in joints:
             raise BadInput(f"{what}: unknown joint {label!r}{suggest(str(label), joints)}; joints: {', '.join(joints)}")
         if labels.count(label) > 1:
             raise BadInput(f"{what}: joint {label} is given twice")
-    if missing := [joint for joint in joints if joint not in labels]:
+    if labels and (missing := [joint for joint in joints if joint not in labels]):
         raise BadInput(f"{what}: no value for {', '.join(missing)}")
-    return np.stack([values[joint] for joint in joints], axis=-1)
+    found = [values[joint] for joint in joints] if labels else [values]
+    if any(np.ma.is_masked(each) or np.iscomplexobj(each) for each in found):
+        raise BadInput(f"{what}: masked or complex values; expected real numbers")
+    return np.stack(found, axis=-1) if labels else values

@@ -176,3 +176,5 @@ def test_masked_and_complex_positions_are_refused(values: np.ndarray) -> None:
     """The mask and the imaginary part were dropped."""
     refused("^start: masked or complex", eo.optimize, "z1", start=values, goal=[0, 1, -1, 0, 0, 0])
     refused("^path: masked or complex", eo.optimize, "z1", path=[values, values])
+    labelled = {f"joint{k}": value for k, value in enumerate(values, 1)}
+    refused("^goal: masked or complex", eo.optimize, "z1", start=[0, 1, -1, 0, 0, 0], goal=labelled)

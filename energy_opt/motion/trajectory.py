@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -333,3 +334,8 @@ class Filled(Trajectory):
             array = getattr(self, name).view()
             array.flags.writeable = False  # a certificate states what is judged, not what is changed later
             object.__setattr__(self, name, array)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Of a copy, whose arrays cannot be changed either."""
+        self.__dict__.update(state)
+        self.__post_init__()

@@ -1,7 +1,9 @@
 """What all results share: a document as JSON text, files in a folder, a view in notebooks."""
 
+import copy
 import inspect
 import json
+import pickle
 import re
 from dataclasses import fields, replace
 from pathlib import Path
@@ -127,7 +129,8 @@ def test_a_trajectory_of_an_answer_keeps_what_was_judged() -> None:
     """`save` wrote positions that were changed in place, with the certificate of the others."""
     given = np.zeros((2, 1))
     held = eo.Trajectory(("a",), np.array([0.0, 1.0]), given, given, given).filled(given, np.zeros(2))
-    for array in (held.time, held.position, held.velocity, held.acceleration, held.effort, held.power):
-        with pytest.raises(ValueError, match="read-only"):
-            array[:] += 0.5
+    for each in (held, copy.deepcopy(held), pickle.loads(pickle.dumps(held))):
+        for array in (each.time, each.position, each.velocity, each.acceleration, each.effort, each.power):
+            with pytest.raises(ValueError, match="read-only"):
+                array[:] += 0.5
     given += 1.0  # a trajectory of one's own can be changed

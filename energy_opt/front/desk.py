@@ -41,7 +41,7 @@ FORMS = {
     "conditions": "objects of `energy_opt.conditions`, your own limits, or names of files that define them",
     "durations": "a sequence, or text FIRST:LAST:COUNT",
     "job": "a file, or its content as a mapping",
-    "request": "also a result, its request or folder, or a mapping",
+    "request": "also a result, its request, or a mapping",
 }
 
 P = ParamSpec("P")

@@ -41,6 +41,11 @@ def put_motions(given: Iterable[Any], folder: Path, prefix: str = "") -> tuple[s
     for k, each in enumerate(given, start=1):
         if isinstance(each, (str, PathLike)):
             names.append(str(path_of(each, "FILE")))
+            if re.match(r"motion_\d\d_[0-9a-f]{8}\b", names[-1]) and not Path(each).exists():
+                raise BadInput(
+                    f"{each}: no file of this motion from memory; save it as one, or save the result of evaluate and "
+                    "repeat its folder"
+                )
             continue
         motion = trajectory_of(each)
         if not isinstance(motion, Trajectory):

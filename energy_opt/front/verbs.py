@@ -39,7 +39,7 @@ def function_of(verb: str) -> Callable[..., Any]:
 
 
 def asked_in(given: Any, say: Callable[[str], None] = lambda _: None) -> Request:
-    """The request of a document, of a result that holds one, or of the file of either or its folder; or as it is.
+    """The request of a document, of a result that holds one, of the file of either or its folder; or of a `Request`.
 
     Files of a request that is itself a file are found as `_found` says; `say` takes notes of these.
 
@@ -47,12 +47,14 @@ def asked_in(given: Any, say: Callable[[str], None] = lambda _: None) -> Request
         BadInput: there is none, it is not one of a known verb, or a newer version of this program wrote it.
     """
     given = getattr(given, "request", given)  # of a result
-    if isinstance(given, Request):
-        return given
+    if isinstance(given, Request):  # a resolved one states the ends of its path, too
+        return replace(given, **given.read(dict(vars(given))))
     where, document = "the request", given
     if not isinstance(given, Mapping):
         path = path_of(given, "the request")
         path = next((path / name for name in ANSWERS if (path / name).is_file()), path)
+        if path.is_dir():
+            raise BadInput(f"{path}: a folder without a result; expected one with {', '.join(ANSWERS)}")
         if path.suffix == ".toml":
             raise BadInput(f'{path}: TOML; expected JSON: a request with "verb", or a result of this program')
         where, document = str(path), read_json(path)

@@ -248,5 +248,5 @@ class RunRequest(Request):
     report = True
 
     request: Request | Found | str | PathLike[str] | Mapping[str, Any] = option(
-        ..., "a request (JSON), or a result that holds one", "REQUEST.json", place="1"
+        ..., "a request (JSON), or a result that holds one: its file or folder", "REQUEST_OR_DIR", place="1"
     )

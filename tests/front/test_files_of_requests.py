@@ -7,8 +7,11 @@ from pathlib import Path
 
 import pytest
 
+import energy_opt as eo
 from energy_opt.cli.main import main
+from energy_opt.errors import BadInput
 from energy_opt.front.verbs import asked_in
+from energy_opt.requests.moves import OptimizeRequest
 
 A, B = [0.0, 1.0, -1.0, 0.0, 0.0, 0.0], [0.6, 1.3, -1.2, 0.2, 0.1, 0.1]
 
@@ -65,3 +68,19 @@ def test_a_request_by_hand_finds_the_files_of_its_job(
     for folder, found in zip(folders, (folders[0], request, None), strict=True):  # the current folder comes first
         (folder / file).write_text("")
         assert Path(asked_in(request)["folder"]) == (found or Path.cwd())
+
+
+def test_a_resolved_request_is_repeated_as_its_document() -> None:
+    """It states the ends of its path, too, and `eo.repeat(result)` refused them."""
+    resolved = OptimizeRequest("z1", path=[A, B], start=A, goal=B)
+    assert resolved.start == A
+    again = asked_in(resolved)
+    assert isinstance(again, OptimizeRequest) and again.path == [A, B] and again.start is again.goal is None
+
+
+def test_what_cannot_be_repeated_says_what_is_expected(tmp_path: Path) -> None:
+    """Both said what the operating system says: no such file, is a directory."""
+    with pytest.raises(BadInput, match=r"motion from memory; .*save the result"):
+        eo.repeat({"verb": "evaluate", "files": ["motion_01_8e41e0ed.csv"], "robot": "z1"})
+    with pytest.raises(BadInput, match="folder without a result; expected one with result"):
+        eo.repeat(tmp_path)

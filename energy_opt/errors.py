@@ -17,6 +17,14 @@ from traceback import extract_tb
 from typing import Any, TypeVar
 
 OTHERWISE = {"as": "standard", "force": "force=True"}  # how a call says what differs from the option
+_KEPT = (  # a user's words, in which `--word` is no option
+    "`[^`]*`",
+    r"(?<!\w)'[^'\n]*'(?!\w)",
+    r"(?:^(?!--)|[^\s:;,]*/)[^:;,\n]*\.[a-z]\w*(?=:)",  # the file that a fault is in, also with blanks
+    r"\bobject [^:;,\n]*?(?=:| is )",
+)
+_ARGUMENT = r"(?<![\w/-])--(?!force\b(?<!add --force)(?<!with --force))([a-z][a-z-]*)(?!\.\w)"
+_WORDS = re.compile("|".join((*_KEPT, _ARGUMENT)), re.MULTILINE)
 LONGEST = 300  # most characters of a fault's text: libraries list every form of a call
 MOST = 20  # most faults of a file that are named; the rest is counted
 Read = TypeVar("Read")
@@ -35,17 +43,14 @@ def speaking_of_options() -> Iterator[None]:
 
 
 def in_words(message: str) -> str:
-    """The message with options, or with arguments for a caller from Python; text in `backticks` stays."""
+    """The message with options, or with arguments for a caller from Python; names and text in `backticks` stay."""
     if _options.get():
         return message
 
-    def argument(found: re.Match[str]) -> str:
-        return OTHERWISE.get(found[1], found[1].replace("-", "_"))
+    def said(found: re.Match[str]) -> str:
+        return OTHERWISE.get(found[1], found[1].replace("-", "_")) if found[1] else found[0]
 
-    parts = message.split("`")
-    for k in range(0, len(parts), 2):
-        parts[k] = re.sub(r"(?<![\w-])--([a-z][a-z-]*)", argument, parts[k])
-    return "`".join(parts)
+    return _WORDS.sub(said, message)
 
 
 def suggest(word: str, known: Iterable[str]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from pathlib import Path
 
 import pytest
 from logs import Z1, arm, lines, log, put
@@ -21,6 +22,25 @@ def test_arguments_in_python_options_on_the_command_line():
     assert str(error) == "max_duration 0: see `energy-opt optimize --help`, max_duration 1-2"
     with speaking_of_options():
         assert str(error) == "--max-duration 0: see `energy-opt optimize --help`, --max-duration 1-2"
+
+
+@pytest.mark.parametrize(
+    "named",
+    ["out/my --force models/a --base b.toml: no file", "my --tool.yaml: object box --base q is 2 m away",
+     "out/--force/x.csv", "no link is named 'nix --floor': a frame", "my --force folder holds results"],
+)  # fmt: skip
+def test_names_of_files_and_objects_are_no_options(named: str) -> None:
+    """Their words were replaced as if they were options."""
+    assert str(BadInput(named)) == named
+    assert str(BadInput(f"{named}; add --force, or --max-power")) == f"{named}; add force=True, or max_power"
+
+
+def test_remarks_of_check_name_arguments(tmp_path: Path) -> None:
+    """They named options of the command line."""
+    scene = tmp_path / "cell.yaml"
+    scene.write_text("objects:\n- {name: a, box: [0.1, 0.1, 0.1], at: [2, 0, 0]}\n")
+    (remarks,) = eo.check(scene, robot="z1", base=[2000, 0, 0, 0, 0, 0]).remarks.values()
+    assert any(each.startswith("base: the base is 2000 m") for each in remarks)
 
 
 def test_a_document_says_all_that_is_known_of_a_failure():

@@ -125,7 +125,7 @@ class SimulateRequest(groups.CellGroup, groups.SeedGroup, groups.PayloadGroup, g
         ..., "trajectories to play, in this order", "TRAJECTORY", place="+"
     )
     plant: PowerModel | str | PathLike[str] = option(
-        ..., "model file, or a name with --robot: the true effects of the virtual arm", "MODEL.toml", main=True
+        ..., "model file, or a name beside a robot: the true effects of the virtual arm", "MODEL.toml", main=True
     )
     out: str | PathLike[str] = option("simulated", "folder of the measured set (simulated)", "DIR", main=True)
     robot: AnyRobot | None = option(None, f"{ROBOT} (the plant file's)", "NAME_OR_URDF", main=True)

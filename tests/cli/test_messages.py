@@ -38,7 +38,7 @@ def test_names_of_files_and_objects_are_no_options(named: str) -> None:
 def test_remarks_of_check_name_arguments(tmp_path: Path) -> None:
     """They named options of the command line."""
     scene = tmp_path / "cell.yaml"
-    scene.write_text("objects:\n- {name: a, box: [0.1, 0.1, 0.1], at: [2, 0, 0]}\n")
+    scene.write_text("objects:\n- {name: a, type: box, size: [0.1, 0.1, 0.1], position: [2, 0, 0]}\n")
     (remarks,) = eo.check(scene, robot="z1", base=[2000, 0, 0, 0, 0, 0]).remarks.values()
     assert any(each.startswith("base: the base is 2000 m") for each in remarks)
 

@@ -10,7 +10,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Self
 
-from energy_opt.errors import BadInput, in_words, shown, suggest
+from energy_opt.errors import BadInput, shown, suggest
 from energy_opt.files import plain, to_json
 from energy_opt.folders import digest_of, no_foreign_files, no_other_verb, written_whole
 
@@ -22,7 +22,7 @@ def exit_of(interrupted: bool, good: bool) -> int:
 
 def interrupted_words(interrupted: bool, more: str = "") -> list[str]:
     """The warning of a result whose work was interrupted; `more` says how to go on."""
-    return [in_words(f"interrupted: this is the best so far, not a finished search{more}")] if interrupted else []
+    return [f"interrupted: this is the best so far, not a finished search{more}"] if interrupted else []
 
 
 class Document(dict[str, Any]):

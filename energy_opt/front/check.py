@@ -13,7 +13,7 @@ import numpy as np
 from energy_opt.batches.suite import load_suite
 from energy_opt.cell.load import inspected, load_cell
 from energy_opt.cell.scene_files import check_scene, is_scene, read_scene
-from energy_opt.errors import BadInput, EnergyOptError, in_words
+from energy_opt.errors import BadInput, EnergyOptError
 from energy_opt.files import KINDS, read_json, read_toml, read_yaml_documents
 from energy_opt.folders import ANSWERS, faults_of_results, listed_files
 from energy_opt.formats import read
@@ -98,7 +98,7 @@ def run(request: CheckRequest, desk: Desk) -> Checked:
             desk.complain(fault)
         for note in notes[name]:
             desk.say(f"note: {note}")
-    return Checked(faults, {name: list(map(in_words, found)) for name, found in notes.items()})
+    return Checked(faults, notes)
 
 
 check = verb(CheckRequest, run)

@@ -11,7 +11,7 @@ from typing import Any
 
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.load import load_cell
-from energy_opt.errors import BadInput, in_words
+from energy_opt.errors import BadInput
 from energy_opt.evaluations.evaluated import Evaluation
 from energy_opt.evaluations.evaluated import evaluate as evaluated
 from energy_opt.evaluations.source import Recorded, is_set, load, load_set, stated
@@ -228,7 +228,7 @@ def _row(evaluation: Evaluation) -> dict[str, Any]:
             for b in evaluation.baselines
         ],
         "remark": evaluation.remark or None,
-        "notes": list(map(in_words, (*motion.warnings, *motion.notes))),
+        "notes": [*motion.warnings, *motion.notes],
     }
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from os import PathLike, fspath
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -196,7 +197,7 @@ def _name(given: AnyModel, number: int) -> str:
         return given.replace("_", "-")
     if isinstance(given, Mapping) and given.get("name"):
         return str(given["name"])
-    return f"model {number}" if given is None or not isinstance(given, str) else given
+    return fspath(given) if isinstance(given, (str, PathLike)) else f"model {number}"
 
 
 def with_careful(rivals: Sequence[Rival], robot: Robot) -> list[Rival]:

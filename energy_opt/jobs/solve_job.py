@@ -12,7 +12,7 @@ import numpy as np
 
 from energy_opt.cell.cell import Cell
 from energy_opt.cell.request import CellRequest
-from energy_opt.errors import BadInput, Infeasible, at_least, in_words
+from energy_opt.errors import BadInput, Infeasible, at_least
 from energy_opt.jobs.allocate import Front, Shares, allocate
 from energy_opt.jobs.cycle import (
     Choice,
@@ -74,9 +74,6 @@ class JobResult:
     travel: tuple[Mapping[str, object], ...] = ()
     choice: Choice | None = None
     robust: dict[str, Any] | None = None
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "warnings", tuple(map(in_words, self.warnings)))
 
     @cached_property
     def pieces(self) -> tuple[Piece, ...]:

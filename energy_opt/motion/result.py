@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field, replace
 from html import escape
 from operator import itemgetter
 
-from energy_opt.errors import BadInput, in_words, suggest
+from energy_opt.errors import BadInput, suggest
 from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.judge.energy import Energy
 from energy_opt.motion.trajectory import Filled
@@ -170,9 +170,6 @@ class Result:
     travel: tuple[Mapping[str, object], ...] = ()
     written: tuple[Mapping[str, object], ...] = ()
     progress: tuple[tuple[float, float], ...] = ()
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "warnings", tuple(map(in_words, self.warnings)))
 
     def baseline(self, name: str) -> Baseline | None:
         """The baseline "toppra", "scaled" or "input"; None where the first path has no timing, or no input was given.

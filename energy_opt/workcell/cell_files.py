@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from energy_opt import formats
-from energy_opt.errors import BadInput, in_words
+from energy_opt.errors import BadInput
 from energy_opt.files import plain, write_json
 from energy_opt.formats import FORMATS, Format
 from energy_opt.formats.controller_files import Written, unchanged, wanted
@@ -207,7 +207,7 @@ def document(result: CellResult) -> dict[str, Any]:
         "jitter": cell.jitter,
         "peak_power": None if result.supply is None else result.supply.peak,
         "supply": _supply(result),
-        "warnings": list(map(in_words, warnings)),
+        "warnings": warnings,
         "interrupted": result.interrupted,
         "solve_seconds": schedule.seconds,
     }

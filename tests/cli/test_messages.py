@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from pathlib import Path
 
 import pytest
 from logs import Z1, arm, lines, log, put
@@ -33,14 +32,6 @@ def test_names_of_files_and_objects_are_no_options(named: str) -> None:
     """Their words were replaced as if they were options."""
     assert str(BadInput(named)) == named
     assert str(BadInput(f"{named}; add --force, or --max-power")) == f"{named}; add force=True, or max_power"
-
-
-def test_remarks_of_check_name_arguments(tmp_path: Path) -> None:
-    """They named options of the command line."""
-    scene = tmp_path / "cell.yaml"
-    scene.write_text("objects:\n- {name: a, type: box, size: [0.1, 0.1, 0.1], position: [2, 0, 0]}\n")
-    (remarks,) = eo.check(scene, robot="z1", base=[2000, 0, 0, 0, 0, 0]).remarks.values()
-    assert any(each.startswith("base: the base is 2000 m") for each in remarks)
 
 
 def test_a_document_says_all_that_is_known_of_a_failure():

@@ -1,5 +1,6 @@
 """`save` replaces what an earlier result of the same verb wrote, and nothing else."""
 
+import json
 import shutil
 from pathlib import Path
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 import pytest
 
 import energy_opt as eo
+from energy_opt.cli.main import main
 from energy_opt.front.identify import Suggested
 
 START, GOAL = [0, 1, -1, 0, 0, 0], [0.3, 1, -1, 0, 0, 0]
@@ -103,15 +105,20 @@ def test_a_limit_that_is_a_class_is_refused_as_such() -> None:
         eo.optimize("z1", goal=GOAL, conditions=[eo.conditions.MaxPower], **ASKED)
 
 
-def test_warnings_name_arguments_as_errors_do() -> None:
-    """They named options of the command line."""
-    model = eo.source_model("z1") + eo.effects.Payload(mass=0.5, com=[0.0, 0.0, 0.05])
-    asked = {**ASKED, "payload": 0.3, "duration": 2.0}
-    assert "replaced by that of payload" in " ".join(eo.optimize("z1", model, goal=GOAL, **asked).warnings)
-
-
 def test_a_plant_by_its_name(moved: Any, tmp_path: Path) -> None:
     with pytest.raises(eo.BadInput, match="robot is missing"):
         eo.simulate(moved, "careful", tmp_path / "none")
     found = eo.simulate(moved, "careful", tmp_path / "set", robot="z1", self_collision=False)
     assert "coulomb_friction" in {effect.name for effect in found.plant.model.effects}
+
+
+def test_warnings_are_the_same_from_both_fronts(tmp_path: Path) -> None:
+    model = eo.source_model("z1") + eo.effects.Payload(mass=0.5, com=[0.0, 0.0, 0.05])
+    model.save(tmp_path / "model.toml")
+    asked = {**ASKED, "payload": 0.3, "duration": 2.0}
+    found = eo.optimize("z1", tmp_path / "model.toml", goal=GOAL, **asked)["warnings"]
+    assert any("--payload" in said for said in found)
+    words = ["--robot=z1", f"--model={tmp_path}/model.toml", "--start=0,1,-1,0,0,0", "--goal=0.3,1,-1,0,0,0"]
+    words += ["--mode=retime", "--self-collision=off", "--payload=0.3", "--duration=2", f"--out={tmp_path}/out"]
+    assert main(["optimize", *words, "--quiet"]) == 0
+    assert json.loads((tmp_path / "out" / "result.json").read_text())["warnings"] == found

@@ -234,7 +234,7 @@ class SolvingGroup(Request):
         aliases=("--ways",),
     )  # fmt: skip
     controls: int | None = option(None, "control points per joint with --mode reshape (48)", "N")
-    end_acceleration: str = option("zero", "zero (not held at free or short durations) or free (zero)", "KIND")
+    end_acceleration: str = option("zero", "ends' acceleration: zero (not at free durations) or free (zero)", "KIND")
     compile: str = option("auto", "compile the model's functions to machine code: auto, always or never (auto)", "WHEN")
     objective: str = option("energy", "minimise energy, torque, power_squared, path_length or time (energy)", "NAME")
     verify_samples: int | None = option(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 import energy_opt as eo
 
@@ -16,6 +17,7 @@ def resting(trajectory: eo.Trajectory) -> float:
     return float(np.mean(np.abs(trajectory.velocity[:, 1]) < 1e-9))
 
 
+@pytest.mark.slow
 def test_a_joint_with_hardly_a_way_to_go_rests_in_a_front():
     front = eo.tradeoff("ur10e", start=START, goal=GOAL, durations=[1.1], payload=LOAD)
     assert front.front is not None

@@ -17,14 +17,9 @@ from traceback import extract_tb
 from typing import Any, TypeVar
 
 OTHERWISE = {"as": "standard", "force": "force=True"}  # how a call says what differs from the option
-_KEPT = (  # a user's words, in which `--word` is no option
-    "`[^`]*`",
-    r"(?<!\w)'[^'\n]*'(?!\w)",
-    r"(?:^(?!--)|[^\s:;,]*/)[^:;,\n]*\.[a-z]\w*(?=:)",  # the file that a fault is in, also with blanks
-    r"\bobject [^:;,\n]*?(?=:| is )",
-)
-_ARGUMENT = r"(?<![\w/-])--(?!force\b(?<!add --force)(?<!with --force))([a-z][a-z-]*)(?!\.\w)"
-_WORDS = re.compile("|".join((*_KEPT, _ARGUMENT)), re.MULTILINE)
+_QUOTED = r"`[^`]*`|(?<!\w)'[^'\n]*'(?!\w)"  # a user's words, in which `--word` is no option
+_ARGUMENT = r"(?<![\w/-])--(?!force\b(?<!add --force)(?<!with --force))([a-z][a-z-]*)(?![a-z-]|\.\w)"
+_WORDS = re.compile(f"{_QUOTED}|{_ARGUMENT}")
 LONGEST = 300  # most characters of a fault's text: libraries list every form of a call
 MOST = 20  # most faults of a file that are named; the rest is counted
 Read = TypeVar("Read")
@@ -43,7 +38,7 @@ def speaking_of_options() -> Iterator[None]:
 
 
 def in_words(message: str) -> str:
-    """The message with options, or with arguments for a caller from Python; names and text in `backticks` stay."""
+    """The message with options, or with arguments for a caller from Python; quotes and `backticks` stay as they are."""
     if _options.get():
         return message
 

@@ -182,8 +182,8 @@ def verb(request: Callable[P, Asked], run: Callable[[Asked, Desk], Given], name:
         argument.
     """
     kind = cast(type[Request], request)
-    options, declared = options_of(kind), inspect.signature(request).parameters.values()
-    unnamed = [each.name for each in declared if each.kind is not each.KEYWORD_ONLY]
+    options, signature = options_of(kind), inspect.signature(request)
+    unnamed = [each.name for each in signature.parameters.values() if each.kind is not each.KEYWORD_ONLY]
 
     @functools.wraps(run)
     def called(*args: P.args, **given: P.kwargs) -> Given:
@@ -206,7 +206,7 @@ def verb(request: Callable[P, Asked], run: Callable[[Asked, Desk], Given], name:
 
     called.__name__ = called.__qualname__ = name or kind.verb
     returned = inspect.signature(run).return_annotation
-    called.__signature__ = inspect.signature(request).replace(return_annotation=returned)  # type: ignore[attr-defined]
+    called.__signature__ = signature.replace(return_annotation=returned)  # type: ignore[attr-defined]
     parts = [inspect.cleandoc(run.__doc__ or ""), _arguments(request, options), *_returned(run)]
     called.__doc__ = "\n\n".join(parts)
     return called

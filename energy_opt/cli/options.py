@@ -5,9 +5,11 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterable
 from dataclasses import MISSING
+from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
 
+from energy_opt.arguments import in_words
 from energy_opt.errors import BadInput
 from energy_opt.files import read_toml
 from energy_opt.requests.option import ON_OFF, Option, Request, flag_of, options_of
@@ -136,7 +138,7 @@ def _add(group: Any, field: str, spelled: Option, default: Any) -> None:
         known |= {"action": "store_true"} if default is False else {"choices": ON_OFF}
     else:
         known |= {"metavar": tuple(spelled.metavar.split()) if isinstance(spelled.nargs, int) else spelled.metavar}
-        known |= {"type": spelled.kind} if spelled.kind is not str else {}
+        known |= {"type": partial(_value, spelled.kind)} if spelled.kind is not str else {}
         known |= {"choices": spelled.choices} if spelled.choices else {}
         known |= {"nargs": spelled.nargs} if spelled.nargs is not None else {}
         repeats = (spelled.many or spelled.several) and spelled.nargs is None
@@ -144,6 +146,14 @@ def _add(group: Any, field: str, spelled: Option, default: Any) -> None:
         known |= {"required": True} if default is MISSING else {}
     action = group.add_argument(flag_of(field, spelled), *spelled.aliases, dest=field, **known)
     action.main = spelled.main
+
+
+def _value(kind: type[Any], word: str) -> Any:
+    """A word of the command line as a number or a path."""
+    try:
+        return kind(word)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{word!r}: expected {in_words(kind)}") from None
 
 
 def request_of(args: argparse.Namespace, verb: type[Request]) -> Request:

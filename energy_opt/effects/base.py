@@ -29,7 +29,7 @@ import casadi as ca
 import numpy as np
 
 from energy_opt.effects.parameter import Parameter
-from energy_opt.errors import BadInput
+from energy_opt.errors import BadInput, refuse
 
 SMALL = 1e-9  # least absolute value of a factor by which another parameter is divided
 Stage = Literal["rigid", "torque", "heat", "winding", "drive", "power", "supply", "meter"]
@@ -117,20 +117,25 @@ class Effect:
         self.values: dict[str, np.ndarray] = {}
         self.choices: dict[str, str] = {}
         self.extents: dict[str, int] = {}
-        known = {p.name: p for p in self.parameters}
+        known, faults = {p.name: p for p in self.parameters}, list[str]()
         for key in values:
             if key not in known and key not in self.options:
                 expected = ", ".join([*known, *self.options])
-                raise BadInput(f"effect {self.name}: unknown parameter {key!r}; it has {expected}")
+                faults.append(f"effect {self.name}: unknown parameter {key!r}; it has {expected}")
         for key, p in known.items():
             if key not in values:
-                raise BadInput(f"effect {self.name}: parameter {key!r} is missing [{p.unit}]")
-            self.values[key] = p.checked(self.name, values[key], self.extents)
+                faults.append(f"effect {self.name}: parameter {key!r} is missing [{p.unit}]")
+                continue
+            try:
+                self.values[key] = p.checked(self.name, values[key], self.extents)
+            except BadInput as error:
+                faults.append(str(error))
         for key, words in self.options.items():
             word = values.get(key, words[0])
             if not isinstance(word, str) or (word not in words and key not in self.free_options):
-                raise BadInput(f"effect {self.name}: {key} = {word!r}; expected one of {', '.join(words)}")
+                faults.append(f"effect {self.name}: {key} = {word!r}; expected one of {', '.join(words)}")
             self.choices[key] = word
+        refuse(faults)
 
     @property
     def form(self) -> tuple[str, ...]:

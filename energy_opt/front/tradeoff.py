@@ -34,7 +34,7 @@ from energy_opt.tradeoffs.front import Front, trace
 from energy_opt.tradeoffs.front_files import Tradeoff, document, motions_of, stated, text
 
 MOST = 1000  # most durations of a front; each needs a solve or more: some minutes
-DURATIONS = "expected FIRST:LAST:COUNT, two durations above 0 s, the smaller first, and a count"
+DURATIONS = "expected FIRST:LAST:COUNT, two durations above 0 s, the smaller first, and a count of at least 2"
 
 
 def run(request: TradeoffRequest, desk: Desk) -> Tradeoff:

@@ -15,7 +15,7 @@ from pydantic import ConfigDict, StrictStr
 
 from energy_opt.arguments import expect
 from energy_opt.effects import EXACT, BaseTilt, Effect, PowerEffect, SupplyEffect, effect_class, registered
-from energy_opt.errors import BadInput, suggest
+from energy_opt.errors import BadInput, read_each, suggest
 from energy_opt.files import path_of, read_toml, write_toml
 from energy_opt.schema import Number, Table, parse
 
@@ -275,7 +275,7 @@ def model_from_document(document: dict[str, Any], where: str) -> PowerModel:
     """A model from a parsed model file; `where` names it in messages.
 
     Raises:
-        BadInput: names `where`, the effect and the parameter at fault.
+        BadInput: names `where` and every effect and parameter at fault.
     """
     table = parse(ModelTable, document, where)
     model = _model_of(table.robot, table.effect, where)
@@ -323,13 +323,15 @@ def _covariance(table: CovarianceTable, known: Sequence[str], where: str) -> np.
 
 
 def _model_of(robot: str, records: Sequence[EffectTable], where: str) -> PowerModel:
-    """A model from its effect tables; a fault names the table's number."""
-    effects = []
-    for number, row in enumerate(records, start=1):
+    """A model from its effect tables; every fault names its table's number."""
+
+    def effect(number: int, row: EffectTable) -> Effect:
         try:
-            effects.append(effect_class(row.name)(**(row.model_extra or {})))
+            return effect_class(row.name)(**(row.model_extra or {}))
         except BadInput as error:
-            raise BadInput(f"{where}: [[effect]] {number}: {error}") from None
+            raise BadInput("\n".join(f"{where}: [[effect]] {number}: {x}" for x in str(error).splitlines())) from None
+
+    effects = read_each(effect, enumerate(records, start=1))
     try:
         return PowerModel(robot, tuple(effects))
     except BadInput as error:

@@ -345,4 +345,5 @@ def _completed(limits: Limits, stated: np.ndarray, body: RigidBody) -> tuple[Lim
     given, kinds = limits.effort != stated, (body.slides, body.fingers)
     effort, said = believed_efforts(limits.effort, given, gravity, holding, body.joints, *kinds)
     completed, warnings = with_assumptions(limits.replace(effort=effort), body.joints, body.slides)
-    return completed, [*warnings, *said, *doubtful_masses(limits.effort, gravity, mass, reach, length)]
+    travel = float(np.sum(np.ptp(q, axis=0)[np.asarray(body.slides)]))  # of a gantry, which has few offsets
+    return completed, [*warnings, *said, *doubtful_masses(limits.effort, gravity, mass, reach + travel, length)]

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from energy_opt.diagnosis import diagnose
+from energy_opt.diagnosis.evidence.errors import bootstrap_interval
 from energy_opt.files import write_toml
 from energy_opt.measured import read_set
 
@@ -119,3 +120,9 @@ def test_a_level_that_may_be_the_meters_is_stated(tmp_path):
     d = diagnose(read_set(truth.folder, truth.robot), truth.declared).document()
     assert d["verdict"] == "nothing_missing"
     assert any("above the declared model throughout" in remark for remark in d["remarks"])
+
+
+def test_a_single_motion_has_no_interval():
+    assert bootstrap_interval([0.5]) is None
+    low, high = bootstrap_interval([0.5, 0.7])
+    assert low == 0.5 and high == 0.7

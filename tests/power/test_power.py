@@ -255,6 +255,21 @@ def test_faulty_model_files(tmp_path: Path, text: str, says: str) -> None:
     assert str(path) in str(caught.value) and "\n" not in str(caught.value)
 
 
+def test_every_fault_of_a_model_file_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "model.toml"
+    path.write_text(
+        HEAD + '[[effect]]\nname = "standby_drift"\npower = -5\nwrong = 1\n' + '[[effect]]\nname = "coper_loss"\n'
+    )
+    with pytest.raises(BadInput) as caught:
+        load_model(path)
+    lines = str(caught.value).splitlines()
+    assert len(lines) == 3 and all(line.startswith(f"{path}: [[effect]] ") for line in lines)
+    for line, says in zip(
+        lines, ("unknown parameter 'wrong'", "'time_constant' is missing", "copper_loss"), strict=True
+    ):
+        assert says in line
+
+
 def test_a_list_must_fit_the_robot() -> None:
     with pytest.raises(BadInput, match="has 2 values; the robot has 3 joints"):
         model_of(copper_loss={"r_over_kt2": [1, 2]}).check(3)

@@ -125,6 +125,17 @@ def test_an_arm_that_is_too_heavy_for_its_size_or_drives_is_named(tmp_path: Path
     assert not any("kg move" in w for name in known_robots() for w in load_robot(name).warnings)
 
 
+def test_the_travel_of_a_gantry_counts_as_its_size(tmp_path: Path) -> None:
+    """All origins of its joints may coincide; 35 kg on "an arm of 0 m" is no doubtful mass then."""
+    text = Path(two_joints(tmp_path, effort="900", mass="17")).read_text()
+    together = re.sub(r'<origin xyz="[^"]*"', '<origin xyz="0 0 0"', text)
+    path = tmp_path / "gantry.urdf"
+    path.write_text(together.replace('type="revolute"', 'type="prismatic"'))
+    assert not any("several times the mass" in w for w in load_robot(path).warnings)
+    path.write_text(together)
+    assert any("several times the mass" in w for w in load_robot(path).warnings)
+
+
 def test_an_arm_that_is_too_light_for_its_size_is_named(tmp_path: Path) -> None:
     """A public description of an arm for 120 kg of load and 2.5 m long has 12 kg of moving links in all."""
     said = {}

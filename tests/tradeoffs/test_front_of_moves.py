@@ -115,6 +115,8 @@ def test_a_list_of_durations_is_checked(panda):
     [
         (["--durations", "1:2"], 2, "FIRST:LAST:COUNT"),
         (["--durations", "2:1:5"], 2, "FIRST:LAST:COUNT"),
+        (["--durations", "1:3:1"], 2, "a count of at least 2"),
+        (["--duration", "free"], 2, "argument --duration: 'free': expected a number"),
         (["--durations", "0.1:0.2:2"], 3, "the shortest possible one"),
         (["--idle-power", "10"], 2, "--cycle"),
         (["--cycle", "0.2"], 3, "shorter than the fastest"),

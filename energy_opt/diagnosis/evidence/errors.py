@@ -183,18 +183,21 @@ def errors(model: PowerModel, samples: Samples, runs: Sequence[int]) -> dict[str
         count.append(len(power))
     groups = clusters(samples)
     by_motion = [sum(squares[r] for r in g) / sum(count[r] for r in g) for g in groups]
+    interval = bootstrap_interval(by_motion)
     return {
         "energy_percent": float(np.mean(percent)),
         "power_rmse": float(np.sqrt(sum(squares) / sum(count))),
         "energy_percent_ci95": bootstrap_interval([float(np.mean([percent[r] for r in g])) for g in groups]),
-        "power_rmse_ci95": [max(x, 0.0) ** 0.5 for x in bootstrap_interval(by_motion)],
+        "power_rmse_ci95": interval and [max(x, 0.0) ** 0.5 for x in interval],
         "runs": len(percent),
         "motions": len(groups),
     }
 
 
-def bootstrap_interval(values: Sequence[float]) -> list[float]:
-    """95 % interval of the mean of values per motion, by resampling motions."""
+def bootstrap_interval(values: Sequence[float]) -> list[float] | None:
+    """95 % interval of the mean of values per motion, by resampling motions; None for a single motion."""
+    if len(values) < 2:
+        return None
     x = np.asarray(values, dtype=float)
     rng = np.random.default_rng(0)
     means = x[rng.integers(0, len(x), (DRAWS, len(x)))].mean(axis=1)

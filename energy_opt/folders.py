@@ -38,7 +38,7 @@ BESIDE = {
     "results.jsonl": ("results.parquet", "summary.json", "report.html"),
     "identify.json": ("model_method1.toml", "model_method2.toml", "plot.png", "report.html"),
     "evaluate.json": (*(f"trajectory*{s}" for s in SUFFIXES), "motion_??_????????.csv", "motion_??_????????/*"),
-    "diagnosis.json": ("model.toml", "next_motion.csv", "report.html"),
+    "diagnosis.json": ("model.toml", "model_warm.toml", "next_motion.csv", "report.html"),
     "passport.json": ("report.html",),
     "place.json": ("map.png", "report.html", "job/*"),
 }  # fmt: skip

@@ -44,6 +44,7 @@ from energy_opt.files import write_json
 from energy_opt.measured import MeasuredSet
 from energy_opt.power import PowerModel
 from energy_opt.power.model import Uncertainty
+from energy_opt.power.warm import warmed
 from energy_opt.results import Document
 
 LEAST = 0.1  # share of the rms residual that a signal must explain to be named
@@ -61,13 +62,15 @@ class Diagnosis(Result):
         return self.document()["verdict"] or ""
 
     def save(self, out: str | PathLike[str]) -> Path:
-        """Write diagnosis.json, model.toml and report.html into a folder."""
+        """Write diagnosis.json, model.toml, model_warm.toml if the model warms, and report.html into a folder."""
         from energy_opt.diagnosis.report.page import page  # plots are slow to import
 
         out = Path(out)
         out.mkdir(parents=True, exist_ok=True)
         write_json(out / "diagnosis.json", self.document())
         self.model.save(out / "model.toml")
+        if (warm := warmed(self.model)) is not None:
+            warm.save(out / "model_warm.toml")
         page(self).write(out / "report.html")
         return out
 
@@ -196,6 +199,11 @@ def diagnose(
         )
     document["remarks"] += push_words(found_pushes, enough) + side_remarks(side, records)
     document["remarks"] += speeds_seen(found, joints)
+    if warmed(model) is not None:
+        document["remarks"].append(
+            "The model changes as the arm warms. Under model.toml, plans take the arm as cold as at the set's first "
+            "sample; model_warm.toml describes an arm that has worked for long."
+        )
     document["headline"] = headline(document)
     document["next_step"] = next_step(document, found.follows)
     return Diagnosis(

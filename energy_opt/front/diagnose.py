@@ -63,7 +63,7 @@ class Diagnosed(Found, Diagnosis):
         return 130 if self.interrupted else 0
 
     def kept(self, out: Path) -> Diagnosed:
-        """Write diagnosis.json, model.toml, report.html and the motion to record next into the folder `out`."""
+        """Write the files of `Diagnosis.save` and the motion to record next into the folder `out`."""
         with written_whole(out, self.answer) as aside:
             if self.next_motion is not None:
                 table.write(self.next_motion, aside / NEXT)

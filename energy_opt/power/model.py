@@ -329,13 +329,12 @@ def _model_of(robot: str, records: Sequence[EffectTable], where: str) -> PowerMo
         try:
             return effect_class(row.name)(**(row.model_extra or {}))
         except BadInput as error:
-            raise BadInput("\n".join(f"{where}: [[effect]] {number}: {x}" for x in str(error).splitlines())) from None
+            raise BadInput("\n".join(f"[[effect]] {number}: {x}" for x in str(error).splitlines())) from None
 
-    effects = read_each(effect, enumerate(records, start=1))
     try:
-        return PowerModel(robot, tuple(effects))
+        return PowerModel(robot, tuple(read_each(effect, enumerate(records, start=1))))
     except BadInput as error:
-        raise BadInput(f"{where}: {error}") from None
+        raise BadInput("\n".join(f"{where}: {x}" for x in str(error).splitlines())) from None
 
 
 def names_of(model: PowerModel) -> list[str]:

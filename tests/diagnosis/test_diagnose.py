@@ -207,6 +207,9 @@ def test_a_warm_up_beyond_a_meters_wander_is_found(tmp_path):
     result = diagnose(read_set(made.folder), made.declared)
     assert names(result) == ["standby_drift"]
     assert abs(result.document()["effects"][0]["parameters"]["power"] - 5.0) < 0.4
+    warm = load_model(result.save(tmp_path / "out") / "model_warm.toml")
+    assert "standby_drift" not in [e.name for e in warm.effects]
+    assert warm.constant_power(6) - result.model.constant_power(6) == pytest.approx(5.0, abs=0.4)
 
 
 def test_a_missing_overhead_counts_too(tmp_path):

@@ -15,6 +15,8 @@ from hypothesis import strategies as st
 from energy_opt.effects import ALL_EFFECTS, BY_NAME, BaseTilt, Smooth
 from energy_opt.errors import BadInput
 from energy_opt.power import PowerModel, drive_function, load_model, source_method_1, source_method_2
+from energy_opt.power.model import Uncertainty
+from energy_opt.power.warm import warmed
 
 Q, V, A = np.array([0.5, -0.2, 1.0]), np.array([0.8, -0.3, 0.0]), np.array([1.5, -2.0, 0.4])
 TAU, T = np.array([10.0, 4.0, -2.0]), 30.0
@@ -107,6 +109,21 @@ def test_bus_shares_what_joints_would_lose() -> None:
     joint = PowerModel("arm", (BY_NAME["regeneration"](efficiency=0.0, level="joint"),))
     assert evaluate(braking)[1] == pytest.approx(8 - 1.2)
     assert evaluate(joint)[1] == pytest.approx(8)
+
+
+def test_a_warm_model_is_what_the_model_tends_to() -> None:
+    """At 30 s, laws with time constants of 1 s have their final values."""
+    cold = model_of(
+        copper_loss={"r_over_kt2": [0.01, 0.02, 0]}, winding_temperature={"rate": 0.4, "time_constant": 1.0},
+        viscous_friction={"b": 0.5}, thermal_viscous={"b": [2.0, 1.0, 3.0], "share": 0.4, "time_constant": 1.0},
+        standby={"power": 40.0}, standby_drift={"power": 6.0, "time_constant": 1.0},
+    )  # fmt: skip
+    warm = warmed(replace(cold, uncertainty=Uncertainty((), np.zeros((0, 0)), (cold,))))
+    assert warm is not None and warm.uncertainty is not None
+    assert {e.name for e in warm.effects} == {"copper_loss", "viscous_friction", "standby"}
+    for model in (warm, warm.uncertainty.rivals[0]):
+        assert evaluate(model)[1] == pytest.approx(evaluate(cold)[1], rel=1e-9)
+    assert warmed(warm) is None
 
 
 def test_standing_still_is_not_moving() -> None:

@@ -255,11 +255,9 @@ class PowerModel:
         """The model file's content."""
         records = []
         for e in self.effects:
-            row: dict[str, Any] = {"name": e.name}
-            for p in e.parameters:
-                value = e.values[p.name]
-                row[p.name] = float(value[0]) if value.size == 1 else value.tolist()
-            records.append({**row, **e.choices})
+            values = ((p.name, e.values[p.name]) for p in e.parameters)
+            row = {name: float(x[0]) if x.size == 1 else x.tolist() for name, x in values}
+            records.append({"name": e.name, **row, **e.choices})
         document: dict[str, Any] = {"format": FORMAT, "robot": self.robot, "effect": records}
         if self.uncertainty is not None:
             document["covariance"] = {"names": list(self.uncertainty.names), "matrix": self.uncertainty.matrix.tolist()}

@@ -37,6 +37,7 @@ from energy_opt.diagnosis.report.words import UNRECORDED, headline, joints_headl
 from energy_opt.diagnosis.verdict.claims import written
 from energy_opt.diagnosis.verdict.findings import Finding, Result, evidence_records, findings_of, nuisance_of
 from energy_opt.diagnosis.verdict.inference import Inference, infer, plain_fit
+from energy_opt.diagnosis.verdict.predictor import predictor_of
 from energy_opt.diagnosis.verdict.usable import foreseen_by
 from energy_opt.effects import LinkInertia, Payload, effect_class
 from energy_opt.errors import BadInput
@@ -152,6 +153,11 @@ def diagnose(
     rejected = unclaimed and one is not None and other is not None and one["power_rmse"] > other["power_rmse"]
     if rejected:
         found, model, after = replace(found, model=declared, after=found.before), declared, before
+    # effects that together imitate an unknown law are no causes, but the best predictor
+    if after["holdout"] is not None and (predictor := predictor_of(found)) is not None:
+        likelier = judged(predictor)
+        if all(likelier["holdout"][key] < after["holdout"][key] for key in ("power_rmse", "energy_percent")):
+            model, after = predictor, likelier
     effects, left = findings_of(found), _attributions(found, joints, samples)
     ahead = foreseen_by(found, model, samples, joints)
     if ahead.reason and left and left[0].change is not None:

@@ -33,10 +33,11 @@ def headline(document: dict[str, Any]) -> str:
     error = document["error"]
     part = "holdout" if error["after"]["holdout"] else "train"
     before, after = error["before"][part], error["after"][part]
-    verdict = document["verdict"]
+    verdict, where = document["verdict"], "held out" if part == "holdout" else "on the runs fitted"
+    imitated = verdict == "unexplained" and after["power_rmse"] < before["power_rmse"]
+    left = before if imitated else after
     held = (
-        f"{'held out' if part == 'holdout' else 'on the runs fitted'} "
-        f"{before['power_rmse']:.1f} → {after['power_rmse']:.1f} W, "
+        f"{where} {before['power_rmse']:.1f} → {after['power_rmse']:.1f} W, "
         f"energy {before['energy_percent']:.1f} → {after['energy_percent']:.1f} %"
     )
     if not verdict:
@@ -57,17 +58,24 @@ def headline(document: dict[str, Any]) -> str:
         said = f"{listed(names).capitalize()}{beside} {share}; {held}."
     elif verdict == "nothing_missing":
         said = f"Nothing is missing: the error of the declared model is no larger than the noise; {held}."
+    elif imitated:
+        said = f"No cause can be named; {where} {before['power_rmse']:.1f} W, energy {before['energy_percent']:.1f} %."
     else:
         said = f"No cause can be named; {held}."
     if verdict == "ambiguous" and document["alternatives"]:
         said += " Equally well: " + "; ".join(listed(a) if a else "nothing" for a in document["alternatives"][1:]) + "."
     if document["remainder"]:
         first, where = document["remainder"][0], ""
-        rest = max(after["power_rmse"] ** 2 - document["noise_floor"] ** 2, 0.0) ** 0.5
+        rest = max(left["power_rmse"] ** 2 - document["noise_floor"] ** 2, 0.0) ** 0.5
         if rest < first["watts"]:  # of the runs fitted, or of all
             rest, where = first["watts"], " in the runs fitted"
         share = "; they" if first["signal"] == UNRECORDED else f", of which {first['watts']:.1f} W"
         said += f" {rest:.1f} W are left above the noise{where}{share} go with {_source(first)}."
+    if imitated:
+        said += (
+            f" model.toml predicts better ({after['power_rmse']:.1f} W, energy {after['energy_percent']:.1f} %), by "
+            "effects that imitate the cause and are not stated as causes."
+        )
     return said
 
 

@@ -281,9 +281,10 @@ def with_room(
     for _ in range(ROUNDS):
         if not ALLOWED < least < float("inf") or not all(certificate.clear for certificate in found):
             break
-        for place in (place for certificate in found for place in certificate.found):
-            if place.excess is not None and place.excess > 0.1 * ALLOWED:
-                shares[place.limit] = shares.get(place.limit, 1.0) / (1 + STEP * place.excess + 2 * ALLOWED)
+        over = [(place.excess or 0.0, place.limit) for certificate in found for place in certificate.found]
+        over = [(excess, limit) for excess, limit in sorted(over) if excess > 0.1 * ALLOWED]
+        # of several certificates, the largest excess of a limit comes last, and counts alone
+        shares |= {limit: shares.get(limit, 1.0) / (1 + STEP * excess + 2 * ALLOWED) for excess, limit in over}
         if min(shares.values()) < LEAST:
             break
         try:

@@ -83,7 +83,7 @@ def run_workcell_job(request: JobRequest, desk: Desk) -> JobAnswer:
         BadInput: an option of one robot, or a fault of the file.
         Infeasible: no schedule keeps cycle time, lags, zones, limits of the supply, and arms apart.
     """
-    from energy_opt.workcell import cell_files
+    from energy_opt.workcell import programs
     from energy_opt.workcell.as_job import model_named
     from energy_opt.workcell.file import workcell_of
     from energy_opt.workcell.solve_cell import run_workcell
@@ -102,7 +102,7 @@ def run_workcell_job(request: JobRequest, desk: Desk) -> JobAnswer:
     cell = workcell_of(content if request.jitter is None else {**content, "jitter": request.jitter}, path)
     check_rate_of(request)
     load = partial(robot_of, request)
-    formats = cell_files.formats_of(cell, list(request.write), path, load, request.allow_outside)
+    formats = programs.formats_of(cell, list(request.write), path, load, request.allow_outside)
 
     def model_of(name: str | None, robot: Robot) -> PowerModel:
         own = [] if name is None else [model_named(name, path, request.allow_outside)]
@@ -114,16 +114,13 @@ def run_workcell_job(request: JobRequest, desk: Desk) -> JobAnswer:
     settings = settings_of(request)
     with desk.working() as (stopped, show):
         with desk.stating(JobAnswer.answer, cycle_time=cell.cycle_time, request=document):
-            result = run_workcell(
-                cell, path, load=load, model_of=model_of, settings=settings, request=cell_of(request),
+            plan = partial(
+                run_workcell, cell, path, load=load, model_of=model_of, settings=settings, request=cell_of(request),
                 stopped=stopped, progress=show,
             )  # fmt: skip
+            result = programs.with_room(plan(), formats, request.rate, lambda room: plan(room=room))
         answer = desk.keep(JobAnswer.of(result, asked, desk.stamp, formats))
-    for row in answer.files:
-        if row.format != "csv" or row.rate is not None or not row.valid:
-            file = row.file if desk.out is None else desk.out / row.file
-            desk.say(f"{file}: {row}; begins at {row.about['starts_at']:.3f} s of the cell's cycle")
-    desk.report(warnings=answer.document()["warnings"])
+    desk.report(programs.asked_of(answer.files), warnings=answer.document()["warnings"])
     return answer
 
 

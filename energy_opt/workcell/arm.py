@@ -7,6 +7,7 @@ from copy import copy
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
@@ -20,9 +21,9 @@ from energy_opt.jobs.legs import Leg, legs_of
 from energy_opt.jobs.posed import Posed
 from energy_opt.jobs.solve_job import RoughCycles
 from energy_opt.jobs.work import Cells, Worker
-from energy_opt.motion.limits.joint import Effort
 from energy_opt.motion.move import Settings
 from energy_opt.motion.plan.first_path import check_free
+from energy_opt.motion.plan.planner import Shares
 from energy_opt.motion.trajectory import Trajectory, standing, whole
 from energy_opt.poses.given import poses_of_request
 from energy_opt.power import PowerModel
@@ -53,7 +54,7 @@ class Arm:
         cell: the whole file. table: the arm's table in it; path: of the file, the base of other files' paths.
         load: loads a robot from its name or URDF. model_of: the power model of the table's entry (None: no entry).
         request: body and cell, without the arm's base. stopped: True ends a solve with the best so far.
-        share: of the torque limits that moves may use, (n,) or one for all joints.
+        shares: of limits' bounds that moves may use, by the limits' names: a number, or one for each joint (n,).
 
     Raises:
         BadInput: a fault in its steps. Infeasible: a pose touches something, or a move has no free path.
@@ -69,7 +70,7 @@ class Arm:
         settings: Settings,
         request: CellRequest,
         stopped: Callable[[], bool],
-        share: np.ndarray | float = 1.0,
+        shares: Shares = MappingProxyType({}),
     ) -> None:
         self.table, self.name = table.model_copy(update={"step": explicit_steps(table)}), table.name
         self.request = request_of(cell, table, path, request)
@@ -88,12 +89,12 @@ class Arm:
             self.table = at_positions(self.table, {k: chosen[k] for k in self.job.open})
             self.job = replace(self.job.at(chosen), remarks=(*self.job.remarks, *posed.near(chosen)))
         self.scoring = Scoring(self.job.robot, model, None if cell.supply is None else cell.supply.capacity)
-        room, bodies = {**USED, Effort.name: USED[Effort.name] * share}, Cells(self.job, self.request)
+        room, bodies = {**shares, **{k: x * shares.get(k, 1.0) for k, x in USED.items()}}, Cells(self.job, self.request)
         self._worker_of = partial(Worker, self.job, settings=settings, cells=bodies, stopped=stopped, shares=room)
         self.worker = self._worker_of(model=self.scoring.of(False).model)
         self.worker.check_poses()
         self._known: dict[tuple[object, ...], ArmMove] = {}
-        ramps = self.job.robot.limits.acceleration / self.job.robot.limits.jerk
+        ramps = self.job.robot.limits.acceleration / (room["jerk"] * self.job.robot.limits.jerk)
         self._blend = float(whole(max(ROOM * ramps[np.isfinite(ramps)].max(initial=0.0), BLEND)))
         self.moves = [self._move(leg) for leg in legs_of(self.job.steps)]
         again = self.scoring.used_again(self.moves, self.job.cycle_time)

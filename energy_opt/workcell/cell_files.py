@@ -1,23 +1,17 @@
-"""The output of a cell's schedule: job.json, a page with all arms and the power of all over the cycle, and one file per
-robot for its controller, read back and judged."""
+"""The output of a cell's schedule: job.json, and a page with all arms and the power of all over the cycle."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from energy_opt import formats
-from energy_opt.errors import BadInput
 from energy_opt.files import plain, write_json
-from energy_opt.formats import FORMATS, Format
-from energy_opt.formats.controller_files import Written, unchanged, wanted
-from energy_opt.formats.controller_program import Part
-from energy_opt.formats.cycle_file import missed_words, write_cycle
-from energy_opt.formats.judging import CycleJudging
+from energy_opt.formats.controller_files import Written, warnings_on
+from energy_opt.formats.cycle_file import missed_words
 from energy_opt.jobs.job_files import divided
 from energy_opt.motion.trajectory import joined
 from energy_opt.power.per_year import PerYear
@@ -25,104 +19,13 @@ from energy_opt.reports.motion import Solid, cell_player, drawn
 from energy_opt.reports.workcell import page
 from energy_opt.reports.workcell import table as table
 from energy_opt.results import interrupted_words
-from energy_opt.robot import Link, Robot, robot_named
-from energy_opt.workcell.arm import Arm
-from energy_opt.workcell.between import Between, placed_links
+from energy_opt.robot import Link
+from energy_opt.workcell.between import placed_links
 from energy_opt.workcell.curves import zones_of
-from energy_opt.workcell.file import MOTORS, WorkCell
-from energy_opt.workcell.motion import PeriodicMotion
+from energy_opt.workcell.programs import asked_of, unproven_words
+from energy_opt.workcell.programs import write_programs as write_programs
 from energy_opt.workcell.solve_cell import CellResult, near_zero
 from energy_opt.workcell.supply import Supply
-
-BRIEF = 1e-7  # [s] shorter waits are rounding errors
-
-
-def formats_of(
-    cell: WorkCell, names: Sequence[str], path: Path, load: Callable[[str], Robot], allow_outside: bool
-) -> dict[str, list[Format]]:
-    """The formats that fit each arm of a cell, by the robot's name.
-
-    Args:
-        cell: its robots. names: of the formats. path: the job file. load: loads a robot from its name or URDF.
-        allow_outside: URDFs may lie outside of the file's folder.
-
-    Raises:
-        BadInput: one is unknown, or fits no arm of the cell.
-    """
-    known = {
-        table.name: load(robot_named(table.robot, path.parent, allow_outside)).n
-        for table in cell.robot
-        if table.robot is not None and names
-    }
-    out: dict[str, list[Format]] = {name: [] for name in known}
-    for name in dict.fromkeys(names):
-        faults = []
-        for robot, joints in known.items():
-            try:
-                out[robot] += wanted([name], joints)
-            except BadInput as error:
-                faults.append(error)
-        if len(faults) == len(known):
-            raise faults[0] if faults else BadInput(f"--write {name}: no robot of this cell is known as an arm")
-    return out
-
-
-def write_programs(
-    result: CellResult, forms: Mapping[str, Sequence[Format]], out: Path, rate: float | None = None, prefix: str = ""
-) -> list[Written]:
-    """Write `cycle_<robot>.csv` of every arm, and its cycle as a program in each of several formats.
-
-    Args:
-        forms: by the robot's name.
-        rate, prefix: as in `cycle_file.write_cycle`.
-
-    Returns:
-        The files; the record of each has its robot, and `starts_at`: the begin of the robot's cycle [s] after that of
-        the first robot. None is valid of an arm that is not proven to keep apart from the others.
-    """
-    files: list[Written] = []
-    for r, (arm, motion) in enumerate(zip(result.arms, result.planned.motions, strict=True)):
-        if arm is None or motion is None:
-            continue
-        ring = result.schedule.problem.rings[r]
-        modes = dict(zip((step.name for step in ring.steps), result.schedule.modes[r], strict=True))
-        parts, of = _parts(arm, motion, modes), arm.worker.scorers.of
-        judge = CycleJudging.of((part.duration, of(arm.step_of(part.name)), arm.cell) for part in motion.parts)
-        stem = f"cycle_{arm.name.replace('/', '_')}"
-        cycle = joined([part.trajectory for part in parts])
-        file = out / f"{stem}.csv"
-        formats.write(cycle, file)
-        written = [unchanged(file, FORMATS["csv"], cycle, judge(cycle))]
-        for form in forms.get(arm.name, ()):
-            if form.name != "csv" or rate is not None:
-                written.append(write_cycle(parts, judge, form, out, rate, prefix, stem))
-        unproven = next((b for b in result.clearance if r in b.robots and b.verdict != "proven"), None)
-        if unproven is not None:
-            worst: dict[str, object] = {"limit": "clearance", "joint": _unproven_words(result, unproven)}
-            worst |= {"time": unproven.time, "value": None, "bound": None}
-            written = [replace(one, valid=False, worst=worst) for one in written]
-        files += [replace(one, about={"robot": arm.name, "starts_at": motion.begin}) for one in written]
-    return files
-
-
-def _unproven_words(result: CellResult, between: Between) -> str:
-    """The arms that are not proven to keep apart, their bodies, and the time."""
-    names = " and ".join(result.cell.robot[k].name for k in between.robots)
-    bodies = "" if between.pair is None else f", {between.pair[0]} and {between.pair[1]}"
-    return f"{names}{bodies}: {between.verdict} at {between.time or 0.0:.4g} s"
-
-
-def _parts(arm: Arm, motion: PeriodicMotion, modes: dict[str, str]) -> list[Part]:
-    """Moves and waits in order, each with its payload and the mode of waiting."""
-    out = []
-    for part in motion.parts:
-        if part.duration < BRIEF:
-            continue
-        mode, name = modes[part.name], f"{part.name}, at {part.start:.3f} s of the cell's cycle"
-        other = mode if mode != MOTORS else ""
-        out.append(Part(part.trajectory, name, bool(mode), other, arm.step_of(part.name).payload))
-    return out
-
 
 FORMAT = "energy-opt/job-result/2"
 ABOUT = ("verdict", "lower_bound", "min_distance", "pair", "time", "late", "pairs")  # keys of a distance
@@ -144,7 +47,7 @@ def document(result: CellResult) -> dict[str, Any]:
         steps = [part for record in records for part in _of_each_step(record, result, r)]
         robots.append({"name": ring.name, "steps": steps})
     levers = [_lever(name, found.energy, result) for name, found in result.levers.steps]
-    warnings = interrupted_words(result.interrupted)
+    warnings = [*interrupted_words(result.interrupted), *result.remarks]
     for arm, motion in zip(result.arms, result.planned.motions, strict=True):
         if arm is None or motion is None:
             continue
@@ -162,7 +65,7 @@ def document(result: CellResult) -> dict[str, Any]:
         warnings.append(
             "not every two arms were checked against each other: self-collision is off, or an arm has no body"
         )
-    warnings += [_unproven_words(result, between) for between in result.clearance if between.verdict != "proven"]
+    warnings += [unproven_words(result, between) for between in result.clearance if between.verdict != "proven"]
     if result.levers.relaxed:
         warnings.append(
             "at full speed no schedule keeps the bounds of the waits: in the lever as_is, waits last longer"
@@ -276,6 +179,9 @@ def found_of(
         written: the files of `write_programs`.
     """
     found = {**document(result), "written": [row.document() for row in written], "request": plain(request)}
+    asked = asked_of(written)
+    found["warnings"] += warnings_on([row for row in written if row not in asked], None)
+    found["warnings"] += warnings_on(asked, request.get("rate"))
     if worth is not None:
         first = found["levers"][0]["energy_total"]
         found["per_year"] = worth.of(first - found["energy_total"])

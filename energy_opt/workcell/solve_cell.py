@@ -9,14 +9,17 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from energy_opt.cell.request import CellRequest
 from energy_opt.errors import Infeasible
+from energy_opt.motion.limits.joint import Effort
 from energy_opt.motion.move import Settings
 from energy_opt.motion.plan.efforts import EFFORT_ROUNDS, smaller
+from energy_opt.motion.plan.planner import Shares
 from energy_opt.power import PowerModel
 from energy_opt.robot import Robot, load_robot
 from energy_opt.schedule import Schedule
@@ -47,6 +50,7 @@ class CellResult:
             levers. All other energies are under the first model.
         overloads: of arms that exceed a torque limit under another model than the first: name, joint, share used.
         left: gap of the schedule that was planned.
+        remarks: notes for the reader.
     """
 
     cell: WorkCell
@@ -60,6 +64,7 @@ class CellResult:
     robust: dict[str, Any] | None = None
     overloads: tuple[tuple[str, str, float], ...] = ()
     left: float = 0.0
+    remarks: tuple[str, ...] = ()
 
     @property
     def schedule(self) -> Schedule:
@@ -97,6 +102,7 @@ def run_workcell(
     request: CellRequest | None = None,
     stopped: Callable[[], bool] = lambda: False,
     progress: Callable[[str, float], None] = lambda text, share: None,
+    room: Shares = MappingProxyType({}),
 ) -> CellResult:
     """Plan a cell for least energy.
 
@@ -107,6 +113,7 @@ def run_workcell(
         request: body and cell, without the bases, which are in the file.
         stopped: called between solves; True ends the work with the best so far.
         progress: called with the present task and the finished share of the work.
+        room: shares of the limits' bounds that moves may use, by the limits' names; all of them by default.
 
     Raises:
         BadInput: a fault of the file. Infeasible: no schedule keeps cycle time, lags, zones, limits of the supply, and
@@ -123,7 +130,8 @@ def run_workcell(
             beside = arms_beside(cell, table, path, load, around)
             given = Path(path), load, model_of, settings or Settings(), beside, stopped
             try:
-                arms.append(None if table.robot is None else Arm(cell, table, *given, shares.get(table.name, 1.0)))
+                used = {**room, Effort.name: shares.get(table.name, 1.0) * room.get(Effort.name, 1.0)}
+                arms.append(None if table.robot is None else Arm(cell, table, *given, used))
             except Infeasible as error:
                 error.args = (f"{table.name}: {str(error).removeprefix(f'{table.name}: ')}",)
                 raise

@@ -221,16 +221,6 @@ def test_what_an_arm_cannot_do_is_refused(
     assert said in capsys.readouterr().err
 
 
-def test_another_rate_than_the_one_asked_for_is_stated(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A table at 250 Hz in place of one at 25 Hz was written without a word."""
-    steps = [{"to": [0.6, 1.3, -1.2, 0.2, 0.1, 0.1]}, {"to": [0.0, 1.0, -1.0, 0.0, 0.0, 0.0]}]
-    document = {"format": "energy-opt/job/2", "cycle_time": 4.0, "robot": [{"name": "a", "robot": "z1", "step": steps}]}
-    options = ["--model", "source-method-2", "--starts", "1", "--self-collision", "off", "--out", str(tmp_path / "out")]
-    assert main(["job", str(written(tmp_path, document)), *options, "--write", "csv", "--rate", "25"]) == 0
-    said = capsys.readouterr().err
-    assert "cycle_a_250hz.csv: " in said and "at 25 Hz the jerk of joint2" in said
-
-
 @pytest.mark.slow
 def test_an_arm_waits_in_the_modes_of_its_step_and_of_its_home(tmp_path: Path) -> None:
     document = one_arm()

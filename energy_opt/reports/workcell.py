@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from energy_opt.cell.words import floored
 from energy_opt.power.per_year import per_year_words
 from energy_opt.reports.charts import Block, Chart, Line
 from energy_opt.reports.page import Report
@@ -139,7 +140,12 @@ def _apart(found: Mapping[str, Any]) -> str:
         return ""
     late = f"each up to {1e3 * clearance['jitter']:g} ms early or late"
     if clearance["verdict"] == "proven":
-        return f"the arms keep at least {1e3 * clearance['lower_bound']:.3g} mm apart, {late}: proven"
+        measured = (row for row in clearance["robots"] if row["min_distance"] is not None)
+        near = min(measured, key=lambda row: row["min_distance"], default=None)
+        pair = "" if near is None else "–".join(map(" ".join, zip(near["robots"], near["pair"], strict=True)))
+        return f"the arms are proven to keep at least {floored(1e3 * clearance['lower_bound'])} mm apart, {late}" + (
+            f"; nearest measured {1e3 * near['min_distance']:.3g} mm ({pair}, at {near['time']:.4g} s)" if near else ""
+        )
     return f"the arms, {late}: {clearance['verdict']}"
 
 

@@ -93,16 +93,25 @@ def place(
     if not done:
         raise _no_placement_error(search, looked)
     _, _, best, result = min(done, key=lambda item: item[:2])
+    cheaper = [at for at in seeds if at.energy < result.energy and not any(at.point is item[2] for item in done)]
     fixed = [step.name for k, step in enumerate(job.steps) if step.wait is None and k not in job.open]
     warnings = [
         f"steps with given joint positions do not move with the {request.fixture or 'base'}: {', '.join(fixed)}"
     ]
+    warnings = warnings if fixed else []
+    if cheaper and stopped():
+        rough = min(cheaper, key=lambda at: at.energy)
+        words = ", ".join(f"{x:.4g}" for x in rough.point)
+        warnings.append(
+            f"stopped before the cheapest place was solved in full: at x, y, z, yaw = {words} a rough cycle, unproven, "
+            f"takes {rough.energy:.4g} J; the answer takes {result.energy:.4g} J"
+        )
     # estimates with the penalty of a move that is too slow are no energies
     known = ((point, value if value < TOO_SLOW / 2 else np.inf) for point, value in looked)
     tried = tuple(Looked(search.place(point), value, "estimate") for point, value in known)
     return Placement(
         search.place(best), result, search.given, given_result, tried, tuple(search.path),
-        (*(warnings if fixed else ()), *result.warnings), request.fixture, stopped(),
+        (*warnings, *result.warnings), request.fixture, stopped(),
     )  # fmt: skip
 
 

@@ -307,3 +307,21 @@ def test_an_interrupted_search_says_so_though_the_job_at_its_answer_is_solved(
     found = place(job, source_model(ur.robot), box, stopped=lambda: True)
     assert found.interrupted and not found.solved
     assert place(job, source_model(ur.robot), box, stopped=lambda: False).solved
+
+
+def test_a_search_that_is_stopped_tells_of_a_cheaper_place_that_it_did_not_solve(
+    tmp_path: Path, ur: ToolKinematics, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It gave the given base, and no word on the base that a rough cycle had found."""
+    path = tmp_path / "job.toml"
+    path.write_text(JOB)
+    asked = iter([False, True])  # before the first seed, and before the answer is solved
+    known = SimpleNamespace(solved=True, energy=5.0, warnings=())
+    monkeypatch.setattr(Search, "solve", lambda *_: known)
+    monkeypatch.setattr(Search, "varied", lambda search, at: at)
+    monkeypatch.setattr(Search, "settled", lambda search, point, kind: Rough(point, {}, SimpleNamespace(), 4.0))
+    monkeypatch.setattr(Search, "estimates", lambda search: [(np.array([0.2, 0.0, 0.0, 0.0]), 1.0)])
+    job, box = load_job(path, lambda name: ur.robot), PlaceRequest((-0.2, 0.2, 0.0, 0.0, 0.0, 0.0), steps=0)
+    found = place(job, source_model(ur.robot), box, stopped=lambda: next(asked, True))
+    said = "at x, y, z, yaw = 0.2, 0, 0, 0 a rough cycle, unproven, takes 4 J; the answer takes 5 J"
+    assert found.interrupted and any(said in warning for warning in found.warnings)

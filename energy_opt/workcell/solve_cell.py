@@ -5,7 +5,7 @@ If a plan exceeds the limits of its supply, its starts are changed first; then m
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -135,6 +135,7 @@ def run_workcell(
             except Infeasible as error:
                 error.args = (f"{table.name}: {str(error).removeprefix(f'{table.name}: ')}",)
                 raise
+        _check_max_power(cell, arms)
         return _planned(Planning(cell, tuple(arms), progress, stopped))
 
     first = found = planned({})
@@ -157,6 +158,24 @@ def run_workcell(
         (name, joints[name][int(use.argmax())], float(use.max())) for name, (_, use) in _efforts(first).items()
     ]
     return replace(first, overloads=tuple(overloads), interrupted=stopped())
+
+
+def _check_max_power(cell: WorkCell, arms: Sequence[Arm | None]) -> None:
+    """Raise Infeasible if the supply's largest power is less than the arms take at rest, each in its cheapest mode."""
+    most = None if cell.supply is None else cell.supply.max_power
+    if most is None:
+        return
+    least = 0.0
+    for arm in arms:
+        if arm is not None:
+            modes = (mode.power for k in range(len(arm.job.steps)) for mode in arm.modes_at(k))
+            # motors may hold it at less power between these poses, but never at less than this
+            least += min(arm.scoring.of(False).model.constant_power(arm.job.robot.n), *modes)
+    if most < least:
+        raise Infeasible(
+            f"supply: max_power = {most:.5g} W is below the {least:.5g} W that the arms take at rest; expected more",
+            limit="max_power",
+        )
 
 
 def _efforts(result: CellResult) -> dict[str, tuple[np.ndarray, np.ndarray]]:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import tomli_w
 
+import energy_opt as eo
 from energy_opt.cli.main import main
 from energy_opt.schedule import Hull, Lag, Mode, Move, Problem, Ring, Wait, solve
 from energy_opt.workcell.file import workcell_of
@@ -153,3 +154,12 @@ def test_without_a_resistor_braking_energy_must_be_stored() -> None:
         asked = {**document, "supply": {"capacity": capacity, "resistor": resistor}}
         found = Supply(workcell_of(asked, Path("cell")), [Swings()]).drawn(schedule, True)
         assert found.valid == valid and (found.overflow > 0) != valid
+
+
+def test_less_power_than_the_arms_take_at_rest_is_refused_before_any_move_is_solved() -> None:
+    """A limit in kW was searched for without an end."""
+    steps = [{"to": [0.6, 1.3, -1.2, 0.2, 0.1, 0.1]}, {"to": [0.0, 1.0, -1.0, 0.0, 0.0, 0.0]}]
+    cell = {"format": "energy-opt/job/2", "cycle_time": 4.0, "mode": [{"name": "brakes", "power": 30.0}],
+            "robot": [{"name": "a", "robot": "z1", "step": steps}], "supply": {"max_power": 0.9}}  # fmt: skip
+    with pytest.raises(eo.Infeasible, match=r"supply: max_power = 0.9 W is below the 30 W that the arms take at rest"):
+        eo.job(cell, model="careful", self_collision="off")

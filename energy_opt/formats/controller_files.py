@@ -259,12 +259,15 @@ def certificates(
 
 
 def with_room(
-    answer: Answer, certificates: Callable[[Answer], list[Certificate]], again: Callable[[Shares], Answer]
+    answer: Answer,
+    certificates: Callable[[Answer], list[Certificate]],
+    again: Callable[[Shares], Answer],
+    rounds: int = ROUNDS,
 ) -> tuple[Answer, Shares]:
     """The answer, or one that is planned again so that the samples of its motion keep all limits.
 
     Between samples, a controller's quintics may exceed a bound that the plan uses fully. So the bound is tightened by
-    STEP times the excess, and the motion is planned again, ROUNDS times at most.
+    STEP times the excess, and the motion is planned again, `rounds` times at most.
 
     Args:
         answer: the plan.
@@ -278,7 +281,7 @@ def with_room(
     shares: Shares = {}
     found = certificates(answer)
     given, best, least = answer, (answer, dict(shares)), _broken(found)
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         if not ALLOWED < least < float("inf") or not all(certificate.clear for certificate in found):
             break
         over = [(place.excess or 0.0, place.limit) for certificate in found for place in certificate.found]

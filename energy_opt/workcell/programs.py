@@ -22,6 +22,7 @@ from energy_opt.workcell.motion import PeriodicMotion
 from energy_opt.workcell.solve_cell import CellResult
 
 BRIEF = 1e-7  # [s] shorter waits are rounding errors
+ROUNDS = 2  # most plans of a cell with tightened bounds: each takes as long as the first
 
 
 def formats_of(
@@ -69,7 +70,7 @@ def with_room(
         every = _cycles(found) if found.solved else ()
         return [x for arm, _, parts, judge in every for x in certificates(parts, judge, forms.get(arm.name, ()), rate)]
 
-    found, shares = controller_files.with_room(result, certificates_of, again)
+    found, shares = controller_files.with_room(result, certificates_of, again, ROUNDS)
     if not shares or not found.solved:
         return result
     return replace(found, remarks=(controller_files.said(shares, found.energy - result.energy),))

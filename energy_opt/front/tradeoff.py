@@ -26,6 +26,7 @@ from energy_opt.power.assumptions import Assumption, assumptions
 from energy_opt.power.assumptions import assumptions_line as assumed
 from energy_opt.power.per_year import PerYear
 from energy_opt.reports.tradeoff import page
+from energy_opt.reports.words import least_of
 from energy_opt.requests.moves import TradeoffRequest
 from energy_opt.results import Document, interrupted_words
 from energy_opt.robot import Robot
@@ -92,7 +93,7 @@ def run(request: TradeoffRequest, desk: Desk) -> Tradeoff:
             stopped=stopped,
         )  # fmt: skip
         if isinstance(planner, RobustPlanner):
-            front = stated(planner, move, front, cycle)
+            front = stated(planner, move, front, cycle, over)
         found = {**document_of(planner, rivals, move, front, cycle, document, worth), **goals}
         found["warnings"] = [*interrupted_words(front.interrupted), *found["warnings"], *notes]
         report = partial(page, motions=motions_of(front), robot=robot, cell=mean.cell)
@@ -167,6 +168,8 @@ def document_of(
     robot = planner.robot
     found = document(front, robot=robot.name, joints=robot.joints, mode=move.mode, cycle=cycle)
     found["assumptions"] = [asdict(row) for row in assumptions(robot, [rival.model for rival in rivals])]
+    if isinstance(planner, RobustPlanner):
+        found["robust"] = {"kind": planner.kind, "total": found["minimum"] and found["minimum"].get("energy_robust")}
     best = None if front.minimum is None else front.minimum.trajectory
     models: list[dict[str, Any]] = []
     if best is not None:
@@ -183,7 +186,7 @@ def document_of(
         least, fastest = over.get("minimum"), over.get("fastest_then_wait")
         saved = None if cycle is not None or not models else models[0]["saving_joules"]
         if least and fastest:
-            saved = fastest["energy_total"] - least["energy_total"]
+            saved = least_of(found, fastest) - least_of(found, least)
         found["per_year"] = worth.of(saved)
     return {**found, "models": models, "warnings": warnings, "request": request}
 

@@ -12,7 +12,7 @@ from energy_opt.reports.charts import Chart, Line
 from energy_opt.reports.motion import Motion, Played, player
 from energy_opt.reports.optimize import assumed
 from energy_opt.reports.page import Report
-from energy_opt.reports.words import yearly
+from energy_opt.reports.words import energy_words, least_of, yearly
 from energy_opt.robot import Robot
 
 
@@ -28,7 +28,9 @@ def page(
     report = Report(f"{document['robot']}: energy against duration, {document['mode']}")
     best = document["minimum"]
     if best is not None:
-        report.headline(f"Least energy: {best['energy_total']:.4g} J at {best['duration']:.4g} s.")
+        report.headline(
+            f"Least {energy_words(document)}: {least_of(document, best):.4g} J at {best['duration']:.4g} s."
+        )
     report.numbers(yearly(document)).warning(*document.get("warnings", ()))
     points = [p for p in document["points"] if p.get("energy_total") is not None]
     x = np.array([p["duration"] for p in points])
@@ -36,17 +38,19 @@ def page(
         Line(part, x, np.array([p[f"energy_{part}"] for p in points], dtype=float), "dots")
         for part in ("total", "standby", "loss", "stored")
     ]
-    marks = {} if best is None else {"least energy": (best["duration"], best["energy_total"])}
+    if "robust" in document:
+        lines.append(Line(energy_words(document), x, np.array([p["energy_robust"] for p in points]), "dots"))
+    marks = {} if best is None else {"least energy": (best["duration"], least_of(document, best))}
     cycle = document.get("cycle")
     edges = {} if document["fastest"] is None else {"fastest": document["fastest"]}
     charts = [Chart("Energy of the move", "duration [s]", "energy [J]", lines, marks=marks, edges=edges, pictured=True)]
     charts.append(Chart("Loss: the part that can be changed", "duration [s]", "energy [J]", lines[2:3]))
     if cycle is not None:
         inside = [p for p in points if p.get("cycle")]
-        over = np.array([p["cycle"]["energy_total"] for p in inside], dtype=float)
+        over = np.array([least_of(document, p["cycle"]) for p in inside], dtype=float)
         at = np.array([p["duration"] for p in inside])
         least, title = cycle["minimum"], f"Energy over the cycle of {cycle['length']:g} s, waiting included"
-        marks = {} if least is None else {"least over the cycle": (least["duration"], least["energy_total"])}
+        marks = {} if least is None else {"least over the cycle": (least["duration"], least_of(document, least))}
         lines = [Line("cycle", at, over, "dots")]
         charts.append(Chart(title, "duration of the move [s]", "energy [J]", lines, marks=marks, pictured=True))
     report.charts(*charts)

@@ -126,3 +126,14 @@ def yearly(document: Mapping[str, Any]) -> dict[str, str]:
         for key, (name, unit) in names.items()
         if found.get(key) is not None
     }
+
+
+def energy_words(found: Mapping[str, Any]) -> str:
+    """The energy that the minima of a tradeoff.json minimise, such as "mean energy over the models"."""
+    kinds = {"mean": "mean energy over the models", "worst": "largest energy under any model"}
+    return kinds[found["robust"]["kind"]] if "robust" in found else "energy"
+
+
+def least_of(found: Mapping[str, Any], row: Mapping[str, Any]) -> float:
+    """The value [J] of a record of a tradeoff.json that its minima minimise."""
+    return float(row["energy_robust" if "robust" in found else "energy_total"])

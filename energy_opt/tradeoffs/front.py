@@ -31,13 +31,19 @@ SEARCH = 12  # most solves of the search for the best duration in a cycle
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """A duration [s] and its result; `reason` says why there is no trajectory, if there is none."""
+    """A duration [s] and its result; `reason` says why there is no trajectory, if there is none.
+
+    Attributes:
+        minimised: [J] of the move, and of the move and the wait after it, under several models: their mean or their
+            largest energy; None under one model.
+    """
 
     duration: float
     status: str
     optimum: Optimum | None = None
     reason: str = ""
     waiting: Waiting | None = None
+    minimised: tuple[float, float] | None = None
 
     @property
     def energy(self) -> Energy | None:

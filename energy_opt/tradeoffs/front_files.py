@@ -1,6 +1,7 @@
 """The output of `tradeoff`: the front as a table, as a document and as a picture.
 
-A front under several models is stated under the first, and at no point costs more than the evenly slowed move.
+A front under several models is stated under the first, and at no point costs more than the evenly slowed move. Its
+minima are those of the value that is minimised, which each point states, too.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from energy_opt.motion.plan.robust import RobustPlanner
 from energy_opt.motion.plan.robust_rests import rested
 from energy_opt.power.per_year import per_year_words
 from energy_opt.reports.page import Report
+from energy_opt.reports.words import energy_words, least_of
 from energy_opt.requests.moves import TradeoffRequest
 from energy_opt.results import Document, Found
 from energy_opt.robot import Robot
@@ -73,20 +75,22 @@ def document(front: Front, *, robot: str, joints: tuple[str, ...], mode: str, cy
 
 def _energies(point: Point) -> dict[str, float | None]:
     parts = ("total", "standby", "stored", "loss")
-    return {f"energy_{part}": None if point.energy is None else getattr(point.energy, part) for part in parts}
+    out = {f"energy_{part}": None if point.energy is None else getattr(point.energy, part) for part in parts}
+    return out if point.minimised is None else out | {"energy_robust": point.minimised[0]}
 
 
 def _over_cycle(point: Point) -> dict[str, float] | None:
     """Energy of move and wait; None if the move outlasts the cycle."""
     if point.energy is None or point.waiting is None:
         return None
-    return {
+    out = {
         "energy_total": point.cycle_total,
         "energy_standby": point.energy.standby + point.waiting.standby,
         "energy_holding": point.waiting.holding,
         "energy_loss": point.energy.loss,
         "energy_stored": point.energy.stored,
     }
+    return out if point.minimised is None else out | {"energy_robust": point.minimised[1]}
 
 
 def _point(point: Point) -> dict[str, Any]:
@@ -182,23 +186,27 @@ def text(found: Mapping[str, Any]) -> str:
     if found["fastest"] is not None:
         lines.append(f"fastest: {found['fastest']:.4f} s")
     if least := found["minimum"]:
-        lines.append(f"minimum energy: {least['energy_total']:.4f} J at {least['duration']:.4f} s")
+        energy, under = least_of(found, least), ""
+        if "robust" in found:
+            under = f" ({least['energy_total']:.4f} J under {found['models'][0]['name']}, as in the table)"
+        lines.append(f"minimum {energy_words(found)}: {energy:.4f} J at {least['duration']:.4f} s{under}")
     cycle = found.get("cycle", {})
     best, fastest = cycle.get("minimum"), cycle.get("fastest_then_wait")
     if best:
         whole = best["duration"] >= cycle["length"] * (1 - 1e-6)
         how = f"a move of {best['duration']:.4f} s, " + ("no wait" if whole else "then a wait")
-        line = f"in a {cycle['length']:g} s cycle: {how}: {best['energy_total']:.1f} J"
+        energy, of = least_of(found, best), f" ({energy_words(found)})" if "robust" in found else ""
+        line = f"in a {cycle['length']:g} s cycle: {how}: {energy:.1f} J{of}"
         if fastest:
-            saved = 100 * (1 - best["energy_total"] / fastest["energy_total"])
-            line += f"; fastest move, then a wait: {fastest['energy_total']:.1f} J ({saved:.1f} % is saved)"
+            saved = 100 * (1 - energy / least_of(found, fastest))
+            line += f"; fastest move, then a wait: {least_of(found, fastest):.1f} J ({saved:.1f} % is saved)"
         lines.append(line)
     if "per_year" in found:
         lines.append(per_year_words(found["per_year"], found["request"]["cycles_per_year"]))
     return "\n".join(lines)
 
 
-def stated(robust: RobustPlanner, move: Move, front: Front, cycle: Cycle | None) -> Front:
+def stated(robust: RobustPlanner, move: Move, front: Front, cycle: Cycle | None, over: Cycle | None) -> Front:
     """A front computed for the mean of several models, stated under the first of them.
 
     A point that costs more than the evenly slowed move under any model, or at a corner of assumed friction, or that
@@ -206,7 +214,7 @@ def stated(robust: RobustPlanner, move: Move, front: Front, cycle: Cycle | None)
 
     Args:
         robust: its `planner` computed the front.
-        cycle: the cycle under the first model, if any.
+        cycle, over: the cycle under the first model and under their mean, if any.
     """
     planner = robust.planner
     timed, _, _ = planner.first_path(replace(move, duration=None, max_duration=None))
@@ -235,20 +243,23 @@ def stated(robust: RobustPlanner, move: Move, front: Front, cycle: Cycle | None)
             return point
         if id(point.optimum) not in known:  # several points may share one optimum
             known[id(point.optimum)] = held(point.optimum)
-        waiting = None if cycle is None or point.waiting is None else cycle.waiting(point.duration)
-        return replace(point, optimum=known[id(point.optimum)], waiting=waiting)
+        optimum, waiting, wait = known[id(point.optimum)], None, 0.0
+        if cycle is not None and over is not None and point.waiting is not None:
+            waiting, wait = cycle.waiting(point.duration), over.waiting(point.duration).total
+        value = robust.value(robust.totals(optimum.trajectory))
+        return replace(point, optimum=optimum, waiting=waiting, minimised=(value, value + wait))
 
     points = [found for point in front.points if (found := under_first(point)) is not None]
     optima = front.minimum, front.fastest, front.cycle_minimum, front.cycle_fastest
     minimum, quickest, in_cycle, at_once = map(under_first, optima)
-    # the minimum of the mean may not be that under the first model: report the least stated energy as the minimum,
-    # among points within the torque limits under all models, if there are any
+    # points solved again may take less than the minima: the least is taken among points within the torque limits under
+    # all models, if there are any
     solved = [p for p in (*points, minimum, quickest) if p is not None and p.status == "solved"]
     solved = [p for p in solved if p.trajectory is not None and not robust.overloads(p.trajectory)] or solved
     if minimum is not None and minimum.status == "solved":
-        minimum = min(solved, key=lambda point: point.total)
+        minimum = min(solved, key=lambda point: point.minimised or (np.inf, np.inf))
     if in_cycle is not None and in_cycle.status == "solved":
         known_in_cycle = [in_cycle, *(point for point in solved if point.waiting is not None)]
-        in_cycle = min(known_in_cycle, key=lambda point: point.cycle_total)
+        in_cycle = min(known_in_cycle, key=lambda point: point.minimised[1] if point.minimised else np.inf)
     best = replace(front, points=points, minimum=minimum, fastest=quickest)
     return replace(best, cycle_minimum=in_cycle, cycle_fastest=at_once)

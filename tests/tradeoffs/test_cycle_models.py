@@ -1,4 +1,4 @@
-"""A front over a cycle under several models: all of its energies are those of the first one."""
+"""A front under several models: its energies are those of the first one, and its minima those of the mean."""
 
 from __future__ import annotations
 
@@ -20,5 +20,21 @@ def test_the_fastest_move_with_a_wait_is_stated_under_the_first_model(panda: Rob
     over, of_one = found["cycle"]["fastest_then_wait"], alone["cycle"]["fastest_then_wait"]
     assert over["energy_stored"] == pytest.approx(of_one["energy_stored"], abs=1e-6)
     assert over["energy_total"] == pytest.approx(of_one["energy_total"], rel=1e-3)
-    saved = over["energy_total"] - found["cycle"]["minimum"]["energy_total"]
+    saved = over["energy_robust"] - found["cycle"]["minimum"]["energy_robust"]
     assert found["per_year"]["kwh"] == pytest.approx(1000 * saved / 3.6e6)
+
+
+def test_the_minimum_is_that_of_the_mean(panda: Robot) -> None:
+    """It was the least energy under the first model: 29 % more in the mean than what `optimize` finds."""
+    first = eo.PowerModel("panda", ()) + eo.effects.Standby(power=3.0) + eo.effects.CopperLoss(r_over_kt2=0.005)
+    models = [first, first + eo.effects.ViscousFriction(b=6.0)]
+    asked = {"start": START, "goal": GOAL, "mode": "retime"}
+    found = eo.tradeoff(panda, models, durations=[1.0, 2.0, 3.0], cycle=6.0, **asked)
+    best = eo.optimize(panda, models, robust="mean", **asked)
+    least = found["minimum"]
+    assert least["energy_robust"] == pytest.approx(best.document()["robust"]["total"], rel=1e-6)
+    assert least["energy_robust"] < min(row["energy_robust"] for row in found["points"])
+    over = [row["cycle"]["energy_robust"] for row in found["points"]]
+    assert found["cycle"]["minimum"]["energy_robust"] <= min(over)
+    assert found["robust"] == {"kind": "mean", "total": least["energy_robust"]}
+    assert "minimum mean energy over the models" in str(found)

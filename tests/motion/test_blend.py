@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,7 @@ from numpy.polynomial import Polynomial
 from energy_opt import Result, optimize
 from energy_opt.motion import Move, Planner, Trajectory
 from energy_opt.motion.plan import robust as robust_plan
-from energy_opt.motion.plan.blend import blended, least_weights
-from energy_opt.motion.plan.robust import RobustPlanner
+from energy_opt.motion.plan.blend import best_mean, blended, least_weights
 from energy_opt.power import source_method_2
 from energy_opt.robot import Robot, load_robot
 
@@ -75,6 +75,39 @@ def test_the_mean_of_two_motions_is_their_mean_at_every_instant() -> None:
         assert np.abs(mean(t, order)[:, 0] - exact).max() < close
 
 
+def test_a_mean_can_cost_less_than_the_first_motion_where_the_other_motion_costs_more() -> None:
+    """Energies were interpolated: a mean was given up if the other motion costs more under any model."""
+    t = np.linspace(0, 1, 3)
+    first, other = (Trajectory(("j",), t, *(x * np.ones((3, 1)) for x in (height, 0, 0))) for height in (0.0, 1.0))
+
+    def energies(motion: Trajectory) -> np.ndarray:
+        share = motion.position[1, 0]
+        return np.array([5 - share, 1 - share + 3 * share**2])
+
+    totals = np.stack([energies(first), energies(other)])
+    assert best_mean([first, other], totals, 1) is None
+    mean = best_mean([first, other], totals, 1, energies)
+    assert mean is not None and mean.position[1, 0] > 0.2
+    assert (energies(mean) <= energies(first) + 1e-9).all()
+
+
+RAIL = """<robot name="rail"><link name="base"/><link name="slide"><inertial><mass value="20"/>
+<inertia ixx="0.2" iyy="0.2" izz="0.2" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="x" type="prismatic">
+<parent link="base"/><child link="slide"/><axis xyz="1 0 0"/><limit lower="-2" upper="2" velocity="1" effort="2000"/>
+</joint></robot>"""
+
+
+def test_a_tilted_rail_saves_energy_although_one_friction_forbids_most_of_the_change(tmp_path: Path) -> None:
+    """The answer was the evenly slowed move."""
+    (tmp_path / "rail.urdf").write_text(RAIL)
+    result = optimize(
+        tmp_path / "rail.urdf", start=[-1], goal=[1], duration=3, base=[0, 0, 1, 0.2, 0.3, 1], mode="retime",
+        self_collision=False, compile="never",
+    )  # fmt: skip
+    savings = [float(str(row["saving_joules"])) for row in result.models]
+    assert min(savings) >= 0 and savings[1] > 1.5
+
+
 def test_a_mean_of_motions_saves_most_of_what_one_model_would_forbid(arm: Robot) -> None:
     result = _optimized(arm)
     assert result.status == "solved" and result.certificate.valid
@@ -83,11 +116,14 @@ def test_a_mean_of_motions_saves_most_of_what_one_model_would_forbid(arm: Robot)
     assert savings[1] > 0.6  # J under `careful`; the models' weights alone come to 0.41
 
 
-def test_the_evenly_slowed_move_has_its_own_certificate(arm: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_evenly_slowed_move_has_its_own_certificate_and_a_message(
+    arm: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(robust_plan.ROUNDS, "mean", 1)
-    monkeypatch.setattr(RobustPlanner, "_best_mean", lambda *_: None)
+    monkeypatch.setattr(robust_plan, "best_mean", lambda *_: None)
     result = _optimized(arm)
     assert result.chosen in ("scaled", "toppra")
+    assert re.search(r"one that saves .* J under 'careful.*' takes .* J more under ", result.message)
     even = result.baseline(result.chosen)
     assert even is not None and np.array_equal(even.trajectory.position, result.trajectory.position)
     other = Planner(arm, source_method_2()).certify(result.trajectory, MOVE)

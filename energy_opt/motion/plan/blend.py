@@ -7,12 +7,41 @@ The result is judged like any other motion.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.optimize import linprog
 
+from energy_opt.motion.plan.robust_models import SAME
 from energy_opt.motion.trajectory import CLOSEST, Trajectory, whole
+
+BETWEEN = 0.5, 0.25, 0.1  # shares of another motion in its means with the first one, whose energies are computed
+
+
+def best_mean(
+    motions: Sequence[Trajectory], totals: np.ndarray, planned: int,
+    estimate: Callable[[Trajectory], np.ndarray] | None = None,
+) -> Trajectory | None:  # fmt: skip
+    """The cheapest weighted mean of motions that costs no more than the first one under any model; None: only that one.
+
+    Args:
+        motions: N of the same ends and duration.
+        totals: (N, K) J under each model; the mean of those of the first `planned` models is minimised.
+        estimate: gives the energies (K,) [J] of a motion, for means of the first motion and another one. Without it,
+            energies of means are interpolated linearly. They are often lower: then a mean can cost less than the first
+            motion under a model under which the other one costs more.
+    """
+    shares = np.eye(len(motions))
+    if estimate is not None:
+        shares = np.vstack([shares, *((1 - part) * shares[:1] + part * shares[1:] for part in BETWEEN)])
+        means = [estimate(blended(motions, row)) for row in shares[len(motions) :]]
+        totals = np.vstack([totals, *means])
+    weights = least_weights(totals[:, :planned].mean(axis=1), totals - totals[0])
+    if weights is None or weights[0] > 1 - SAME:
+        return None
+    shares = weights @ shares
+    shares[shares < SAME] = 0.0
+    return blended(motions, shares / shares.sum()).on_nanoseconds()
 
 
 def least_weights(costs: np.ndarray, excess: np.ndarray) -> np.ndarray | None:
@@ -31,6 +60,8 @@ def least_weights(costs: np.ndarray, excess: np.ndarray) -> np.ndarray | None:
 
 def blended(trajectories: Sequence[Trajectory], shares: np.ndarray) -> Trajectory:
     """The mean of motions of the same ends and duration, weighted by `shares` (N,) or, by joint, (N, n)."""
+    used = [k for k, share in enumerate(shares) if np.any(share)]
+    trajectories, shares = [trajectories[k] for k in used], np.asarray(shares)[used]
     time = np.unique(whole(np.concatenate([t.time - t.time[0] for t in trajectories])))
     last = time[-1]
     keep = np.concatenate([[True], np.diff(time) > CLOSEST]) & (time < last - CLOSEST)

@@ -4,10 +4,10 @@ The mean is one program, with the mean of the models' powers as its cost. No ans
 slowed move under any of the models. If one does, the weight of that model is increased and the move is solved again in
 the same duration, until the weight is too large. The answer is then the best mean of these motions that is valid under
 all models (`blend`), or a move that is solved with a weight between. If there is none, further motions are tried before
-the evenly slowed move: the best timing of the first path, the best move of the model under which the answer costs too
-much, and a mean with these. The largest energy is minimised in the same way, by weights that move towards the models
-under which the move costs most: at its minimum, a mixture of the models is minimised (the minimax theorem, where
-energies are convex).
+the evenly slowed move: the best timing of the first path, the best moves of single models (first of the one under which
+the answer costs too much), and a mean with these. The largest energy is minimised in the same way, by weights that move
+towards the models under which the move costs most: at its minimum, a mixture of the models is minimised (the minimax
+theorem, where energies are convex).
 
 Where a model's friction is assumed, the corners of its range (`power.known.friction_range`) are held in the same way:
 they are not part of the mean, but the answer costs no more than the evenly slowed move under any of them, and the
@@ -27,15 +27,15 @@ import numpy as np
 from energy_opt.cell.cell import Cell
 from energy_opt.errors import BadInput, Infeasible
 from energy_opt.motion.judge.certificate import certify_and_score
-from energy_opt.motion.judge.energy import Scorer
+from energy_opt.motion.judge.energy import COARSER, DENSER, Scorer
 from energy_opt.motion.limits.joint import Effort
 from energy_opt.motion.move import Move, Settings
 from energy_opt.motion.plan.anytime import Progress
-from energy_opt.motion.plan.blend import blended, least_weights
+from energy_opt.motion.plan.blend import best_mean
 from energy_opt.motion.plan.efforts import EFFORT_ROUNDS, HELD, smaller, used
 from energy_opt.motion.plan.planner import Planner, Shares
 from energy_opt.motion.plan.retimed import retimed
-from energy_opt.motion.plan.robust_models import SAME, Rival, UnderJudges, exceeds, judges_of, record_of, slowed_of
+from energy_opt.motion.plan.robust_models import Rival, UnderJudges, exceeds, judges_of, record_of, slowed_of
 from energy_opt.motion.plan.robust_rests import rested
 from energy_opt.motion.plan.robust_warnings import effort_warnings, power_warnings, without_overloads
 from energy_opt.motion.plan.robust_weights import Kind, next_weights
@@ -172,13 +172,15 @@ class RobustPlanner:
         def others(best: UnderJudges) -> list[UnderJudges]:
             timed = retimed(self._planner, move, best.result, lambda m: self._solve(m, (), progress, False).result)
             out = [] if timed is None else [self._answer(timed)]
-            if self.kind == "mean" and best.costlier().any() and not progress.ended():
-                alone = np.eye(len(self.rivals))[self._places[best.excess().argmax()]]
-                planner = self._planner.under(Mixture.of(self._mixture.members, alone))
+            most = best.excess() if self.kind == "mean" and best.costlier().any() else np.zeros(0)
+            for number, k in enumerate(dict.fromkeys(self._places[np.argsort(-most)])):
+                if progress.ended() or (number and not all(answer.costlier().any() for answer in out)):
+                    break
+                planner = self._planner.under(Mixture.of(self._mixture.members, np.eye(len(self.rivals))[k]))
                 own = find(planner, [best.result.trajectory])
                 found = self._planner.with_trajectory(best.result, move, own.trajectory)
                 out.append(self._answer(replace(found, chosen=own.chosen, message=own.message)))
-                blend = self._best_mean(move, [best, *out])
+                blend = self._best_mean(move, [best, *out], closely=True)
                 out += [] if blend is None else [blend]
             return sorted(out, key=self._rank)
 
@@ -201,7 +203,7 @@ class RobustPlanner:
         for answer in others(best):
             if not answer.costlier().any() and exceeds(value, self.value(answer.totals)):
                 return replace(answer, bound=best.bound)
-        message = "no other move that was found is cheaper than the evenly slowed one under every model"
+        message = best.none_cheaper([judge.name for judge in self._judges])
         found = self._planner.with_trajectory(best.result, move, baseline.trajectory)
         return self._answer(replace(found, chosen=baseline.name, message=message), best.bound)
 
@@ -277,20 +279,17 @@ class RobustPlanner:
             low, high = (middle, high) if (answer.costlier() & costlier).any() else (low, middle)
         return best
 
-    def _best_mean(self, move: Move, answers: Sequence[UnderJudges]) -> UnderJudges | None:
-        """The cheapest weighted mean of the answers and the evenly slowed move that costs no more than the latter."""
-        result = answers[0].result
-        duration, slowed = result.trajectory.duration, slowed_of(result)
-        same = [a for a in answers if abs(a.result.trajectory.duration - duration) <= 1e-9]
+    def _best_mean(self, move: Move, answers: Sequence[UnderJudges], closely: bool = False) -> UnderJudges | None:
+        """See `best_mean`: of the evenly slowed move and the answers; None if it is not valid."""
+        result, slowed = answers[0].result, slowed_of(answers[0].result)
         if slowed is None:
             return None
+        same = [a for a in answers if abs(a.result.trajectory.duration - result.trajectory.duration) <= 1e-9]
         totals = np.stack([self.totals(slowed), *(a.totals for a in same)])
-        shares = least_weights(totals[:, : len(self.rivals)].mean(axis=1), totals - totals[0])
-        if shares is None or shares[0] > 1 - SAME:  # no mean, or the evenly slowed move alone
-            return None
-        mean = blended([slowed, *(a.result.trajectory for a in same)], shares).on_nanoseconds()
-        found = self._planner.with_trajectory(result, move, mean)
-        return self._answer(found) if found.certificate.valid else None
+        estimate = (lambda motion: self.totals(motion, COARSER)) if closely else None
+        mean = best_mean([slowed, *(a.result.trajectory for a in same)], totals, len(self.rivals), estimate)
+        found = None if mean is None else self._planner.with_trajectory(result, move, mean)
+        return self._answer(found) if found is not None and found.certificate.valid else None
 
     def _answer(self, result: Result, bound: float | None = None) -> UnderJudges:
         own, slowed = result.trajectory, slowed_of(result)
@@ -300,9 +299,9 @@ class RobustPlanner:
     def _rank(self, answer: UnderJudges) -> tuple[bool, float]:
         return bool(answer.costlier().any()), self.value(answer.totals)
 
-    def totals(self, motion: Trajectory | None) -> np.ndarray:
-        """Energies (K,) [J] of a motion under all judges; infinite without a motion."""
-        return np.array([np.inf if motion is None else scorer.energy(motion).total for scorer in self._scorers])
+    def totals(self, motion: Trajectory | None, factor: int = DENSER) -> np.ndarray:
+        """Energies (K,) [J] of a motion under all judges; infinite without a motion. `factor`: as for `Scorer`."""
+        return np.array([np.inf if motion is None else scorer.energy(motion, factor).total for scorer in self._scorers])
 
     def value(self, totals: np.ndarray) -> float:
         """The minimised value [J] of the energies (K,) under all judges."""

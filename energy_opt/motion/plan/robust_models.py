@@ -95,3 +95,13 @@ class UnderJudges:
         """(K,) J above the evenly slowed move, which must be valid."""
         assert self.slowed is not None
         return self.totals - np.array([energy.total for energy in self.slowed])
+
+    def none_cheaper(self, names: Sequence[str]) -> str:
+        """A message beside the evenly slowed move: what this one saves, and costs more, under which of K judges."""
+        message = "no other move that was found is cheaper than the evenly slowed one under every model"
+        excess = self.excess() if self.costlier().any() else np.zeros(1)
+        least, most = int(excess.argmin()), int(excess.argmax())
+        if excess[least] >= 0:
+            return message
+        saves = f"one that saves {-excess[least]:.2g} J under {names[least]!r}"
+        return f"{message}; {saves} takes {excess[most]:.2g} J more under {names[most]!r}"

@@ -92,7 +92,7 @@ class CopperLoss(HeatEffect):
     """
 
     name = "copper_loss"
-    parameters = (Parameter("r_over_kt2", "W/(N m)^2", 0.0, 0.0, 1e6, "joint", fit=(0.0, 1e3)),)
+    parameters = (Parameter("r_over_kt2", "W/(N m)^2", 0.0, 0.0, 1e9, "joint", fit=(0.0, 1e3)),)
     dissipates = True
 
     @classmethod

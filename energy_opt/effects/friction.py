@@ -24,7 +24,7 @@ class CoulombFriction(TorqueEffect):
     """tau_c * sign(v): dry friction. On a fixed path its sign is fixed, so retiming stays convex."""
 
     name = "coulomb_friction"
-    parameters = (Parameter("tau_c", "N m", 0.0, 0.0, 1e6, "joint", fit=(0.0, 1e3)),)
+    parameters = (Parameter("tau_c", "N m", 0.0, 0.0, 1e9, "joint", fit=(0.0, 1e3)),)
     dissipates = True
 
     @classmethod
@@ -37,7 +37,7 @@ class ViscousFriction(TorqueEffect):
     """b * v: friction in proportion to speed. Retiming loses its convexity (torque has a term in sqrt(b))."""
 
     name = "viscous_friction"
-    parameters = (Parameter("b", "N m s/rad", 0.0, 0.0, 1e6, "joint", fit=(0.0, 1e4)),)
+    parameters = (Parameter("b", "N m s/rad", 0.0, 0.0, 1e9, "joint", fit=(0.0, 1e4)),)
     convex_in_retiming = False
     dissipates = True
 

@@ -41,6 +41,21 @@ def test_careful_is_published_friction_and_no_regeneration():
     assert "sigmoid_friction" in names and careful("ur5").get("sigmoid_friction") is None
 
 
+@pytest.mark.parametrize("effort, speed, mass", [(4e6, 0.3, 2e4), (1e-6, 50.0, 1e-5)])
+def test_assumed_values_of_very_strong_and_weak_arms_are_within_the_bounds(
+    tmp_path: Path, effort: float, speed: float, mass: float
+) -> None:
+    """A crane was refused for 1.07e6 N m s/rad, an arm of 1e-6 N m for 5e6 W/(N m)^2."""
+    path = tmp_path / "arm.urdf"
+    path.write_text(f"""<robot name="arm"><link name="base"/><link name="boom"><inertial><mass value="{mass}"/>
+        <inertia ixx="{mass}" iyy="{mass}" izz="{mass}" ixy="0" ixz="0" iyz="0"/></inertial></link>
+        <joint name="j" type="revolute"><parent link="base"/><child link="boom"/><axis xyz="0 0 1"/>
+        <limit lower="-1" upper="1" velocity="{speed}" effort="{effort}"/></joint></robot>""")
+    robot = load_robot(path)
+    for name in ("careful", "source-method-2"):
+        named_model(name, robot).check(robot.n)
+
+
 def test_names_are_taken_everywhere(tmp_path, capsys):
     assert load_model("careful", "ur5") == careful("ur5")
     assert load_model("source_method_1", "panda") == eo.source_model("panda", 1)

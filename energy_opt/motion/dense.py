@@ -18,8 +18,8 @@ from energy_opt.power import PowerModel
 from energy_opt.power.drive_law import rigid_torque
 from energy_opt.robot import RigidBody, Tool
 
-LONG = 50_000  # largest grid [places] that is kept: 20 MB for seven joints
-KEPT = 8 * LONG  # places of all grids that are kept: a job's legs and baselines are judged again under other models
+LONG = 350_000  # largest grid [places times joints] that is kept: 20 MB
+KEPT = 8 * LONG  # the same of all grids that are kept: a job's legs and baselines are judged again under other models
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class Grid:
 
 def grid_of(trajectory: Trajectory, factor: int) -> Grid:
     """A grid `factor` times denser than the samples of a trajectory; short grids are cached."""
-    if factor * len(trajectory.time) > LONG:
+    if factor * trajectory.position.size > LONG:
         return _dense_motion(trajectory, factor)
     key = _TrajectoryKey(trajectory), factor
     with _changing:
@@ -57,7 +57,7 @@ def grid_of(trajectory: Trajectory, factor: int) -> Grid:
     found = _dense_motion(trajectory, factor) if found is None else found
     with _changing:
         _grids[key] = found
-        while sum(len(grid.time) for grid in _grids.values()) > KEPT:  # the one that was used the longest time ago
+        while sum(grid.q.size for grid in _grids.values()) > KEPT:  # the one that was used the longest time ago
             del _grids[next(iter(_grids))]
     return found
 

@@ -55,7 +55,7 @@ class Judged:
 
     @cached_property
     def _dense(self) -> Dense | None:
-        short = DENSER * len(self.trajectory.time) <= LONG
+        short = DENSER * self.trajectory.position.size <= LONG
         return self.scorer.dense(self.trajectory) if short else None
 
     @cached_property

@@ -185,7 +185,7 @@ def diagnose(
         "foreseen": ahead.document(),
         "residual_goes_with": [{"signal": r.signal, "joint": r.joint, "strength": r.strength} for r in left],
         "remainder": [r.document() for r in left],
-        "error": {"before": before, "after": after, "noise_floor": floor, "beside_noise": found.after.document()},
+        "error": {"before": before, "after": after, "noise_floor": floor, "beside_noise": found.beside_noise},
         "noise_floor": floor,
         "noise": vars(found.noise),
         "split": {"train": [samples.files[r] for r in train], "holdout": [samples.files[r] for r in holdout]},
@@ -261,7 +261,7 @@ def _attributions(found: Inference, joints: tuple[str, ...], samples: Samples) -
     records = goes_with(plain_fit(found.search, found.accepted), found.best.free, joints, found.model, samples)
     accepted = {g.signal for g in found.best.free}
     kept = [row for row in records if row.watts > LEAST * left or row.signal in accepted]
-    return kept or [Attribution(UNRECORDED, None, 1.0, left)]
+    return kept or [Attribution(UNRECORDED, None, 1.0, (found.fitted or found.after).excess)]
 
 
 def _covariance(found: Inference) -> Uncertainty | None:

@@ -62,7 +62,7 @@ def rivals_of(found: Inference, n: int) -> list[Rival]:
         if model.get(kind.name) is None:
             model = model.replaced(kind.neutral(n))
     held = {e.name: e.full(n) for e in model.effects}
-    more = [(kind, size * np.eye(n)[joint]) for joint in found.idle for kind, size in IDLE]
+    more = [(kind, size * np.eye(n)[joint]) for joint in (*found.idle, *found.unseen) for kind, size in IDLE]
     models = [model, *(model.replaced(kind.from_full(held[kind.name] + added, n)) for kind, added in more)]
     return [Rival(m, _slack(found.accepted, m, n, numbers=False)) for m in models]
 

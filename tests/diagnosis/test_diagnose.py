@@ -75,7 +75,8 @@ def test_a_motion_that_was_not_proposed_is_not_the_next_step():
 
 def test_what_goes_with_no_recorded_signal_is_not_looked_for_among_them():
     left = [{"signal": UNRECORDED, "joint": None}]
-    said = next_step({"verdict": "unexplained", "usable": False, "remainder": left})
+    error = {"after": {"holdout": None, "train": {"energy_percent": 9.0}}}
+    said = next_step({"verdict": "unexplained", "usable": False, "remainder": left, "error": error, "tolerance": 3.0})
     assert "power's unit" in said and "depends on" not in said
 
 

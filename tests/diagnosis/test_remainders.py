@@ -6,12 +6,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hidden import COPPER, STANDBY, Hidden, record
 
 from energy_opt.diagnosis.data.noise import Noise
+from energy_opt.diagnosis.data.recordings import take_samples
 from energy_opt.diagnosis.evidence import residual as module
 from energy_opt.diagnosis.fit.posterior import Free
-from energy_opt.diagnosis.report.words import headline, next_step
-from energy_opt.effects import Standby
+from energy_opt.diagnosis.report.words import UNRECORDED, headline, next_step
+from energy_opt.diagnosis.verdict.inference import infer
+from energy_opt.effects import CopperLoss, Standby
+from energy_opt.measured import read_set
 from energy_opt.power import PowerModel
 
 MODEL = PowerModel("", (Standby(power=20.0),))
@@ -114,3 +118,34 @@ def test_the_headline_gives_effects_no_share_that_links_explain():
     }  # fmt: skip
     assert "explains 60.0 %" in headline(document) and "links another 40.0 %" in headline(document)
     assert "check payload and links" in next_step(document)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("moves", "verdict"), [(False, "insufficient"), (True, "unexplained")])
+def test_held_out_motions_do_not_judge_a_cause_that_they_do_not_show(tmp_path, moves, verdict):
+    """The friction of a joint that no held-out motion moves was called noise: `nothing_missing`."""
+    arm, declared = Hidden("z1"), PowerModel("z1", (Standby(power=STANDBY), CopperLoss(r_over_kt2=COPPER)))
+    first = np.arange(len(arm.joints)) == 0
+    runs = read_set(record(tmp_path / "a", arm, friction=lambda v: 4 * first * np.sign(v), runs=3, legs=1, seed=2))
+    arm.limits[:, first] *= moves
+    held = read_set(record(tmp_path / "b", arm, runs=2, legs=1, seed=3))
+    found = infer(take_samples(runs), declared, runs.robot.limits, first | True, take_samples(held))
+    assert (found.verdict, found.unseen) == (verdict, () if moves else (0,))
+    assert found.beside_noise["fitted"]["ratio"] > 2 > 1.2 > found.after.ratio
+
+
+@pytest.mark.parametrize("level", [True, False])
+def test_an_error_above_the_noise_in_motion_alone_is_stated_there(level):
+    """A headline said that 0.0 W were left, and to check the power's unit."""
+    row = {"power_rmse": 1.02, "energy_percent": 0.1 if level else 80.0}
+    ratios = {"motion": 1.27, "rest": 0.64}
+    beside = {part: {"power_rmse": 1.13, "noise": 0.89, "ratio": ratio} for part, ratio in ratios.items()}
+    document = {
+        "verdict": "unexplained", "effects": [], "alternatives": [], "explained_share": 0.0, "links_share": 0.0,
+        "error": {part: {"train": row, "holdout": row} for part in ("before", "after")} | {"beside_noise": beside},
+        "noise_floor": 1.14, "remainder": [{"signal": UNRECORDED, "joint": None, "watts": 0.7}], "usable": False,
+        "tolerance": 3.0,
+    }  # fmt: skip
+    said = headline(document)
+    assert "In motion, the error of a reading is 1.1 W, 1.3 times the noise" in said and "0.0 W" not in said
+    assert ("the power's unit" in next_step(document)) != level

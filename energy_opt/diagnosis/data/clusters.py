@@ -90,10 +90,14 @@ def excited(samples: Samples, limits: Limits) -> np.ndarray:
     A joint must exceed `MOVES`. If no joint of the arm reaches `SLOW` of its velocity limit in `limits`, all count as
     idle: slow motion does not show viscous friction, regeneration and inertia.
     """
-    fastest = np.abs(samples.v).max(axis=0)
-    if (fastest < SLOW * limits.velocity).all():
+    if (np.abs(samples.v) < SLOW * limits.velocity).all():
         return np.zeros(samples.n, dtype=bool)
-    return np.asarray(fastest > MOVES)
+    return moves(samples)
+
+
+def moves(samples: Samples) -> np.ndarray:
+    """(n,) True for joints that exceed the speed `MOVES`."""
+    return np.asarray(np.abs(samples.v).max(axis=0) > MOVES)
 
 
 def samples_of(samples: Samples, group: Sequence[int]) -> np.ndarray:

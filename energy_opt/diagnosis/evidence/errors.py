@@ -50,9 +50,20 @@ class Quality:
     whole: tuple[float, float] = (0.0, 0.0)
 
     @property
+    def worst(self) -> tuple[float, float]:
+        """Error and noise [W] in motion, at rest or of all readings: where their ratio is largest."""
+        each = (self.motion, self.noise_motion), (self.rest, self.noise_rest), (self.rmse, self.noise)
+        return max(each, key=lambda pair: pair[0] / pair[1])
+
+    @property
     def ratio(self) -> float:
         """Error divided by the noise: the largest of motion, rest and all readings."""
-        return max(self.motion / self.noise_motion, self.rest / self.noise_rest, self.rmse / self.noise)
+        return self.worst[0] / self.worst[1]
+
+    @property
+    def excess(self) -> float:
+        """Rms error [W] above the noise where it is `worst`."""
+        return max(self.worst[0] ** 2 - self.worst[1] ** 2, 0.0) ** 0.5
 
     def floor(self, left: bool) -> float:
         """Rms error [W] of all readings by noise alone.

@@ -60,6 +60,13 @@ def remarks(found: Inference, measured: MeasuredSet, declared: PowerModel, links
             "The remaining residual is {:.3g} W rms in motion and {:.3g} W at rest; noise alone ".format(*after.whole)
             + f"would leave {after.noise_motion:.3g} and {after.noise_rest:.3g} W."
         )
+    if found.fitted is not None:
+        said = "The declared model fits the held-out motions, but not the others: the error of the runs fitted is "
+        said += "{:.3g} W; noise alone would leave {:.3g} W.".format(*found.fitted.worst)
+        if found.unseen:
+            names = ", ".join(joints[j] for j in found.unseen)
+            said += f" No held-out motion moves these joints: {names}. Record more motions of them."
+        out.append(said)
     if found.verdict in ("partly", "unexplained"):
         out += _implausible(found, joints)
     if found.links or links >= MUCH:

@@ -33,11 +33,10 @@ def headline(document: dict[str, Any]) -> str:
     error = document["error"]
     part = "holdout" if error["after"]["holdout"] else "train"
     before, after = error["before"][part], error["after"][part]
-    verdict, where = document["verdict"], "held out" if part == "holdout" else "on the runs fitted"
-    imitated = verdict == "unexplained" and after["power_rmse"] < before["power_rmse"]
-    left = before if imitated else after
+    verdict = document["verdict"]
     held = (
-        f"{where} {before['power_rmse']:.1f} → {after['power_rmse']:.1f} W, "
+        f"{'held out' if part == 'holdout' else 'on the runs fitted'} "
+        f"{before['power_rmse']:.1f} → {after['power_rmse']:.1f} W, "
         f"energy {before['energy_percent']:.1f} → {after['energy_percent']:.1f} %"
     )
     if not verdict:
@@ -58,25 +57,30 @@ def headline(document: dict[str, Any]) -> str:
         said = f"{listed(names).capitalize()}{beside} {share}; {held}."
     elif verdict == "nothing_missing":
         said = f"Nothing is missing: the error of the declared model is no larger than the noise; {held}."
-    elif imitated:
-        said = f"No cause can be named; {where} {before['power_rmse']:.1f} W, energy {before['energy_percent']:.1f} %."
     else:
         said = f"No cause can be named; {held}."
     if verdict == "ambiguous" and document["alternatives"]:
         said += " Equally well: " + "; ".join(listed(a) if a else "nothing" for a in document["alternatives"][1:]) + "."
     if document["remainder"]:
         first, where = document["remainder"][0], ""
-        rest = max(left["power_rmse"] ** 2 - document["noise_floor"] ** 2, 0.0) ** 0.5
+        rest = max(after["power_rmse"] ** 2 - document["noise_floor"] ** 2, 0.0) ** 0.5
+        if rest < first["watts"] and first["signal"] == UNRECORDED:
+            return f"{said}{_above(error['beside_noise'])}; it goes with {UNRECORDED}."
         if rest < first["watts"]:  # of the runs fitted, or of all
             rest, where = first["watts"], " in the runs fitted"
         share = "; they" if first["signal"] == UNRECORDED else f", of which {first['watts']:.1f} W"
         said += f" {rest:.1f} W are left above the noise{where}{share} go with {_source(first)}."
-    if imitated:
-        said += (
-            f" model.toml predicts better ({after['power_rmse']:.1f} W, energy {after['energy_percent']:.1f} %), by "
-            "effects that imitate the cause and are not stated as causes."
-        )
+    elif not names and "fitted" in error["beside_noise"]:
+        said += f"{_above(error['beside_noise'])}."
     return said
+
+
+def _above(errors: dict[str, Any]) -> str:
+    """The error that is farthest above the noise, and where it is; `errors` are those `beside_noise`."""
+    where = {"motion": "In motion", "rest": "At rest", "fitted": "In the runs fitted"}
+    at = max(errors, key=lambda key: errors[key]["ratio"] or 0.0)
+    row = errors[at]
+    return f" {where[at]}, the error of a reading is {row['power_rmse']:.2g} W, {row['ratio']:.2g} times the noise"
 
 
 def _source(row: dict[str, Any]) -> str:
@@ -111,8 +115,10 @@ def next_step(document: dict[str, Any], follows: bool = True) -> str:
     if document["remainder"]:
         first = document["remainder"][0]
         if first["signal"] == UNRECORDED:
-            said = "check the power's unit and what else the meter measures: no recorded signal explains the rest"
-            return f"Next: {said}."
+            after = document["error"]["after"]
+            level = (after["holdout"] or after["train"])["energy_percent"] <= document["tolerance"]
+            unit = "" if level else "the power's unit and "
+            return f"Next: check {unit}what else the meter measures: no recorded signal explains the rest."
         if "change" in first:
             return f"Next: look for a consumer, such as a fan, that caused {_source(first)}."
         said = f"Next: look for a cause that depends on {_source(first)}"

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from energy_opt.diagnosis.data.clusters import FEWEST, clusters, repeats
+from energy_opt.diagnosis.data.clusters import FEWEST, clusters, moves, repeats
 from energy_opt.diagnosis.data.jumps import known_by
 from energy_opt.diagnosis.data.noise import Noise
 from energy_opt.diagnosis.data.samples import Samples
@@ -75,6 +75,8 @@ class Inference:
         verdict: as in diagnosis.json; "" where the search was stopped before it had one.
         blind: True if no cause was sought. unknown: True if a law that the library lacks may rule beside the claims.
         misspecified: True if one surely rules: effects imitated it, or more is left in motion than any noise.
+        fitted: errors of the declared model on the runs fitted, where it does not fit these, but those held out; else
+            None. unseen: joints (indices) that move only in the runs fitted then.
         late: [s] by which the meter's readings must be moved before the set is judged; 0 if it was judged.
     """
 
@@ -96,7 +98,17 @@ class Inference:
     blind: bool = False
     unknown: bool = False
     misspecified: bool = False
+    fitted: Quality | None = None
+    unseen: tuple[int, ...] = ()
     late: float = 0.0
+
+    @property
+    def beside_noise(self) -> dict[str, Any]:
+        """Errors of single readings with their ratio to the noise, as in diagnosis.json."""
+        if self.fitted is None:
+            return self.after.document()
+        error, noise = self.fitted.worst
+        return self.after.document() | {"fitted": {"power_rmse": error, "noise": noise, "ratio": error / noise}}
 
 
 def infer(
@@ -245,7 +257,7 @@ def _judged(found: Search, best: Fit, noise: Noise, nothing: Fit, judge: Judge, 
     if linked:
         accepted, rivals = start, (start, *instead_of_links(found, start))
         model, after = written(start, links=True), judge.of_model(written(start, links=True), start, True)
-    fits = after.ratio < NOISE
+    fits, fitted, unseen = after.ratio < NOISE, None, np.zeros(world.samples.n, dtype=bool)
     if len(rivals) > 1:
         verdict = "ambiguous"
     elif claims or linked:
@@ -253,11 +265,16 @@ def _judged(found: Search, best: Fit, noise: Noise, nothing: Fit, judge: Judge, 
         verdict = "explained" if fits and not other else "partly"
     else:
         verdict = "nothing_missing" if fits else "unexplained"
+        # motions that do not excite what the others show are no proof that nothing is missing
+        if fits and (others := judge.fitted.of_model(model, accepted)).ratio >= NOISE:
+            fitted, unseen = others, moves(world.samples) & ~moves(judge.held or world.samples)
+            verdict = "insufficient" if unseen.any() else "unexplained"
     if (idle or _unjudged(judge, accepted)) and verdict != "ambiguous":
         verdict = "insufficient"
     return Inference(
         found, start, best, accepted, verdict, claims, rivals, noise, judge.noise, declared, after, model, linked, idle,
-        unknown=unknown, misspecified=misspecified,
+        unknown=unknown, misspecified=misspecified, fitted=fitted,
+        unseen=tuple(int(j) for j in np.flatnonzero(unseen)),
     )  # fmt: skip
 
 

@@ -60,6 +60,11 @@ class Judge:
         """The same judge under the largest plausible noise."""
         return Judge(self.held, ((0.0, self.most),), self.most, self.drifts)
 
+    @cached_property
+    def fitted(self) -> Judge:
+        """The same judge of the runs that are fitted."""
+        return replace(self, held=None, seen={}, foreseen={})
+
     def of(self, f: Fit) -> Quality:
         """Error of the model that is written for a fit."""
         if f.token not in self.seen:

@@ -4,20 +4,30 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hidden import COPPER, STANDBY, Hidden, record
 from virtual_sets import base_model, make_set
 
 from energy_opt.diagnosis import diagnose
+from energy_opt.diagnosis.data.noise import Noise
+from energy_opt.diagnosis.data.recordings import take_samples
+from energy_opt.diagnosis.fit.posterior import Nuisance, World, fit
+from energy_opt.diagnosis.hypothesis.links import links_of
 from energy_opt.diagnosis.hypothesis.terms import Scale, Term, chart
+from energy_opt.diagnosis.search.effect_sets import Search, root
+from energy_opt.diagnosis.search.kinks import elsewhere
 from energy_opt.effects import (
     AsymmetricFriction,
+    CopperLoss,
     CoulombFriction,
     DailyFriction,
+    Regeneration,
+    Standby,
     TemperatureFriction,
     ThermalViscous,
     ViscousFriction,
 )
 from energy_opt.measured import read_set
-from energy_opt.power import load_model
+from energy_opt.power import PowerModel, load_model
 from energy_opt.robot import load_robot
 from energy_opt.virtual_arm.simulate import Instruments
 
@@ -58,3 +68,26 @@ def test_less_friction_in_one_direction_is_no_spring(tmp_path):
     found.save(tmp_path / "out")
     written = load_model(tmp_path / "out/model.toml")
     assert written.get("coulomb_friction") is None and written.get("asymmetric_friction") is not None
+
+
+@pytest.fixture(scope="module")
+def start(tmp_path_factory):
+    """Fit of a declared model with dry friction, and regeneration that returns nothing."""
+    measured = read_set(record(tmp_path_factory.mktemp("sets") / "set", Hidden("ur5e"), runs=2, legs=1, seed=3))
+    effects = (
+        Standby(power=STANDBY),
+        CopperLoss(r_over_kt2=COPPER),
+        CoulombFriction(tau_c=DRY),
+        Regeneration(efficiency=0.0),
+    )
+    declared, samples = PowerModel("ur5e", effects), take_samples(measured)
+    scale = Scale.of(measured.robot.limits, samples.power)
+    return root(World.of(samples, declared, scale, links_of(samples, declared), Noise(0.5)), Nuisance(0.03, 0.1))
+
+
+def test_declared_friction_fitted_anew_is_compared_with_a_law_that_contains_it(start):
+    """Asymmetric friction was `explained` where dry friction is larger than declared: no exchange reached this."""
+    term = Term("asymmetric_friction", (), (*(DRY / 9), *(DRY / 9)), instead=("coulomb_friction",))
+    own, found = chart(term, start.world.declared, start.world.scale, len(DRY)), Search(start.world)
+    contained = fit(start.world, start.nuisance, [own], [own.origin])
+    assert [f.names for f in elsewhere(found, contained)] == [("coulomb_friction",)]

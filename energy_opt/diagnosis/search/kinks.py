@@ -95,7 +95,23 @@ def sizes(low: float, high: float) -> list[float]:
 
 def elsewhere(found: Search, f: Fit) -> list[Fit]:
     """Fits with other laws of negative power, lags of the meter, options and friction, as far as the fit has one."""
-    return [*other_drives(found, f), *other_lags(found, f), *other_options(found, f), *usual_friction(found, f)]
+    others = *other_drives(found, f), *other_lags(found, f), *other_options(found, f), *usual_friction(found, f)
+    return [*others, *redeclared(found, f)]
+
+
+def redeclared(found: Search, f: Fit) -> list[Fit]:
+    """Fits with the declared effects, fitted anew, in place of an effect that replaces them: one of them, and all.
+
+    While they are replaced, they are no candidates, so no exchange of effects reaches them.
+    """
+    out = []
+    for k, c in enumerate(f.charts):
+        if c.term.instead:
+            bank = found.bank(without(found, f, k))
+            anew = [j for j, b in enumerate(bank.blocks) if b.name in c.term.instead]
+            some = {frozenset(own) for own in (*([j] for j in anew), anew) if own}
+            out += [found.refit(bank, found.whole(bank) | own) for own in sorted(some, key=sorted)]
+    return out
 
 
 def usual_friction(found: Search, f: Fit) -> list[Fit]:

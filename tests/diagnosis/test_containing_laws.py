@@ -10,6 +10,7 @@ from virtual_sets import base_model, make_set
 from energy_opt.diagnosis import diagnose
 from energy_opt.diagnosis.data.noise import Noise
 from energy_opt.diagnosis.data.recordings import take_samples
+from energy_opt.diagnosis.fit.candidates import candidates
 from energy_opt.diagnosis.fit.posterior import Nuisance, World, fit
 from energy_opt.diagnosis.hypothesis.links import links_of
 from energy_opt.diagnosis.hypothesis.terms import Scale, Term, chart
@@ -83,6 +84,16 @@ def start(tmp_path_factory):
     declared, samples = PowerModel("ur5e", effects), take_samples(measured)
     scale = Scale.of(measured.robot.limits, samples.power)
     return root(World.of(samples, declared, scale, links_of(samples, declared), Noise(0.5)), Nuisance(0.03, 0.1))
+
+
+def test_a_store_may_take_the_place_of_declared_regeneration(start):
+    """It was no candidate if the declared model says how much negative power is used again, as `careful` does."""
+    stores = [c.chart for c in candidates(start) if c.chart.term.name == "dc_link"]
+    assert stores
+    for c in stores:
+        model = c.into(start.model, c.origin)
+        assert model.get("dc_link") is not None and model.get("regeneration") is None
+        assert c.out_of(model, start.world.declared).get("regeneration") is not None
 
 
 def test_declared_friction_fitted_anew_is_compared_with_a_law_that_contains_it(start):

@@ -59,10 +59,12 @@ def candidates(now: Fit) -> Iterator[Candidate]:
         if declared.get(kind.name) is not None:
             if model.get(kind.name) is not None:  # another effect may be in its place
                 yield from _declared(kind, now)
-        elif not kind.sought or not _sizes_known(kind) or (kind.stage == "drive" and drives):
+        elif not kind.sought or not _sizes_known(kind):
             continue
+        elif kind.stage == "drive" and drives and not (issubclass(kind, StoreEffect) and declared.get(drives[0])):
+            continue  # only a store may take the place of a declared law of negative power
         elif issubclass(kind, MeterEffect | StoreEffect):
-            yield from _by_difference(kind, now)
+            yield from _by_difference(kind, now, tuple(drives) if kind.stage == "drive" else ())
         elif all(model.get(name) is not None for name in kind.needs):
             terms = _variants(kind, now.world.samples)
             held = [e for name in kind.contains if (e := declared.get(name)) is not None]
@@ -149,14 +151,17 @@ def _declared(kind: type[Effect], now: Fit) -> Iterator[Candidate]:
     yield Candidate(c, columns, c.precision, low, high, c.origin, np.eye(len(c.origin)), c.mean - c.origin)
 
 
-def _by_difference(kind: type[Effect], now: Fit) -> Iterator[Candidate]:
-    """Candidates for an effect of one number that enters nonlinearly: one column per value tried, by difference."""
+def _by_difference(kind: type[Effect], now: Fit, instead: tuple[str, ...]) -> Iterator[Candidate]:
+    """Candidates for an effect of one number that enters nonlinearly: one column per value tried, by difference.
+
+    `instead`: the declared effects that it replaces.
+    """
     w = now.world
     p, n = kind.parameters[0], w.samples.n
     for tried in p.trials or (p.neutral + 0.05,):
-        c = chart(Term(kind.name), w.declared, w.scale, n)
+        c = chart(Term(kind.name, instead=instead), w.declared, w.scale, n)
         if issubclass(kind, StoreEffect):
-            changed = predict(now.model.replaced(c.effect(np.array([tried]))), w.samples, w.links.torques @ now.amounts)
+            changed = predict(c.into(now.model, np.array([tried])), w.samples, w.links.torques @ now.amounts)
             columns = (changed.reading - now.prediction.reading)[:, None]
         else:
             columns = _metered(kind, now, tried)[:, None]

@@ -72,7 +72,8 @@ class Term:
         options: `key=word` of its options and lengths.
         trial: values of `full` where its shapes start and its grid stays (a tuple, so that terms can be compared).
         declared: True to refit an effect of the declared model.
-        instead: names of the declared effects that this one contains, and replaces; it starts at all values of `trial`.
+        instead: names of the declared effects that this one replaces. If it contains them, it starts at all values of
+            `trial`.
     """
 
     name: str
@@ -127,10 +128,9 @@ class Chart:
 
     def into(self, model: PowerModel, z: np.ndarray) -> PowerModel:
         """The model with the effect of these numbers, in place of those that it replaces."""
-        model = model.replaced(self.effect(z))
         for name in self.term.instead:
             model = model.without(name)
-        return model
+        return model.replaced(self.effect(z))
 
     def out_of(self, model: PowerModel, declared: PowerModel) -> PowerModel:
         """The model with what the declared one has in place of the effect."""
@@ -213,7 +213,7 @@ def chart(term: Term, declared: PowerModel, scale: Scale, n: int) -> Chart:
     kind, words = term.kind, words_of(term.options)
     held = declared.get(term.name) if term.declared else None
     idle = kind.neutral(n, **words)
-    full = np.array(term.trial) if term.instead else held.full(n) if held is not None else idle.full(n)
+    full = np.array(term.trial) if term.instead and term.trial else held.full(n) if held is not None else idle.full(n)
     own = entries(kind, n, len(full))
     if held is None and term.trial:
         full = np.where([p.shapes or p.steps for p, _, _ in own], term.trial, full)

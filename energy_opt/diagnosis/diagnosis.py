@@ -162,6 +162,11 @@ def diagnose(
     ahead = foreseen_by(found, model, samples, joints)
     if ahead.reason and left and left[0].change is not None:
         ahead = replace(ahead, reason="the level of the power changed once")
+    if found.unit or not found.verdict:
+        doubt = (
+            f"the power may be in {found.unit[0]}" if found.unit else "the search was stopped before it had a verdict"
+        )
+        ahead = replace(ahead, reason=doubt)
     floor = found.after.floor(found.verdict in ("partly", "unexplained"))
     share, links = explained_share(before, after, floor), 0.0
     if found.claims and model.get(LinkInertia.name) is not None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hidden import COPPER, STANDBY, Hidden, record
 from virtual_sets import make_set
 
 from energy_opt.diagnosis import diagnose
@@ -14,9 +15,10 @@ from energy_opt.diagnosis.data.predict import predict
 from energy_opt.diagnosis.data.recordings import take_samples
 from energy_opt.diagnosis.evidence.residual import follows
 from energy_opt.diagnosis.verdict.inference import infer
-from energy_opt.effects import CoulombFriction, GravitySpring
+from energy_opt.effects import CopperLoss, CoulombFriction, GravitySpring, Standby
 from energy_opt.files import read_toml, write_toml
 from energy_opt.measured import read_set
+from energy_opt.power import PowerModel
 from energy_opt.tables import read_table, write_table
 from energy_opt.virtual_arm.simulate import Instruments
 
@@ -169,3 +171,13 @@ def test_power_in_kilowatts_without_a_unit_is_remarked(coulomb, tmp_path):
     result = diagnose(read_set(other), coulomb.declared)
     assert any("kW" in remark for remark in result.document()["remarks"])
     assert result.document()["verdict"] == "unexplained" and names(result) == []
+
+
+@pytest.mark.parametrize(("factor", "stop", "said"), [(1000, False, "may be in mW"), (1, True, "was stopped")])
+def test_a_power_in_doubt_and_a_stopped_search_leave_no_usable_model(tmp_path, factor, stop, said):
+    """A fit of milliwatts was good enough to plan with, at an error of 862 W, before the search had a verdict."""
+    made = record(tmp_path / "set", Hidden("z1"), lambda power: factor * power, runs=4, legs=1)
+    declared = PowerModel("z1", (Standby(power=STANDBY), CopperLoss(r_over_kt2=COPPER)))
+    document = diagnose(read_set(made), declared, stopped=lambda: stop).document()
+    assert document["verdict"] == (None if stop else "unexplained")
+    assert not document["usable"] and said in document["foreseen"]["reason"]

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from energy_opt.diagnosis.data.clusters import SLOW
-from energy_opt.diagnosis.data.predict import friction_torque, predict
-from energy_opt.diagnosis.evidence.residual import other_unit, wave_words
+from energy_opt.diagnosis.data.predict import friction_torque
+from energy_opt.diagnosis.evidence.residual import wave_words
 from energy_opt.diagnosis.fit.posterior import Fit
 from energy_opt.diagnosis.hypothesis.terms import entries
 from energy_opt.diagnosis.report.words import MUCH, listed, plain
@@ -34,9 +34,8 @@ def remarks(found: Inference, measured: MeasuredSet, declared: PowerModel, links
             "The measured power does not depend on the motion: shifted in time, it fits equally well. "
             "Are power and motion columns of the same recording, in the same order?"
         )
-    samples = found.root.world.samples
-    if likely := other_unit(samples, predict(declared, samples)):
-        unit, ratio = likely
+    if found.unit:
+        unit, ratio = found.unit
         said = f"The power is {ratio:.2g} times that of the declared model: is it in {unit}?"
         out.append(f"{said} Give its unit in log.toml.")
     if len(found.idle) == len(joints):

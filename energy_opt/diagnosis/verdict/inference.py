@@ -77,6 +77,7 @@ class Inference:
         misspecified: True if one surely rules: effects imitated it, or more is left in motion than any noise.
         fitted: errors of the declared model on the runs fitted, where it does not fit these, but those held out; else
             None. unseen: joints (indices) that move only in the runs fitted then.
+        unit: unit that the power may be in rather than W, and its ratio to the declared model's, see `other_unit`.
         late: [s] by which the meter's readings must be moved before the set is judged; 0 if it was judged.
     """
 
@@ -100,6 +101,7 @@ class Inference:
     misspecified: bool = False
     fitted: Quality | None = None
     unseen: tuple[int, ...] = ()
+    unit: tuple[str, float] | None = None
     late: float = 0.0
 
     @property
@@ -138,21 +140,21 @@ def infer(
     scale = replace(Scale.of(limits, samples.power), measured=measured or {})
     world = replace(World.of(samples, declared, scale, links_of(samples, declared), still), given=given)
     nothing = root(world, Nuisance(0.03, 0.3 * still.white))
-    as_declared = judge.of_model(declared, nothing)
+    as_declared, unit = judge.of_model(declared, nothing), other_unit(samples, now)
 
     def plain(found: Search, verdict: str, best: Fit = nothing, **more: Any) -> Inference:
         model = written(best, links=False) if given or best is not nothing else declared
         after = judge.of_model(model, best)
         return Inference(
             found, nothing, best, nothing, verdict, (), (nothing,), still, still, as_declared, after, model,
-            idle=idle, **more,
+            idle=idle, unit=unit, **more,
         )  # fmt: skip
 
     if blind:
         return plain(Search(world), "insufficient", blind=True)
     if not follows(samples, now):
         return plain(Search(world), "unexplained", follows=False)
-    if (unit := other_unit(samples, now)) and unit[0] == "kW":  # missing overhead may look like milliwatts
+    if unit and (unit[0] == "kW" or declared.get("standby")):  # a missing standby may look like milliwatts
         return plain(Search(world), "unexplained")
     tried: list[Search] = []
 
@@ -180,7 +182,7 @@ def infer(
         with suppress(Stopped):
             other = likeliest_with_settling(world, nothing, tried, first)
             out = out if other is None else judged(other)
-    return out
+    return replace(out, unit=unit)
 
 
 def _judged(found: Search, best: Fit, noise: Noise, nothing: Fit, judge: Judge, idle: tuple[int, ...]) -> Inference:

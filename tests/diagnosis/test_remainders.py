@@ -149,3 +149,17 @@ def test_an_error_above_the_noise_in_motion_alone_is_stated_there(level):
     said = headline(document)
     assert "In motion, the error of a reading is 1.1 W, 1.3 times the noise" in said and "0.0 W" not in said
     assert ("the power's unit" in next_step(document)) != level
+
+
+def test_a_headline_names_all_causes_that_cannot_be_told_apart():
+    """It began with links that differ from the URDF, as if they were the cause."""
+    error = {"train": None, "holdout": {"power_rmse": 0.9, "energy_percent": 0.1}}
+    document = {
+        "verdict": "ambiguous", "effects": [{"name": "link_inertia"}], "error": {"before": error, "after": error},
+        "explained_share": 0.966, "links_share": 0.0, "fitted": [], "remainder": [],
+        "alternatives": [["link_inertia"], ["meter_gain"], ["standby", "psu_loss"]],
+    }  # fmt: skip
+    causes = "links that differ from the URDF; meter gain; standby and psu loss"
+    assert headline(document).startswith(
+        f"The data cannot tell these causes apart: {causes}. The first explains 96.6 %"
+    )

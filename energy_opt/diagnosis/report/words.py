@@ -13,6 +13,7 @@ PLAIN = {
     "viscous_friction": "viscous friction",
     "copper_loss": "copper loss",
     "friction_curve": "friction",
+    "link_inertia": "links that differ from the URDF",
 }
 
 
@@ -43,24 +44,25 @@ def headline(document: dict[str, Any]) -> str:
         found = [name for name in document["model_effects"] if name not in document["declared_effects"]]
         said = f"Stopped before a verdict was reached: no cause is claimed; {held}."
         return said + (f" Likeliest so far: {listed(found)}." if found else "")
-    one = len(names) == 1 and names != ["link_inertia"]
+    apart = [listed(a) if a else "nothing" for a in document["alternatives"]] if verdict == "ambiguous" else []
+    one = bool(apart) or (len(names) == 1 and names != ["link_inertia"])
     total, links = document["explained_share"], document["links_share"]
     share = f"{'explains' if one else 'explain'} {100 * (total - links):.1f} % of the residual above noise"
     if links >= SHARE:
         share += f", deviating links another {100 * links:.1f} %"
     if total < SHARE:
         share = f"{'lowers' if one else 'lower'} an error that was near the noise before"
-    if names == ["link_inertia"]:
+    beside = f" (beside {listed(document['fitted'])}, fitted)" if names and document["fitted"] else ""
+    if apart:
+        said = f"The data cannot tell these causes apart: {'; '.join(apart)}. The first{beside} {share}; {held}."
+    elif names == ["link_inertia"]:
         said = f"The links differ from the URDF: their deviations {share}; {held}."
     elif names:
-        beside = f" (beside {listed(document['fitted'])}, fitted)" if document["fitted"] else ""
         said = f"{listed(names).capitalize()}{beside} {share}; {held}."
     elif verdict == "nothing_missing":
         said = f"Nothing is missing: the error of the declared model is no larger than the noise; {held}."
     else:
         said = f"No cause can be named; {held}."
-    if verdict == "ambiguous" and document["alternatives"]:
-        said += " Equally well: " + "; ".join(listed(a) if a else "nothing" for a in document["alternatives"][1:]) + "."
     if document["remainder"]:
         first, where = document["remainder"][0], ""
         rest = max(after["power_rmse"] ** 2 - document["noise_floor"] ** 2, 0.0) ** 0.5

@@ -163,10 +163,10 @@ def diagnose(
     if ahead.reason and left and left[0].change is not None:
         ahead = replace(ahead, reason="the level of the power changed once")
     if found.unit or not found.verdict:
-        doubt = (
+        reason = (
             f"the power may be in {found.unit[0]}" if found.unit else "the search was stopped before it had a verdict"
         )
-        ahead = replace(ahead, reason=doubt)
+        ahead = replace(ahead, reason=reason)
     floor = found.after.floor(found.verdict in ("partly", "unexplained"))
     share, links = explained_share(before, after, floor), 0.0
     if found.claims and model.get(LinkInertia.name) is not None:
@@ -217,6 +217,8 @@ def diagnose(
         )
     document["headline"] = headline(document)
     document["next_step"] = next_step(document, found.follows)
+    if found.unit:
+        document["next_step"] = "Next: give the power's unit in log.toml, and diagnose the set again."
     return Diagnosis(
         measured, declared, model, tuple(effects), Document(document), side, samples, tuple(train), tuple(holdout),
         found,

@@ -181,3 +181,4 @@ def test_a_power_in_doubt_and_a_stopped_search_leave_no_usable_model(tmp_path, f
     document = diagnose(read_set(made), declared, stopped=lambda: stop).document()
     assert document["verdict"] == (None if stop else "unexplained")
     assert not document["usable"] and said in document["foreseen"]["reason"]
+    assert ("the power's unit in log.toml" in document["next_step"]) != stop

@@ -163,3 +163,18 @@ def test_a_headline_names_all_causes_that_cannot_be_told_apart():
     assert headline(document).startswith(
         f"The data cannot tell these causes apart: {causes}. The first explains 96.6 %"
     )
+
+
+def test_a_model_that_imitates_the_cause_is_stated_beside_what_is_left():
+    """The rest is that of the declared model; `model.toml` predicts better, and none of its effects is a cause."""
+    error = {
+        when: {"train": None, "holdout": {"power_rmse": watts, "energy_percent": percent}}
+        for when, watts, percent in (("before", 3.0, 3.1), ("after", 1.1, 0.2))
+    }
+    document = {
+        "verdict": "unexplained", "effects": [], "error": error, "explained_share": 0.95, "alternatives": [],
+        "links_share": 0.0, "noise_floor": 1.0, "remainder": [{"signal": "power", "joint": None, "watts": 0.5}],
+    }  # fmt: skip
+    said = headline(document)
+    assert "No cause can be named; held out 3.0 W, energy 3.1 %. 2.8 W are left above the noise, of which 0.5 W" in said
+    assert "model.toml predicts better (1.1 W, energy 0.2 %)" in said

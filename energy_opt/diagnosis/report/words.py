@@ -34,10 +34,10 @@ def headline(document: dict[str, Any]) -> str:
     error = document["error"]
     part = "holdout" if error["after"]["holdout"] else "train"
     before, after = error["before"][part], error["after"][part]
-    verdict = document["verdict"]
+    verdict, of = document["verdict"], "held out" if part == "holdout" else "on the runs fitted"
+    imitated = verdict == "unexplained" and after["power_rmse"] < before["power_rmse"]
     held = (
-        f"{'held out' if part == 'holdout' else 'on the runs fitted'} "
-        f"{before['power_rmse']:.1f} → {after['power_rmse']:.1f} W, "
+        f"{of} {before['power_rmse']:.1f} → {after['power_rmse']:.1f} W, "
         f"energy {before['energy_percent']:.1f} → {after['energy_percent']:.1f} %"
     )
     if not verdict:
@@ -61,20 +61,32 @@ def headline(document: dict[str, Any]) -> str:
         said = f"{listed(names).capitalize()}{beside} {share}; {held}."
     elif verdict == "nothing_missing":
         said = f"Nothing is missing: the error of the declared model is no larger than the noise; {held}."
+    elif imitated:
+        said = f"No cause can be named; {of} {before['power_rmse']:.1f} W, energy {before['energy_percent']:.1f} %."
     else:
         said = f"No cause can be named; {held}."
+    said += _left(document, before if imitated else after)
+    if imitated:
+        said += (
+            f" model.toml predicts better ({after['power_rmse']:.1f} W, energy {after['energy_percent']:.1f} %), by "
+            "effects that imitate the cause and are not stated as causes."
+        )
+    return said
+
+
+def _left(document: dict[str, Any], errors: dict[str, Any]) -> str:
+    """What is left above the noise, and the signal that it goes with; `errors` are those of the claimed model."""
+    beside = document["error"].get("beside_noise", {})
     if document["remainder"]:
         first, where = document["remainder"][0], ""
-        rest = max(after["power_rmse"] ** 2 - document["noise_floor"] ** 2, 0.0) ** 0.5
+        rest = max(errors["power_rmse"] ** 2 - document["noise_floor"] ** 2, 0.0) ** 0.5
         if rest < first["watts"] and first["signal"] == UNRECORDED:
-            return f"{said}{_above(error['beside_noise'])}; it goes with {UNRECORDED}."
+            return f"{_above(beside)}; it goes with {UNRECORDED}."
         if rest < first["watts"]:  # of the runs fitted, or of all
             rest, where = first["watts"], " in the runs fitted"
         share = "; they" if first["signal"] == UNRECORDED else f", of which {first['watts']:.1f} W"
-        said += f" {rest:.1f} W are left above the noise{where}{share} go with {_source(first)}."
-    elif not names and "fitted" in error["beside_noise"]:
-        said += f"{_above(error['beside_noise'])}."
-    return said
+        return f" {rest:.1f} W are left above the noise{where}{share} go with {_source(first)}."
+    return f"{_above(beside)}." if not document["effects"] and "fitted" in beside else ""
 
 
 def _above(errors: dict[str, Any]) -> str:

@@ -13,6 +13,7 @@ from energy_opt.batches.batch import Batch, run_batch
 from energy_opt.batches.compare import compare, comparison_text
 from energy_opt.batches.suite import load_suite
 from energy_opt.batches.tables import CellTable
+from energy_opt.cell.request import CellRequest
 from energy_opt.errors import BadInput
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, of_another_arm, payload_from
@@ -101,11 +102,17 @@ def overrides_of(request: BenchRequest) -> dict[str, Any]:
 def _surroundings(request: BenchRequest) -> dict[str, Any]:
     """Body and cell by the suite's keys, as far as options state them."""
     around = cell_of(request)
-    out = {key: value for key, value in around.document().items() if key in CellTable.model_fields}
+    out = cell_entries(around)
     if request.self_collision is not None:
         out["self_collision"] = around.self_collision
     if request.planner is not None:
         out["planner"] = around.planner
+    return out
+
+
+def cell_entries(around: CellRequest) -> dict[str, Any]:
+    """The values of body and cell that differ from the defaults, by the suite's keys; files by their whole paths."""
+    out = {key: value for key, value in around.document().items() if key in CellTable.model_fields}
     for key, file in (("scene", around.scene), ("srdf", around.srdf)):
         if file is not None:
             out[key] = str(file.resolve())

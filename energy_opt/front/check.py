@@ -21,6 +21,7 @@ from energy_opt.formats.judging import Judging
 from energy_opt.formats.messages import trajectories
 from energy_opt.formats.recording import motion_of
 from energy_opt.formats.waypoints import Samples
+from energy_opt.front.bench import cell_entries
 from energy_opt.front.desk import Desk, verb
 from energy_opt.front.given import cell_of, model_from, on_arm, robot_of, robot_of_files
 from energy_opt.jobs.file import load_job
@@ -200,7 +201,10 @@ def _toml(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
         job = load_job(file, robot, allow_outside=cell.allow_outside, named=poses_of_request(cell))
         notes += job.remarks
         return [f"{file}: {fault}" for fault in wrong_frames(job, cell)]
-    notes += load_suite(file, allow_outside=request.allow_outside, allow_large=request.allow_large).notes
+    notes += load_suite(
+        file, overrides=cell_entries(cell_of(request)),
+        allow_outside=request.allow_outside, allow_large=request.allow_large,
+    ).notes  # fmt: skip
     return []
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from faults import faults_of
 
+import energy_opt as eo
 from energy_opt.batches.suite import load_suite
 from energy_opt.batches.task import Task
 from energy_opt.cell.scene import Scene
@@ -150,3 +151,11 @@ def test_options_take_the_place_of_the_suites_cell(folder: Path, monkeypatch: py
     assert not plain.request.self_collision and plain.request.planner == "none" and not plain.scene
     assert said.request.self_collision and said.request.planner == "auto" and said.scene
     assert said.request.base == (0, 0, 1, 0, 0, 0) and said.request.floor == -0.5 and said.request.clearance == 0.002
+
+
+def test_check_takes_the_scene_of_an_option_as_bench_does(folder: Path) -> None:
+    """It was ignored: "no pose 'pick'", of a suite that `bench --scene` plans."""
+    (folder / "other.yaml").write_text('objects: []\nposes: {pick: {pose: "0.4, 0.1, 0.4, 3.1416, 0, 0"}}\n')
+    (folder / "suite.toml").write_text(HEAD + re.sub("goal = .*", 'goal_pose = "pick"', MOVE))
+    assert "no pose 'pick'" in str(eo.check(folder / "suite.toml"))
+    assert eo.check(folder / "suite.toml", scene=folder / "other.yaml").usable

@@ -19,7 +19,7 @@ from energy_opt.motion.plan.robust_models import SAME, Rival, record_of
 from energy_opt.motion.plan.robust_weights import Kind
 from energy_opt.motion.travel import detours
 from energy_opt.power import PowerModel
-from energy_opt.power.assumptions import assumptions, break_even, until
+from energy_opt.power.assumptions import ELECTRICAL, assumptions, break_even, until
 from energy_opt.power.known import has_friction, is_named
 from energy_opt.power.variants import draws_of
 from energy_opt.robot import Robot
@@ -41,12 +41,13 @@ def grounded(result: Result, rivals: Sequence[Rival], robot: Robot) -> Result:
     scaled = result.baseline("scaled")
     slowed = None if scaled is None or not scaled.valid or result.chosen == "scaled" else scaled.trajectory
     share = break_even_friction(result.trajectory, slowed, rivals[0].model, robot)
+    result = replace(result, assumptions=assumptions(robot, [rival.model for rival in rivals]))
+    more = (*_beyond_belief(result, rivals[0].model, robot), *_frictionless(result, rivals, share))
     return replace(
         result,
-        assumptions=assumptions(robot, [rival.model for rival in rivals]),
         break_even_friction=share,
         travel=tuple(detours(result.trajectory)),
-        warnings=(*result.warnings, *_beyond_belief(result, robot), *_frictionless(result, rivals, share)),
+        warnings=(*result.warnings, *more),
     )
 
 
@@ -72,7 +73,7 @@ def break_even_friction(ours: Trajectory, slowed: Trajectory | None, model: Powe
     return break_even(saved, model, robot)
 
 
-def _beyond_belief(result: Result, robot: Robot) -> list[str]:
+def _beyond_belief(result: Result, model: PowerModel, robot: Robot) -> list[str]:
     """Warnings on accelerations and power that are implausible for the arm."""
     out, most = [], np.abs(result.trajectory.sample_denser(10)[2]).max(axis=0)
     for joint, value, source in zip(robot.joints, most.tolist(), robot.sources["acceleration"], strict=True):
@@ -82,11 +83,13 @@ def _beyond_belief(result: Result, robot: Robot) -> list[str]:
                 f"({'no limit is known' if source == 'assumed' else 'within the limit given'}); few arms do more than "
                 f"{FAST:g}: give --limits with the arm's own"
             )
-    peak, rated = result.certificate.peak_power, robot.rated.power
+    peak, rated = result.certificate.peak_power - model.constant_power(robot.n), robot.rated.power
     if peak > rated:
+        assumed = any(row.what == ELECTRICAL and row.source == "assumed" for row in result.assumptions)
+        whose = "the assumed" if assumed else "the model's"
         out.append(
-            f"power reaches {peak:.4g} W; the arm's drives give no more than {rated:.4g} W (the sum of effort times "
-            "velocity limits): the model's electrical values are not this arm's; give --model"
+            f"power without standby reaches {peak:.4g} W; the arm's drives give no more than {rated:.4g} W (the sum of "
+            f"effort times velocity limits): {whose} electrical values are not this arm's; give --model"
         )
     return out
 

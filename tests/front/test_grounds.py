@@ -98,10 +98,18 @@ def test_values_beyond_belief_are_named(usual: Answer) -> None:
     fast = replace(fast, certificate=replace(usual.certificate, peak_power=2e6))
     said = grounded(fast, [Rival("mine", careful(usual.arm))], usual.arm).warnings
     assert [text for text in said if text.startswith("shoulder_pan_joint: the acceleration reaches")]
-    assert [
-        text for text in said if text.startswith("power reaches 2e+06 W; the arm's drives give no more than 1678 W")
-    ]
+    power = "power without standby reaches 2e+06 W; the arm's drives give no more than 1678 W"
+    assert [text for text in said if text.startswith(power) and ": the assumed electrical values" in text]
     assert not [text for text in usual.warnings if "reaches" in text]
+
+
+def test_standby_is_no_power_of_the_drives(usual: Answer) -> None:
+    """Small arms draw more at rest than their drives give: every plan of one was told that its model is wrong."""
+    heavy = careful(usual.arm).replaced(eo.Standby(power=5000.0))
+    for peak, warns in ((6600.0, False), (6700.0, True)):
+        still = replace(usual, warnings=(), certificate=replace(usual.certificate, peak_power=peak))
+        said = grounded(still, [Rival("mine", heavy)], usual.arm).warnings
+        assert any("drives give no more than 1678 W" in text for text in said) == warns
 
 
 def test_the_console_says_it_in_one_line_and_the_report_in_a_table(tmp_path, capsys) -> None:

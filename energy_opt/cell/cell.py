@@ -22,7 +22,7 @@ from energy_opt.cell.proof import Proof, Touch, one_inside_the_other, prove
 from energy_opt.cell.request import CLEARANCE, CellRequest
 from energy_opt.cell.scene import FLOOR, TOOL, Scene, out_of_scale, unknown_names
 from energy_opt.cell.solids import GJK_ERROR, Solid, mesh, primitive
-from energy_opt.cell.words import clearance_words
+from energy_opt.cell.words import clearance_words, length
 from energy_opt.errors import BadInput
 from energy_opt.robot import Robot, tool_of
 from energy_opt.robot.kinematics import Kinematics, pose_of
@@ -105,8 +105,8 @@ class Contact:
     def __str__(self) -> str:
         a, b = self.pair
         if self.distance <= TOUCHING:
-            return f"{a} touches {b} ({f'{1e3 * self.depth:.3g} mm deep' if np.isfinite(self.depth) else 'inside'})"
-        return f"{a} is {1e3 * self.distance:.3g} mm from {b}"
+            return f"{a} touches {b} ({f'{length(self.depth)} deep' if np.isfinite(self.depth) else 'inside'})"
+        return f"{a} is {length(self.distance)} from {b}"
 
 
 class Cell:

@@ -15,6 +15,7 @@ from energy_opt.cell.cell import Cell, Contact
 from energy_opt.cell.proof import one_inside_the_other
 from energy_opt.cell.scene import FLOOR, Scene, facing
 from energy_opt.cell.solids import Ruler, placement
+from energy_opt.cell.words import length
 
 SUNK = 0.002  # [m] fixed bodies that overlap by no more stand on each other
 
@@ -52,7 +53,7 @@ class Standing:
         if not deeper:
             return None
         a, b = max(deeper, key=lambda pair: deeper[pair])
-        how = f"{1e3 * deeper[a, b]:.3g} mm deep in" if np.isfinite(deeper[a, b]) else "inside"
+        how = f"{length(deeper[a, b])} deep in" if np.isfinite(deeper[a, b]) else "inside"
         return f"{a} would be {how} {b}"
 
     def _depths(self, motion: np.ndarray) -> dict[tuple[str, str], float]:

@@ -16,15 +16,24 @@ def clearance_words(found: Mapping[str, Any], unit: str = "s") -> str:
     pair = "–".join(found.get("pair") or ())
     measured = found.get("min_distance")
     if found["verdict"] == "proven":
-        near = "no pair is near" if measured is None else f"nearest measured {1e3 * measured:.3g} mm: {pair}"
+        near = "no pair is near" if measured is None else f"nearest measured {length(measured)}: {pair}"
         bound = found.get("lower_bound")
         return f"clearance proven{'' if bound is None else f' ≥ {floored(1e3 * bound)} mm'} ({near})"
     if found["verdict"] == "colliding":
         depth = found.get("depth")
-        deep = "" if depth is None else f", {1e3 * depth:.3g} mm deep"
+        deep = "" if depth is None else f", {length(depth)} deep"
         return f"collision: {pair} at {found['time']:.4g} {unit}{deep}"
-    near = "" if measured is None else f": {pair} as near as {1e3 * measured:.3g} mm at {found['time']:.4g} {unit}"
+    near = "" if measured is None else f": {pair} as near as {length(measured)} at {found['time']:.4g} {unit}"
     return f"clearance not proven{near}"
+
+
+def length(metres: float) -> str:
+    """A length [m] as text, in mm below 1 m.
+
+    >>> length(0.0257), length(1.374)
+    ('25.7 mm', '1.37 m')
+    """
+    return f"{metres:.3g} m" if abs(metres) >= 0.9995 else f"{1e3 * metres:.3g} mm"  # 0.9995: not "1e+03 mm"
 
 
 def floored(value: float, digits: int = 2) -> str:

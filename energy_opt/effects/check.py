@@ -6,6 +6,7 @@ import inspect
 from collections.abc import Callable
 from itertools import product
 from types import SimpleNamespace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -175,18 +176,18 @@ def _added(effect: Effect, x: Signals, p: SimpleNamespace, joints: int, kinks: K
     """What one effect adds (M, 1), as its law states it."""
     power = ca.dot(x.tau, x.v)
     if isinstance(effect, stages.TorqueEffect):
-        return effect.torque(x, p, kinks)
+        return _returned(effect, effect.torque(x, p, kinks))
     if isinstance(effect, stages.PowerEffect):
-        return effect.power(x, x.tau, p, kinks)
+        return _returned(effect, effect.power(x, x.tau, p, kinks))
     if isinstance(effect, stages.HeatEffect):
-        return effect.heat(x, x.tau, p, kinks)
+        return _returned(effect, effect.heat(x, x.tau, p, kinks))
     if isinstance(effect, stages.WindingEffect):
-        return effect.factor(x, p) - 1
+        return _returned(effect, effect.factor(x, p)) - 1
     if isinstance(effect, stages.DriveEffect):
-        return effect.drawn(x.tau * x.v, p, kinks) - power
+        return _returned(effect, effect.drawn(x.tau * x.v, p, kinks)) - power
     if isinstance(effect, stages.SupplyEffect):
         drawn = 100 + power**2
-        return effect.at_meter(drawn, p, kinks) - drawn
+        return _returned(effect, effect.at_meter(drawn, p, kinks)) - drawn
     if isinstance(effect, stages.RigidEffect):
         links = effect.links([LINK] * joints, p)
         if links is not None:
@@ -195,9 +196,20 @@ def _added(effect: Effect, x: Signals, p: SimpleNamespace, joints: int, kinks: K
         held = effect.changing_mass(x, p)
         if held is not None:
             mass, place = held[0] * held[2], held[1]
-        changed = effect.gravity(ca.SX(GRAVITY), p) - GRAVITY
+        changed = _returned(effect, effect.gravity(ca.SX(GRAVITY), p)) - GRAVITY
         return ca.vertcat(mass, mass * place, ca.vec(mass * place @ place.T), changed)
     raise NotImplementedError(f"{effect.name}: no check for an effect of stage {effect.stage!r}")
+
+
+def _returned(effect: Effect, found: Any) -> Any:
+    """What a law returned.
+
+    Raises:
+        BadInput: nothing.
+    """
+    if found is None:
+        raise BadInput(f"effect {effect.name}: its law returns nothing (None); is its `return` missing?")
+    return found
 
 
 def refuse_unusable(kind: type[Effect], joints: int = 2) -> None:
@@ -216,8 +228,11 @@ def refuse_unusable(kind: type[Effect], joints: int = 2) -> None:
         try:
             found = ca.SX(_added(effect, Signals(q, v, a, tau, t), effect.named(p, joints), joints, EXACT))
             law = ca.Function("law", [ca.vertcat(q, v, a, tau, t), p], [ca.densify(found)])
+        except BadInput:
+            raise
         except Exception as fault:
-            raise BadInput(f"effect {kind.name}: {one_line_of(fault, inspect.getfile(kind))}") from None
+            hint = "; a law has no `if`: use functions of k, such as k.below" if "truth value" in str(fault) else ""
+            raise BadInput(f"effect {kind.name}: {one_line_of(fault, inspect.getfile(kind))}{hint}") from None
         sizes = {"torque": (joints,), "heat": (joints,), "winding": (1, joints), "rigid": (found.shape[0],)}
         lengths = sizes.get(kind.stage, (1,))
         if found.shape not in [(length, 1) for length in lengths]:

@@ -62,7 +62,8 @@ def mesh_files(
             )
         out[name] = found.absolute()
     if missing:
-        looked = f", also not {LEVELS} levels below {', '.join(map(str, package_dirs))}" if package_dirs else ""
+        folders = ", ".join(map(str, package_dirs))
+        looked = f" (looked in {folders} and up to {LEVELS} folders below)" if package_dirs else ""
         raise BadInput(
             f"{path}: {len(missing)} of {len(wanted)} collision meshes not found{looked}, first {missing[0]}; give the "
             "folder of its package with --package-dir DIR, or plan without the arm's body with --self-collision off"

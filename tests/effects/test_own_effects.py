@@ -71,7 +71,8 @@ POWER, TORQUE = ("PowerEffect", "power(cls, x, tau_m, p, k)"), ("TorqueEffect", 
         (POWER, "p.p * x.speed", r"no attribute 'speed' \(line 7\)"),
         (POWER, "p.p / x.v[0]", "its law is not finite at rest"),
         (POWER, "p.p + (x.v[0] - 1) ** 0.5", "its law is not finite at rest"),
-        (POWER, "None", "NotImplementedError"),
+        (POWER, "None", r"its law returns nothing \(None\)"),
+        (POWER, "p.p if x.v[0] > 0 else 0", r"\(line 7\); a law has no `if`: use functions of k"),
     ],
 )
 def test_laws_that_no_plan_can_use_are_refused(tmp_path: Path, stage: tuple[str, str], value: str, says: str) -> None:

@@ -99,5 +99,5 @@ def test_package_paths_are_found_above_the_file_and_in_given_folders(tmp_path: P
         assert list(mesh_files(said, [mesh.parents[1]]).values()) == [mesh]
         assert mesh_files(said, [tmp_path]) == found
         mesh.unlink()
-        with pytest.raises(BadInput, match=r"not found, also not 4 levels below .*, first"):
+        with pytest.raises(BadInput, match=r"not found \(looked in .* and up to 4 folders below\), first"):
             mesh_files(said, [tmp_path])

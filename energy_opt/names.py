@@ -15,11 +15,11 @@ import numpy as np
 from energy_opt.errors import BadInput, suggest
 
 LONGEST = 128  # most characters of a name
-_NAME = re.compile(rf"[\w\-./]{{1,{LONGEST}}}")
+_NAME = re.compile(rf"(?=.{{1,{LONGEST}}}\Z)[\w\-./]+( [\w\-./]+)*")
 
 
 def check_name(name: str, where: str) -> str:
-    """Return the name if it consists of letters, digits and _ - . / only.
+    """Return the name if it consists of letters, digits, _ - . / and single inner spaces only.
 
     Args:
         where: the file and the named object, for the message.
@@ -28,7 +28,10 @@ def check_name(name: str, where: str) -> str:
         BadInput: another character, an empty name, or more than 128 characters.
     """
     if not _NAME.fullmatch(name):
-        raise BadInput(f"{where}: name {name[:LONGEST]!r}; expected 1 to {LONGEST} letters, digits and _ - . /")
+        raise BadInput(
+            f"{where}: name {name[:LONGEST]!r}; expected 1 to {LONGEST} letters, digits, _ - . / and single "
+            "inner spaces"
+        )
     return name
 
 

@@ -290,16 +290,17 @@ def _in_words(text: str, joints: Sequence[str], flag: str) -> np.ndarray:
     """Joint positions (n,) from `0.1,0.2,…` or `name=value,…` in any order."""
     if ";" in text:
         raise BadInput(f"{flag} {text}: expected commas between the positions, and points in numbers; found ';'")
-    parts = words_of(re.sub(r"\s*=\s*", "=", text))
-    if any("=" in part for part in parts):
+    if "=" in text:  # names may have spaces, values have none
+        text = re.sub(r"(=[^\s,]+)\s+(?=[^\s,])", r"\1,", re.sub(r"\s*=\s*", "=", text.strip()))
         named: dict[str, float] = {}
-        for part in parts:
+        for part in text.removesuffix(",").split(","):
             name, _, value = part.partition("=")
             if name.strip() in named:
                 raise BadInput(f"{flag}: joint {name.strip()} is given twice")
             known = name.strip() in joints
             named[name.strip()] = finite_number(value, f"{flag} {part}", "name=value") if known else 0.0
         return np.asarray(in_order(named, joints, flag))
+    parts = words_of(text)
     if len(parts) != len(joints):
         raise BadInput(f"{flag}: {len(parts)} positions; the robot has {len(joints)} joints: {', '.join(joints)}")
     return np.array([finite_number(part, f"{flag} {text}", "numbers [rad, m]") for part in parts])

@@ -14,15 +14,17 @@ from energy_opt.names import check_name, commented
 from energy_opt.tables import read_table
 
 
-@pytest.mark.parametrize("name", ["panda_joint1", "left/arm-1.2", "j" * 128, "Gelenk_ä"])
+@pytest.mark.parametrize("name", ["panda_joint1", "left/arm-1.2", "j" * 128, "Gelenk_ä", "Revolute 2"])
 def test_names_of_the_field_are_taken(name: str) -> None:
     assert check_name(name, "robot.urdf: joint") == name
 
 
-@pytest.mark.parametrize("name", ["", "a\nb", "a b", "a\r", 'a"b', "a;b", "a\u2028b", "j" * 129, "a\n"])
+@pytest.mark.parametrize(
+    "name", ["", "a\nb", "a  b", " a", "a ", "a\tb", "a\r", 'a"b', "a;b", "a\u2028b", "j" * 129, "a\n"]
+)
 def test_other_names_are_refused_in_one_line(name: str) -> None:
     with pytest.raises(
-        BadInput, match=r"robot.urdf: joint: name .*expected 1 to 128 letters, digits and _ - \. /"
+        BadInput, match=r"robot.urdf: joint: name .*expected 1 to 128 letters, digits, _ - \. / and single inner spaces"
     ) as e:
         check_name(name, "robot.urdf: joint")
     assert "\n" not in str(e.value)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -88,3 +91,28 @@ def test_where_no_joints_are_known_labels_are_refused(robot):
         Move(turned(START, robot), GOAL)
     with pytest.raises(eo.BadInput, match="tau_c has labels"):
         eo.effects.CoulombFriction(tau_c=turned(np.abs(GOAL), robot))
+
+
+@pytest.mark.slow
+def test_joints_may_have_the_names_that_a_cad_exporter_gives(tmp_path: Path) -> None:
+    """A space, as in "Revolute 1", was refused. Options, the written table, `check` and `evaluate` take it."""
+    path, text = tmp_path / "arm.urdf", Path(eo.load_robot("ur5e").urdf).read_text()
+    for number, joint in enumerate(eo.load_robot("ur5e").joints, start=1):
+        text = text.replace(f'"{joint}"', f'"Revolute {number}"')
+    path.write_text(text)
+    ends = {"start": (0, -1.2, 1.2, -1.5, -1.5, 0), "goal": (0.3, -1, 1.2, -1.5, -1.5, 0)}
+    words = {key: [f"Revolute {k} = {x}" for k, x in enumerate(q, start=1)] for key, q in ends.items()}
+    given = {"start": ", ".join(words["start"]), "goal": " ".join(words["goal"])}
+    answer = eo.optimize(path, "careful", **given, duration=1.5, mode="retime", compile="never", self_collision=False)
+    answer.save(tmp_path / "out")
+    table = tmp_path / "out" / "trajectory.csv"
+    assert table.read_text().startswith("time,Revolute 1.position,Revolute 2.position")
+    assert eo.check(table, robot=path, self_collision=False).usable
+    found = eo.evaluate(table, robot=path, self_collision=False)
+    assert found["motions"][0]["valid"]
+
+
+def test_names_with_spaces_may_be_separated_by_commas_or_spaces() -> None:
+    arm = SimpleNamespace(name="arm", n=2, joints=("Revolute 1", "Revolute 2 b"))
+    for text in ("Revolute 2 b = 0.2, Revolute 1 = 0.1", "Revolute 1=0.1 Revolute 2 b=0.2,"):
+        np.testing.assert_array_equal(positions(text, arm, "start"), [0.1, 0.2])

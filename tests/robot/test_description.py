@@ -146,11 +146,11 @@ def test_a_link_and_a_joint_may_share_a_name(tmp_path: Path) -> None:
     assert still.joints == ("l2",) and still.body.link_frames()["l2"][0] == 0
 
 
-@pytest.mark.parametrize("name", ["j1\ndef x():", "j 1", "j'1", "x" * 129, "j;1"])
+@pytest.mark.parametrize("name", ["j1\ndef x():", "j  1", "j'1", "x" * 129, "j;1"])
 def test_names_that_could_break_a_file_are_refused(tmp_path: Path, name: str) -> None:
     path = chain(tmp_path, ball(), ball())
     path.write_text(path.read_text().replace('"j1"', f'"{name}"'.replace("\n", "&#10;")))
-    with pytest.raises(BadInput, match=r"letters, digits and _ - \. /"):
+    with pytest.raises(BadInput, match=r"letters, digits, _ - \. / and"):
         load_robot(path)
 
 

@@ -33,7 +33,7 @@ from energy_opt.diagnosis.report.joint_report import (
     wrong_units,
 )
 from energy_opt.diagnosis.report.remarks import remarks, speeds_seen
-from energy_opt.diagnosis.report.words import UNRECORDED, headline, joints_headline, next_step, summary
+from energy_opt.diagnosis.report.words import UNRECORDED, WARMS, headline, joints_headline, next_step, summary
 from energy_opt.diagnosis.verdict.claims import written
 from energy_opt.diagnosis.verdict.findings import Finding, Result, evidence_records, findings_of, nuisance_of
 from energy_opt.diagnosis.verdict.inference import Inference, infer, plain_fit
@@ -50,6 +50,7 @@ from energy_opt.results import Document
 
 LEAST = 0.1  # share of the rms residual that a signal must explain to be named
 FEWEST = 20  # least readings for a diagnosis
+MOSTLY = 0.5  # least share of the mean square error above the noise that effects without a claim must remove
 TOLERANCE = 3.0  # [%] energy error up to which a model is good enough to plan with
 
 
@@ -155,8 +156,9 @@ def diagnose(
         found, model, after = replace(found, model=declared, after=found.before), declared, before
     # effects that together imitate an unknown law are no causes, but the best predictor
     if after["holdout"] is not None and (predictor := predictor_of(found)) is not None:
-        likelier = judged(predictor)
-        if all(likelier["holdout"][key] < after["holdout"][key] for key in ("power_rmse", "energy_percent")):
+        likelier, floor = judged(predictor), found.after.floor(True)
+        less = likelier["holdout"]["energy_percent"] < after["holdout"]["energy_percent"]
+        if less and explained_share(before, likelier, floor) > MOSTLY:
             model, after = predictor, likelier
     effects, left = findings_of(found), _attributions(found, joints, samples)
     ahead = foreseen_by(found, model, samples, joints)
@@ -210,14 +212,11 @@ def diagnose(
         )
     document["remarks"] += push_words(found_pushes, enough) + side_remarks(side, records)
     document["remarks"] += speeds_seen(found, joints)
-    if warmed(model) is not None:
-        document["remarks"].append(
-            "The model changes as the arm warms. Under model.toml, plans take the arm as cold as at the set's first "
-            "sample; model_warm.toml describes an arm that has worked for long."
-        )
+    document["remarks"] += [WARMS] if warmed(model) is not None else []
     document["headline"] = headline(document)
     document["next_step"] = next_step(document, found.follows)
     if found.unit:
+        document["headline"] = f"The power seems to be in {found.unit[0]}, not in W; {document['headline']}"
         document["next_step"] = "Next: give the power's unit in log.toml, and diagnose the set again."
     return Diagnosis(
         measured, declared, model, tuple(effects), Document(document), side, samples, tuple(train), tuple(holdout),

@@ -288,7 +288,7 @@ def with_room(
         over = [(excess, limit) for excess, limit in sorted(over) if excess > 0.1 * ALLOWED]
         # of several certificates, the largest excess of a limit comes last, and counts alone
         shares |= {limit: shares.get(limit, 1.0) / (1 + STEP * excess + 2 * ALLOWED) for excess, limit in over}
-        if min(shares.values()) < LEAST:
+        if min(shares.values(), default=1.0) < LEAST:
             break
         try:
             answer = again(dict(shares))

@@ -30,6 +30,7 @@ from energy_opt.next_motion.worth import add_worth, worth_words
 from energy_opt.passports.changes import changes_since
 from energy_opt.power import PowerModel, load_model, source_method_2
 from energy_opt.power.variants import of_joints
+from energy_opt.power.warm import warmed
 from energy_opt.requests.verbs import DiagnoseRequest
 from energy_opt.results import Found
 
@@ -108,7 +109,8 @@ def run(request: DiagnoseRequest, desk: Desk) -> Diagnosed:
             add_worth(result, surroundings, seed=request.seed, stopped=pressed)
             result = desk.keep(replace(result, next_motion=motion))
     worth = [worth_words(result.document()["worth"])] if result.document().get("worth") else []
-    where = [] if desk.out is None else [f"written: {desk.out / Diagnosed.answer}, model.toml, report.html"]
+    models = "model.toml" + (", model_warm.toml" if warmed(result.model) is not None else "")
+    where = [] if desk.out is None else [f"written: {desk.out / Diagnosed.answer}, {models}, report.html"]
     desk.say("\n".join([str(result), *worth, *where]))
     for change in (x for x in since if x.real):
         desk.say(f"changed since {request.model}: {change}")

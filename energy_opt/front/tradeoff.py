@@ -93,7 +93,7 @@ def run(request: TradeoffRequest, desk: Desk) -> Tradeoff:
             stopped=stopped,
         )  # fmt: skip
         if isinstance(planner, RobustPlanner):
-            front = stated(planner, move, front, cycle, over)
+            front = stated(planner, move, front, cycle)
         found = {**document_of(planner, rivals, move, front, cycle, document, worth), **goals}
         found["warnings"] = [*interrupted_words(front.interrupted), *found["warnings"], *notes]
         report = partial(page, motions=motions_of(front), robot=robot, cell=mean.cell)
@@ -168,8 +168,8 @@ def document_of(
     robot = planner.robot
     found = document(front, robot=robot.name, joints=robot.joints, mode=move.mode, cycle=cycle)
     found["assumptions"] = [asdict(row) for row in assumptions(robot, [rival.model for rival in rivals])]
-    if isinstance(planner, RobustPlanner):
-        found["robust"] = {"kind": planner.kind, "total": found["minimum"] and found["minimum"].get("energy_robust")}
+    if isinstance(planner, RobustPlanner) and any(point.minimised for point in front.points):
+        found["robust"] = {"kind": planner.kind, "total": found["minimum"] and found["minimum"]["energy_robust"]}
     best = None if front.minimum is None else front.minimum.trajectory
     models: list[dict[str, Any]] = []
     if best is not None:

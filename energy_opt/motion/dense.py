@@ -18,8 +18,8 @@ from energy_opt.power import PowerModel
 from energy_opt.power.drive_law import rigid_torque
 from energy_opt.robot import RigidBody, Tool
 
-LONG = 350_000  # largest grid [places times joints] that is kept: 20 MB
-KEPT = 8 * LONG  # the same of all grids that are kept: a job's legs and baselines are judged again under other models
+LONG = 700_000  # largest grid [places times joints] that is kept: 40 MB
+KEPT = 4 * LONG  # the same of all grids that are kept: a job's legs and baselines are judged again under other models
 
 
 @dataclass(frozen=True, eq=False)

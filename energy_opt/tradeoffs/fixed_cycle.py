@@ -59,6 +59,10 @@ class Cycle:
         self._goal = np.asarray(goal, dtype=float)
         self._scorer = Scorer(robot, model)
 
+    def under(self, model: PowerModel) -> Cycle:
+        """The same cycle under another model."""
+        return Cycle(self._scorer.robot, model, self._goal, self.length, self.idle_power)
+
     def waiting(self, duration: float) -> Waiting:
         """Energy of the wait after a move of `duration` s."""
         span = self.length - duration

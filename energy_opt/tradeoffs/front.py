@@ -33,9 +33,7 @@ SEARCH = 12  # most solves of the search for the best duration in a cycle
 class Point:
     """A duration [s] and its result; `reason` says why there is no trajectory, if there is none.
 
-    Attributes:
-        minimised: [J] of the move, and of the move and the wait after it, under several models: their mean or their
-            largest energy; None under one model.
+    `minimised`: mean or largest energy [J] under several models, of the move alone and with the wait after it.
     """
 
     duration: float
@@ -193,8 +191,7 @@ class _Tracer:
             if timed is None:
                 return Point(path_fastest, "solved")
             found, solved = timed, True
-        optimum = Optimum(found, self.planner.score(found), solved)
-        return self._point(found.duration, optimum)
+        return self._point(found.duration, Optimum(found, self.planner.score(found), solved))
 
     def _grid(self, fastest: float, best: float, longest: float | None) -> np.ndarray:
         """Durations (COUNT,) [s] from the fastest move to the end of the cycle, or to beyond the best duration.
@@ -224,8 +221,9 @@ class _Tracer:
         """The least energy at a free duration, by another planner if one is given."""
         result = (planner or self.planner).solve(self.free, warm=warm)
         self._count()
-        optimum = Optimum(result.trajectory, result.energy, result.status == "solved")
-        return self._point(result.trajectory.duration, optimum)
+        return self._point(
+            result.trajectory.duration, Optimum(result.trajectory, result.energy, result.status == "solved")
+        )
 
     def _step(self, duration: float, neighbour: Optimum, known: Optimum | None = None) -> Point:
         """One step to exactly `duration` s; it does not count as a solve if the result is `known`."""
@@ -301,8 +299,7 @@ class _Tracer:
             elif gain > LOWER * point.total:
                 motion = with_rest(best.optimum.trajectory, point.duration, after)
                 if motion is not None and planner.certify(motion, self.free).valid:
-                    optimum = Optimum(motion, planner.score(motion), True)
-                    resting = replace(point, status="solved", optimum=optimum, reason="")
+                    resting = replace(point, status="solved", optimum=Optimum(motion, planner.score(motion), True))
                     self.front.points[k] = min(point, resting, key=lambda p: p.total)
 
     def _keep_minimum(self) -> None:
@@ -344,9 +341,8 @@ class _Tracer:
             return min(at(float(duration)).cycle_total, 1e300)
 
         if high > low * (1 + SAME):
-            minimize_scalar(
-                energy, bounds=(low, high), method="bounded", options={"maxiter": SEARCH - 1, "xatol": 1e-3 * low}
-            )
+            options = {"maxiter": SEARCH - 1, "xatol": 1e-3 * low}
+            minimize_scalar(energy, bounds=(low, high), method="bounded", options=options)
         return min(known, key=lambda p: p.cycle_total)
 
 

@@ -21,6 +21,7 @@ from energy_opt.formats import table as rows
 from energy_opt.motion import Move, Trajectory
 from energy_opt.motion.plan.neighbour import Optimum
 from energy_opt.motion.plan.robust import RobustPlanner
+from energy_opt.motion.plan.robust_models import judges_of
 from energy_opt.motion.plan.robust_rests import rested
 from energy_opt.power.per_year import per_year_words
 from energy_opt.reports.page import Report
@@ -161,8 +162,9 @@ class Tradeoff(Found):
         return self
 
     def __repr__(self) -> str:
-        least = self.document()["minimum"]
-        best = "" if least is None else f", least {least['energy_total']:.4g} J at {least['duration']:.4g} s"
+        found = self.document()
+        least, what = found["minimum"], energy_words(found)
+        best = "" if least is None else f", least {what} {least_of(found, least):.4g} J at {least['duration']:.4g} s"
         return f"Tradeoff({self.document()['robot']!r}, {len(self.document()['points'])} points{best})"
 
     def _repr_html_(self) -> str:
@@ -206,7 +208,7 @@ def text(found: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def stated(robust: RobustPlanner, move: Move, front: Front, cycle: Cycle | None, over: Cycle | None) -> Front:
+def stated(robust: RobustPlanner, move: Move, front: Front, cycle: Cycle | None) -> Front:
     """A front computed for the mean of several models, stated under the first of them.
 
     A point that costs more than the evenly slowed move under any model, or at a corner of assumed friction, or that
@@ -214,9 +216,12 @@ def stated(robust: RobustPlanner, move: Move, front: Front, cycle: Cycle | None,
 
     Args:
         robust: its `planner` computed the front.
-        cycle, over: the cycle under the first model and under their mean, if any.
+        cycle: the cycle under the first model, if any.
     """
     planner = robust.planner
+    judges = [judge.model for _, judge in judges_of(robust.rivals, planner.robot)]
+    cycles = [] if cycle is None else [cycle.under(model) for model in judges]
+    several = len(robust.rivals if robust.kind == "mean" else judges) > 1
     timed, _, _ = planner.first_path(replace(move, duration=None, max_duration=None))
     fastest = planner.timing(timed)
     known: dict[int, Optimum] = {}
@@ -243,11 +248,15 @@ def stated(robust: RobustPlanner, move: Move, front: Front, cycle: Cycle | None,
             return point
         if id(point.optimum) not in known:  # several points may share one optimum
             known[id(point.optimum)] = held(point.optimum)
-        optimum, waiting, wait = known[id(point.optimum)], None, 0.0
-        if cycle is not None and over is not None and point.waiting is not None:
-            waiting, wait = cycle.waiting(point.duration), over.waiting(point.duration).total
-        value = robust.value(robust.totals(optimum.trajectory))
-        return replace(point, optimum=optimum, waiting=waiting, minimised=(value, value + wait))
+        optimum = known[id(point.optimum)]
+        totals, waiting, minimised = robust.totals(optimum.trajectory), None, None
+        waits = np.zeros(len(totals))
+        if cycle is not None and point.waiting is not None:
+            waiting = cycle.waiting(point.duration)
+            waits = np.array([one.waiting(point.duration).total for one in cycles])
+        if several:
+            minimised = robust.value(totals), robust.value(totals + waits)
+        return replace(point, optimum=optimum, waiting=waiting, minimised=minimised)
 
     points = [found for point in front.points if (found := under_first(point)) is not None]
     optima = front.minimum, front.fastest, front.cycle_minimum, front.cycle_fastest
@@ -257,9 +266,9 @@ def stated(robust: RobustPlanner, move: Move, front: Front, cycle: Cycle | None,
     solved = [p for p in (*points, minimum, quickest) if p is not None and p.status == "solved"]
     solved = [p for p in solved if p.trajectory is not None and not robust.overloads(p.trajectory)] or solved
     if minimum is not None and minimum.status == "solved":
-        minimum = min(solved, key=lambda point: point.minimised or (np.inf, np.inf))
+        minimum = min(solved, key=lambda point: point.minimised[0] if point.minimised else point.total)
     if in_cycle is not None and in_cycle.status == "solved":
         known_in_cycle = [in_cycle, *(point for point in solved if point.waiting is not None)]
-        in_cycle = min(known_in_cycle, key=lambda point: point.minimised[1] if point.minimised else np.inf)
+        in_cycle = min(known_in_cycle, key=lambda point: point.minimised[1] if point.minimised else point.cycle_total)
     best = replace(front, points=points, minimum=minimum, fastest=quickest)
     return replace(best, cycle_minimum=in_cycle, cycle_fastest=at_once)

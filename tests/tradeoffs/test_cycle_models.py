@@ -38,3 +38,17 @@ def test_the_minimum_is_that_of_the_mean(panda: Robot) -> None:
     assert found["cycle"]["minimum"]["energy_robust"] <= min(over)
     assert found["robust"] == {"kind": "mean", "total": least["energy_robust"]}
     assert "minimum mean energy over the models" in str(found)
+
+
+def test_the_largest_energy_over_a_cycle_is_that_of_one_model(panda: Robot) -> None:
+    """Move and wait were added up under different models: less than one of the models takes."""
+    first = eo.PowerModel("panda", ()) + eo.effects.Standby(power=60.0) + eo.effects.CopperLoss(r_over_kt2=0.005)
+    other = first.replaced(eo.effects.Standby(power=5.0)) + eo.effects.ViscousFriction(b=8.0)
+    asked = {"start": START, "goal": GOAL, "mode": "retime", "durations": [2.0, 3.0], "cycle": 4.0}
+    found = eo.tradeoff(panda, [first, other], robust="worst", **asked)
+    alone = [eo.tradeoff(panda, model, **asked) for model in (first, other)]
+    for k, row in enumerate(found["points"]):
+        assert row["cycle"]["energy_robust"] >= row["cycle"]["energy_total"] - 1e-9
+        least = max(one["points"][k]["cycle"]["energy_total"] for one in alone)
+        assert row["cycle"]["energy_robust"] >= least * (1 - 1e-6)
+    assert "robust" not in eo.tradeoff(panda, [first], robust="mean", **asked).document()

@@ -8,6 +8,10 @@ from typing import Any
 SHARE = 0.01  # least explained share that the headline states
 MUCH = 0.1  # least share of deviating links beside effects that calls for a check of links and payload
 UNRECORDED = "no signal that was recorded"  # the rest depends on it where it depends on none of the log
+WARMS = (
+    "The model changes as the arm warms. Under model.toml, plans take the arm as cold as at the set's first sample; "
+    "model_warm.toml describes an arm that has worked for long."
+)
 PLAIN = {
     "coulomb_friction": "dry friction",
     "viscous_friction": "viscous friction",

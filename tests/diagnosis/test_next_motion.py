@@ -76,7 +76,7 @@ def hidden(**given):
         )
         for m in given.get("rivals", [BASE])
     ]  # fmt: skip
-    return SimpleNamespace(rivals=tuple(fits), accepted=fits[0], idle=given.get("idle", ()))
+    return SimpleNamespace(rivals=tuple(fits), accepted=fits[0], idle=given.get("idle", ()), unseen=())
 
 
 def parameters_of(models, weights):

@@ -224,7 +224,7 @@ def test_signatures_say_units_and_reprs_are_short():
     assert repr(curve) == "FrictionCurve(speed=[0, 1], torque=<2 x 2 numbers>)"
     with pytest.raises(BadInput, match="torque has 2 values along 'points'; expected 3"):
         FrictionCurve(speed=[0, 1, 2], torque=[[1, 2], [3, 4]])
-    with pytest.raises(BadInput, match=r"tau_c = -1 is outside \[0, 1e\+06\] N m"):
+    with pytest.raises(BadInput, match=r"tau_c = -1 is outside \[0, 1e\+09\] N m"):
         CoulombFriction(tau_c=-1)
 
 

@@ -154,9 +154,10 @@ def diagnose(
     rejected = unclaimed and one is not None and other is not None and one["power_rmse"] > other["power_rmse"]
     if rejected:
         found, model, after = replace(found, model=declared, after=found.before), declared, before
+    floor = found.after.floor(found.verdict in ("partly", "unexplained"))
     # effects that together imitate an unknown law are no causes, but the best predictor
     if after["holdout"] is not None and (predictor := predictor_of(found)) is not None:
-        likelier, floor = judged(predictor), found.after.floor(True)
+        likelier = judged(predictor)
         less = likelier["holdout"]["energy_percent"] < after["holdout"]["energy_percent"]
         if less and explained_share(before, likelier, floor) > MOSTLY:
             model, after = predictor, likelier
@@ -169,7 +170,6 @@ def diagnose(
             f"the power may be in {found.unit[0]}" if found.unit else "the search was stopped before it had a verdict"
         )
         ahead = replace(ahead, reason=reason)
-    floor = found.after.floor(found.verdict in ("partly", "unexplained"))
     share, links = explained_share(before, after, floor), 0.0
     if found.claims and model.get(LinkInertia.name) is not None:
         links = max(share - explained_share(before, judged(_on_urdf(found.accepted)), floor), 0.0)

@@ -55,9 +55,10 @@ def remarks(found: Inference, measured: MeasuredSet, declared: PowerModel, links
         out.append("The log does not state every run's start; runs are taken to follow one another without a pause.")
     after = found.after
     if found.verdict and after.ratio >= NOISE:
+        under = "With the claimed effects" if found.claims or found.links else "Under the declared model"
         out.append(
-            "The remaining residual is {:.3g} W rms in motion and {:.3g} W at rest; noise alone ".format(*after.whole)
-            + f"would leave {after.noise_motion:.3g} and {after.noise_rest:.3g} W."
+            f"{under}, the residual is {after.whole[0]:.3g} W rms in motion and {after.whole[1]:.3g} W at rest; noise "
+            f"alone would leave {after.noise_motion:.3g} and {after.noise_rest:.3g} W."
         )
     if found.fitted is not None:
         said = "The declared model fits the held-out motions, but not the others: the error of the runs fitted is "

@@ -39,7 +39,8 @@ def page(
         for part in ("total", "standby", "loss", "stored")
     ]
     if "robust" in document:
-        lines.append(Line(energy_words(document), x, np.array([p["energy_robust"] for p in points]), "dots"))
+        name = {"mean": "mean", "worst": "largest"}[document["robust"]["kind"]]  # short, for the legend
+        lines.append(Line(name, x, np.array([p["energy_robust"] for p in points]), "dots"))
     marks = {} if best is None else {"least energy": (best["duration"], least_of(document, best))}
     cycle = document.get("cycle")
     edges = {} if document["fastest"] is None else {"fastest": document["fastest"]}

@@ -13,6 +13,7 @@ import lz4.frame
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from machine import allowed
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.rosbag2 import reader as reader2
@@ -134,5 +135,5 @@ def test_bombs_are_refused(kind: str, tmp_path: Path) -> None:
     )  # fmt: skip
     assert run.returncode == 2 and "unpacked size" in run.stderr, run.stderr
     kilobytes, seconds = map(float, run.stdout.splitlines()[-1].split())
-    assert kilobytes < 500_000 and seconds < 10
+    assert kilobytes < 500_000 and seconds < allowed(10)
     assert sum(p.stat().st_size for p in tmp_path.rglob("*")) < 10**8

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from machine import allowed
 from poses import START
 
 from energy_opt.cell import solids
@@ -346,5 +347,5 @@ def test_poses_among_thousands_of_objects_are_checked_alike_and_quickly(panda: R
     crowded, begin = Cell(panda, CellRequest(), Scene(near + boxes(2500, 3.0))), time.process_time()
     many, poses = Room(crowded, ends), START + rng.normal(0.0, 0.5, (200, 7))
     verdicts = [many.clear(q) for q in poses]
-    assert time.process_time() - begin < 5  # it was 20 s
+    assert time.process_time() - begin < allowed(5)  # it was 20 s
     assert verdicts == [few.clear(q) for q in poses] and 0 < sum(verdicts) < 200

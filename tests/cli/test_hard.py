@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from machine import allowed
 
 import energy_opt as eo
 from energy_opt.batches.records import read_journal
@@ -90,7 +91,7 @@ def test_extremes_are_one_line(words: list[str], says: str, tmp_path: Path, caps
     assert main([*MOVE, *ENDS, "--out", str(tmp_path), *words]) == 2
     said = capsys.readouterr().err
     assert says in said and said.count("\n") == 1 and len(said) < 1600
-    assert time.process_time() - begin < 5 and not list(tmp_path.iterdir())
+    assert time.process_time() - begin < allowed(5) and not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
@@ -130,7 +131,7 @@ def test_a_move_that_no_encoder_sees_is_answered_at_once() -> None:
     brief = eo.Move(start, start + 8e-9 * np.array([1, -0.5, 0.3, 0.2, -1, 0.7, 0.1]), "retime")
     brief = replace(brief, duration=1.3 * planner.minimum_time(brief))  # in which rows a microsecond apart are rounding
     assert planner.solve(brief).certificate.valid
-    assert time.process_time() - begin < 10
+    assert time.process_time() - begin < allowed(10)
 
 
 def test_rows_follow_the_motion_not_the_clock() -> None:

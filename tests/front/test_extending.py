@@ -14,6 +14,7 @@ from time import process_time
 import casadi as ca
 import numpy as np
 import pytest
+from machine import allowed
 
 import energy_opt as eo
 from energy_opt.cli.main import main
@@ -112,7 +113,7 @@ def test_conditions_are_options(panda, tmp_path, capsys):
     began = process_time()
     assert main([*moves, *retime, "--conditions", str(file), *out]) == 3
     assert "the drive_power limit does not hold even 50 times slower" in capsys.readouterr().err
-    assert process_time() - began < 15  # such a bound took minutes
+    assert process_time() - began < allowed(15)  # such a bound took minutes
 
 
 def test_an_own_limit_that_the_start_breaks_is_named_in_a_sentence():

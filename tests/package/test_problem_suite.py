@@ -13,10 +13,11 @@ import problem_suite as suite
 import pytest
 from feasibility import holds, line_has_timing, some_path
 from independent import Arm
+from machine import allowed
 
 KEPT = tomllib.loads((Path(__file__).parents[1] / "hard_moves.toml").read_text(encoding="utf-8"))["move"]
 SAMPLE = [(arm, 1000 + k) for arm in suite.ARMS for k in range(4)]  # none of the benchmark's own
-LONGEST = 25.0  # [s] of processor time
+LONGEST = 25.0  # [s] of processor time, of the reference machine
 
 
 @pytest.mark.slow
@@ -25,7 +26,7 @@ def test_moves_that_were_hard(move: dict[str, object]) -> None:
     row = suite.judged_answer(str(move["arm"]), {"slowness": None, **move})
     assert not suite.faults(row), suite.described(row | {"number": 0})
     assert row["status"] == ("infeasible" if "cannot be done" in str(move["reason"]) else "solved")
-    assert row["seconds"] < (2.0 if move["kind"] == "tiny" else LONGEST)
+    assert row["seconds"] < allowed(2.0 if move["kind"] == "tiny" else LONGEST)
 
 
 @pytest.mark.slow

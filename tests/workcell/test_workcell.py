@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import tomli_w
 from cell_checker import faults_of_schedule
+from machine import allowed
 
 from energy_opt.cli.main import main
 from energy_opt.schedule import Hull, Mode, Move, Problem, Ring, Wait, solve
@@ -317,7 +318,7 @@ def test_the_published_cell_comes_out_as_published(tmp_path: Path) -> None:
     assert energies["speeds"] == pytest.approx(400298, abs=2)
     assert found["levers_alone"][0]["energy_total"] == pytest.approx(450397, abs=1)
     assert 390655 <= found["bound"] <= energies["modes"] <= 390660
-    assert found["solve_seconds"] < 5
+    assert found["solve_seconds"] < allowed(5)
 
 
 def test_a_hull_takes_durations_that_differ_by_rounding_as_one() -> None:

@@ -123,7 +123,7 @@ def _one(case: tuple[str, str], folder: Path, capsys: pytest.CaptureFixture[str]
     checked(file, capsys, *(["--robot", "z1"] if name.endswith((".csv", ".json")) else []))
 
 
-@_cases(500)
+@_cases(150)
 @given(case=damaged())
 def test_readers_hold(case: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     _one(case, tmp_path, capsys)

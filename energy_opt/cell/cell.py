@@ -25,6 +25,7 @@ from energy_opt.cell.solids import GJK_ERROR, Solid, mesh, primitive
 from energy_opt.cell.words import clearance_words, length
 from energy_opt.errors import BadInput
 from energy_opt.robot import Robot, tool_of
+from energy_opt.robot.checks import few
 from energy_opt.robot.kinematics import Kinematics, pose_of
 from energy_opt.robot.srdf import semantics
 
@@ -197,9 +198,15 @@ class Cell:
         """Warnings about the checks."""
         out = [*self._whole.warnings, *out_of_scale(self._whole, self.request.base_pose, max(0.1, self.robot.reach))]
         out += unknown_names(self._whole, self._names)
+        bare = [link.name for link in self.robot.description.links.values() if link.visible and not link.collisions]
         if not self.has_body:
             out.append(f"{self.robot.name}: its URDF has no collision geometry; its body is not checked")
-        elif self.own is not None and not self.own_checks:
+        elif bare:
+            out.append(
+                f"{self.robot.name}: links with a visual shape but no collision geometry are not checked: {few(bare)}; "
+                "give them <collision> shapes"
+            )
+        if self.has_body and self.own is not None and not self.own_checks:
             out.append(
                 f"{self.robot.name}: no pair of its links is checked ({len(self.own.disabled)} may touch by "
                 f"{Path(self.own.source).name}); the arm is not checked against itself"

@@ -55,7 +55,7 @@ class Recorded:
         waits: (W, 2) s, where the arm is at rest for a while.
         notes: remarks for the reader, a line each.
         timed: the unit of its times is sure.
-        warnings: that it is not the motion which its result describes.
+        warnings: that it is not the motion which its result describes; those of its cell.
         base: pose of the robot's base that the motion was planned for, as `--base` takes it; None if none is stated.
         unseen: which scenes of its result could not be taken; empty if none.
         steps: [Hz] of a controller that takes the positions one by one; None: it moves on between them.

@@ -140,14 +140,23 @@ def run(request: EvaluateRequest, desk: Desk) -> Answers:
     surroundings = cell_of(request)
 
     @cache
+    def loaded(scene: Path | None) -> Cell | None:
+        """The robot in the request's scene, else in one that a result states for a step."""
+        return load_cell(robot, replace(surroundings, scene=surroundings.scene or scene))
+
     def cells(scene: Path | None) -> Cell | None:
-        """The robot in the request's scene, else in one that a result states for a step; None to check nothing."""
-        cell = load_cell(robot, replace(surroundings, scene=surroundings.scene or scene))
+        """The same; None to check nothing."""
+        cell = loaded(scene)
         return cell if cell is not None and cell.checks else None
+
+    def warned(motion: Recorded) -> Recorded:
+        """The motion with the warnings of the cells that it is judged in."""
+        used = filter(None, map(loaded, {stretch.scene: None for stretch in motion.stretches}))
+        return replace(motion, warnings=(*motion.warnings, *dict.fromkeys(w for cell in used for w in cell.warnings)))
 
     motions = [_on_base(motion, surroundings.base) for motion in motions]
     motions = motions if surroundings.scene is None else [replace(motion, unseen="") for motion in motions]
-    found = tuple(evaluated(robot, motion, rivals, cells, request.payload is not None) for motion in motions)
+    found = tuple(evaluated(robot, warned(motion), rivals, cells, request.payload is not None) for motion in motions)
     asked = replace(
         request, files=names, model=documents(rivals), payload=payload_document(request.payload),
         **as_loaded(robot, request.robot),
@@ -158,7 +167,8 @@ def run(request: EvaluateRequest, desk: Desk) -> Answers:
     for evaluation in answers.found:
         for note in evaluation.motion.notes:
             desk.say(f"note: {note}")
-    desk.report(answers.files, warnings=[said for each in answers.found for said in each.motion.warnings])
+    warnings = dict.fromkeys(said for each in answers.found for said in each.motion.warnings)
+    desk.report(answers.files, warnings=warnings)
     return answers
 
 

@@ -95,7 +95,8 @@ def run(request: TradeoffRequest, desk: Desk) -> Tradeoff:
         if isinstance(planner, RobustPlanner):
             front = stated(planner, move, front, cycle)
         found = {**document_of(planner, rivals, move, front, cycle, document, worth), **goals}
-        found["warnings"] = [*interrupted_words(front.interrupted), *found["warnings"], *notes]
+        warnings = dict.fromkeys((*found["warnings"], *notes, *(() if cell is None else cell.warnings)))
+        found["warnings"] = [*interrupted_words(front.interrupted), *warnings]
         report = partial(page, motions=motions_of(front), robot=robot, cell=mean.cell)
         answer = desk.keep(Tradeoff(Document(found), asked, report, text, robot, front, move))
     desk.report((), assumed([Assumption(**row) for row in found["assumptions"]]), found["warnings"])

@@ -58,10 +58,10 @@ def unused_values(description: Description, joints: Sequence[str], limits: Limit
         "reduction and rotor inertia of <transmission> are not used; give --model with armature": motors,
         "soft limits of <safety_controller> are narrower than the limits and are not held; give --limits": narrower,
     }
-    return [f"{_few(found)}: {text}" for text, found in remarks.items() if found]
+    return [f"{few(found)}: {text}" for text, found in remarks.items() if found]
 
 
-def _few(names: Sequence[str]) -> str:
+def few(names: Sequence[str]) -> str:
     """The first names, and how many more there are."""
     return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
 
@@ -126,7 +126,7 @@ def check_masses(description: Description, still: Collection[str], links: Sequen
                 "largest exceeds the sum of the others (ixx … izz)"
             )
     if odd:
-        said.append(f"{_few(odd)}: an impossible inertia with negligible effect; used unchanged")
+        said.append(f"{few(odd)}: an impossible inertia with negligible effect; used unchanged")
     solid = {on for name, on in carried.items() if on and description.links[name].collisions}
     return [*said, *_link_warnings(links, solid)]
 

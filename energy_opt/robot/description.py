@@ -72,11 +72,12 @@ class Collision:
 
 @dataclass(frozen=True)
 class LinkPart:
-    """A link: its inertia, if it has one, and its collision bodies."""
+    """A link: its inertia, if it has one, its collision bodies, and whether it has a visual shape."""
 
     name: str
     inertial: Inertial | None
     collisions: tuple[Collision, ...]
+    visible: bool
 
 
 @dataclass(frozen=True)
@@ -173,9 +174,10 @@ def _pose(where: str, element: Element) -> Pose:
 def _link(where: str, name: str, link: Element) -> LinkPart:
     """A link: mass and inertia, and collision bodies."""
     refuse_unread(where, link, LINK, None, STRUCTURE - {"origin"})  # links have no origin, but some files give them one
-    inertial = only_child(where, link, "inertial")
-    bodies = [_collision(f"{where}, collision", element) for element in link.findall("collision")]
-    return LinkPart(name, None if inertial is None else _inertial(f"{where}, inertial", where, inertial), tuple(bodies))
+    element, visible = only_child(where, link, "inertial"), link.find("visual") is not None
+    inertial = None if element is None else _inertial(f"{where}, inertial", where, element)
+    bodies = [_collision(f"{where}, collision", body) for body in link.findall("collision")]
+    return LinkPart(name, inertial, tuple(bodies), visible)
 
 
 def _inertial(at: str, where: str, inertial: Element) -> Inertial:

@@ -82,6 +82,19 @@ def test_a_changed_motion_of_a_result_is_remarked(result: Path, capsys: pytest.C
         assert "SHA-256" in document["motions"][0]["notes"][0]
 
 
+def test_links_without_a_body_are_named_in_every_answer(tmp_path: Path) -> None:
+    """Only `optimize` warned that not all of the arm is checked."""
+    path = arm(tmp_path, 2)
+    seen = '<link name="tip"><visual><geometry><sphere radius="0.1"/></geometry></visual></link>'
+    path.write_text(path.read_text().replace('<link name="tip"/>', seen))
+    move = {"start": [0.3, -0.6], "goal": [-0.7, 0.5], "model": "source-method-2", "mode": "retime"}
+    planned = eo.optimize(path, **move, duration=2.0)
+    front = eo.tradeoff(path, **move, durations=[2.0])
+    judged = eo.evaluate(planned.trajectory, robot=path)["motions"][0]
+    for said in (planned.warnings, front["warnings"], judged["notes"]):
+        assert sum("a visual shape but no collision geometry are not checked: tip;" in line for line in said) == 1
+
+
 def test_timings_of_a_path_touch_what_it_touches(result: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """They counted as valid within their limits."""
     (result.parent / "other.yaml").write_text(SCENE.replace("2.2", "1.8"))

@@ -51,6 +51,15 @@ def test_an_arm_without_bodies_is_usable_with_a_warning(tmp_path: Path, capsys: 
     assert "0 collision bodies" in remarks[0] and any("no collision geometry" in line for line in remarks)
 
 
+def test_links_that_are_only_seen_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A Doosan arm touched a floor with its flange, and the clearance was proven without a word."""
+    seen = '<visual><geometry><sphere radius="0.05"/></geometry></visual>'
+    path = chain(tmp_path, seen + ball("0.05"), seen, ball("0.05"), "", seen)
+    said = "chain: links with a visual shape but no collision geometry are not checked: l1, l4; give them <collision>"
+    assert any(remark.startswith(said) for remark in checked(path, capsys)[2])
+    assert not any("visual" in remark for remark in checked(path, capsys, "--self-collision", "off")[2])
+
+
 def test_an_arm_without_mass_is_refused_with_its_links(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = chain(tmp_path, ball("0.05"), ball("0.05"), ball("0.05"))
     path.write_text(path.read_text().replace('mass value="1.5"', 'mass value="0"'))

@@ -21,6 +21,7 @@ from energy_opt.formats.resample import Sampled, fitted, lowest, on_steps, resam
 from energy_opt.formats.urscript import read_program
 from energy_opt.motion.judge.certificate import ALLOWED, Certificate
 from energy_opt.motion.trajectory import Trajectory
+from energy_opt.robot import Robot
 
 STEPS = {"franka": franka.RATE, "urscript": urscript.STREAM_RATE}  # [Hz] of controllers that receive positions alone
 
@@ -33,6 +34,7 @@ class Written:
         rate: samples per second, None for samples of their own.
         valid: True if its motion keeps all limits and touches nothing; worst: the limit that it uses most. text: line
             for the console on its content and sampling.
+        assumed: kinds of limits without a source: it is valid under them only.
         about: further entries of its record, such as its robot. content: its bytes, if `files_from` gave it.
     """
 
@@ -42,6 +44,7 @@ class Written:
     valid: bool
     worst: dict[str, object]
     text: str = ""
+    assumed: tuple[str, ...] = ()
     about: Mapping[str, object] = field(default_factory=dict)
     content: bytes = field(default=b"", repr=False)
 
@@ -52,7 +55,7 @@ class Written:
     def document(self) -> dict[str, object]:
         """As it is in result.json."""
         own = {name: getattr(self, name) for name in ("file", "format", "rate", "valid", "worst")}
-        return {**self.about, **own}
+        return {**self.about, **own, "assumed": list(self.assumed)}
 
     @property
     def broken(self) -> str:
@@ -63,7 +66,10 @@ class Written:
         return f"{w['limit']} of {w['joint']} is {w['value']:.6g} at {w['time']:.4g} s, its bound is {w['bound']:.6g}"
 
     def __str__(self) -> str:
-        return self.text if self.valid else f"{self.text}; THIS FILE BREAKS A LIMIT: {self.broken}"
+        if not self.valid:
+            return f"{self.text}; THIS FILE BREAKS A LIMIT: {self.broken}"
+        under = f"; valid under assumed limits ({', '.join(self.assumed)}): give --limits" if self.assumed else ""
+        return f"{self.text}{under}"
 
 
 def files_from(write: Callable[[Path], Sequence[Written]]) -> tuple[Written, ...]:
@@ -189,7 +195,13 @@ def read_back(path: Path, form: Format, got: Sampled, judge: Judging, prefix: st
         certificate = judge(samples.trajectory())
     how = "quintic between points" if samples.steps is None else "positions from step to step"
     text = _text(form, got, judge, trajectory, how)
-    return Written(path.name, form.name, got.rate, certificate.valid, worst_of(certificate), text)
+    worst, assumed = worst_of(certificate), assumed_kinds(judge.scorer.robot)
+    return Written(path.name, form.name, got.rate, certificate.valid, worst, text, assumed)
+
+
+def assumed_kinds(robot: Robot) -> tuple[str, ...]:
+    """Kinds of limits that no file states for some joint of the robot."""
+    return tuple(kind for kind in ("velocity", "acceleration", "jerk") if "assumed" in robot.sources[kind])
 
 
 def warnings_on(files: Sequence[Written], rate: float | None) -> list[str]:
@@ -197,18 +209,19 @@ def warnings_on(files: Sequence[Written], rate: float | None) -> list[str]:
     return [f"{row.file}: {row}" for row in files if not row.valid or rate not in (None, row.rate)]
 
 
-def unchanged(path: Path, form: Format, judged: Trajectory, certificate: Certificate) -> Written:
+def unchanged(path: Path, form: Format, judged: Trajectory, certificate: Certificate, robot: Robot) -> Written:
     """A file of judged samples: valid if it holds them to the last bit.
 
     Args:
-        path: the file. form: its format. judged: the samples. certificate: theirs.
+        path: the file. form: its format. judged: the samples. certificate: theirs. robot: the arm.
     """
     again = form.read(path).of(judged.joints).trajectory()
     same = all(
         np.array_equal(getattr(again, name), getattr(judged, name))
         for name in ("time", "position", "velocity", "acceleration")
     )
-    return Written(path.name, form.name, None, same and certificate.valid, worst_of(certificate), form.text)
+    worst, assumed = worst_of(certificate), assumed_kinds(robot)
+    return Written(path.name, form.name, None, same and certificate.valid, worst, form.text, assumed)
 
 
 def worst_of(certificate: Certificate) -> dict[str, object]:

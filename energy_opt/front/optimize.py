@@ -103,7 +103,7 @@ class Answer(Result, Answered):
                 form = formats.FORMATS[name]
                 path = aside / f"trajectory{form.suffix}"
                 form.write(self.trajectory, path)
-                own[path.name] = unchanged(path, form, self.trajectory, self.certificate).document()
+                own[path.name] = unchanged(path, form, self.trajectory, self.certificate, self.arm).document()
             for row in self.files:  # at a rate, or with a prefix of the joints' names, one may replace trajectory.yaml
                 own.pop(row.file, None)
                 row.put(aside)

@@ -87,7 +87,7 @@ def write_programs(
     """
     judge, (cycle, _), csv = judging_of(result), whole_cycle(result), formats.FORMATS["csv"]
     csv.write(cycle, out / CYCLE)
-    own = unchanged(out / CYCLE, csv, cycle, judge(cycle))
+    own = unchanged(out / CYCLE, csv, cycle, judge(cycle), judge.scorer.robot)
     return [own, *(write_cycle(result.pieces, judge, form, out, rate, prefix) for form in forms)]
 
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from energy_opt.errors import BadInput
 from energy_opt.files import read_text, read_yaml, write_text
-from energy_opt.formats.controller_files import Written, worst_of
+from energy_opt.formats.controller_files import Written, assumed_kinds, worst_of
 from energy_opt.formats.judging import Judging
 from energy_opt.formats.urscript import JOINTS, check_start, vector
 from energy_opt.motion.limits.base import Violation
@@ -184,7 +184,8 @@ def judged(path: Path, moves: StandardMoves, judge: Judging) -> Written:
         f"standard moves, {chain.duration:.6g} s, each axis with its share of the leading one's speed and acceleration"
     )
     kind = "urscript" if path.suffix == ".script" else "moves"
-    return Written(path.name, kind, None, certificate.valid, worst_of(certificate), text)
+    worst = worst_of(certificate)
+    return Written(path.name, kind, None, certificate.valid, worst, text, assumed_kinds(robot))
 
 
 def _list(values: Sequence[float] | np.ndarray) -> str:

@@ -95,7 +95,7 @@ def write_programs(
         cycle = joined([part.trajectory for part in parts])
         file = out / f"{stem}.csv"
         FORMATS["csv"].write(cycle, file)
-        own = unchanged(file, FORMATS["csv"], cycle, judge(cycle))
+        own = unchanged(file, FORMATS["csv"], cycle, judge(cycle), judge.scorer.robot)
         asked = [form for form in forms.get(arm.name, ()) if form.name != "csv" or rate is not None]
         programs = [write_cycle(parts, judge, form, out, rate, prefix, stem) for form in asked]
         begins = f"; begins at {motion.begin:.3f} s of the cell's cycle"

@@ -30,7 +30,7 @@ from energy_opt.motion.trajectory import Trajectory, whole
 from energy_opt.power import PowerModel
 from energy_opt.profiles import Chain
 from energy_opt.profiles.movej import blend_radii, leading, tool_point
-from energy_opt.robot import Robot
+from energy_opt.robot import Robot, load_robot
 
 
 @settings(max_examples=60, deadline=None)
@@ -193,6 +193,16 @@ def test_a_file_that_does_not_hold_says_so(tmp_path: Path, panda: Robot, model: 
         controller_files.wanted(["franka"], 6)
     with pytest.raises(BadInput, match="write urscript: for arms of six joints; this one has 7"):
         controller_files.wanted(["urscript"], 7)
+
+
+def test_a_file_that_is_valid_under_assumed_limits_says_so(tmp_path: Path, panda: Robot, model: PowerModel) -> None:
+    """A file for an FR3 was called valid at accelerations above those that Franka publishes."""
+    curve, unpublished = swing(panda.joints, START, GOAL, 4.0), load_robot(panda.urdf, lock=panda.locked)
+    for robot, kinds in ((panda, []), (unpublished, ["acceleration", "jerk"])):
+        judge = Judging(Scorer(robot, model), joint_limits(robot.limits))
+        (row,) = controller_files.write(curve, judge, controller_files.wanted(["yaml"]), tmp_path)
+        assert row.valid and row.document()["assumed"] == kinds
+        assert ("; valid under assumed limits (acceleration, jerk): give --limits" in str(row)) == bool(kinds)
 
 
 def test_moves_as_ur_takes_them(ur5: Robot) -> None:

@@ -10,6 +10,7 @@ from energy_opt.cell.scene import Scene
 from energy_opt.cell.scene_files import read_scene
 from energy_opt.errors import BadInput
 from energy_opt.power.assumptions import default_assumptions, grouped
+from energy_opt.power.known import name_hints
 from energy_opt.robot import Robot, tool_of
 from energy_opt.robot.kinematics import pose_of
 from energy_opt.robot.limits import postures
@@ -87,10 +88,11 @@ def inspected(robot: Robot, request: CellRequest) -> list[str]:
         raise BadInput(
             f"{robot.urdf}: the arm touches itself in all of {len(held)} postures: {contact}; {contact.remedy}"
         )
-    grounds = grouped(row for row in default_assumptions(robot) if row.source == "assumed")
-    assumed = (f"assumed: {what} {value} ({note})" for what, value, _, note in grounds)
+    grounds = grouped(row for row in default_assumptions(robot) if row.source in ("assumed", "published"))
+    assumed = (f"{source}: {what} {value} ({note})" for what, value, source, note in grounds)
     held_at = _held(robot, candidates[free], torque[free])
-    return [_bodies(robot, cell), held_at, *robot.warnings, *(cell.warnings if cell else ()), *assumed]
+    said = (*robot.warnings, *(cell.warnings if cell else ()), *name_hints(robot))
+    return [_bodies(robot, cell), held_at, *said, *assumed]
 
 
 def _bodies(robot: Robot, cell: Cell | None) -> str:

@@ -38,6 +38,7 @@ from energy_opt.files import path_of, read_toml
 from energy_opt.power.model import PowerModel, read_model
 from energy_opt.power.variants import of_some_joints
 from energy_opt.robot import Robot, load_robot
+from energy_opt.robot.catalog import CATALOG, urdf_of
 
 FILES = Path(__file__).parent / "published"
 # arms with drives of one design: friction is assumed to be that of one of them, scaled by the effort limit
@@ -45,6 +46,7 @@ SERIES = {"ur3e": "ur5e", "ur10e": "ur5e", "ur16e": "ur5e"}
 COPPER, STANDBY = 0.1, 3.0
 DRY, VISCOUS = 0.04, 0.08  # usual friction, as shares of the effort limit
 DRY_RANGE, VISCOUS_RANGE = (0.01, 0.06), (0.02, 0.12)
+ALIKE = 1.5  # factor within which effort limits are those of one arm: a UR3e's and a UR5e's differ by 1.9 and more
 
 
 @dataclass(frozen=True)
@@ -80,12 +82,38 @@ def _published(robot: Robot, name: str) -> tuple[list[Known], np.ndarray | None]
     if -1 in places:
         return [], None
     effects = (of_some_joints(effect, places, len(joints)) for effect in model.effects)
-    return [Known(effect, "published", sources[effect.name]) for effect in effects], effort[places]
+    called = "" if _in_catalogue(robot) else f"; used because the file is called {robot.urdf.name}"
+    return [Known(effect, "published", f"{sources[effect.name]}{called}") for effect in effects], effort[places]
+
+
+def _in_catalogue(robot: Robot) -> bool:
+    """True if the robot is the catalogue's of its name; False if only its file is called so."""
+    entry = CATALOG.get(robot.name)
+    return entry is not None and robot.urdf == urdf_of(entry)
+
+
+def _fitting(robot: Robot, name: str) -> list[Known]:
+    """Published effects of `name`; none if the robot's effort limits are another arm's: a file may have any name."""
+    found, effort = _published(robot, name)
+    if effort is None or _in_catalogue(robot):
+        return found
+    share = (robot.rated.effort / effort)[~robot.rated.estimated]
+    return found if ((share < ALIKE) & (share > 1 / ALIKE)).all() else []
+
+
+def name_hints(robot: Robot) -> list[str]:
+    """Remarks on published values that are not used because of the name of the robot's file."""
+    file, names = robot.urdf.name, sorted(path.stem for path in FILES.glob("*.toml"))
+    if robot.name in names and not _fitting(robot, robot.name):
+        return [f"{file}: its joints or effort limits are not those of {robot.name}; published values are not used"]
+    like = [name for name in names if robot.name not in CATALOG and _fitting(robot, name)]
+    words = "{0}: its joints and effort limits are those of {1}; called {1}.urdf, it gets the published values of {1}"
+    return [words.format(file, name) for name in like]
 
 
 def electrical(robot: Robot) -> tuple[Known, Known]:
     """Standby and copper loss, published or scaled from the limits."""
-    found = {known.effect.name: known for known in _published(robot, robot.name)[0]}
+    found = {known.effect.name: known for known in _fitting(robot, robot.name)}
     rated = robot.rated
     scaled = Known(Standby(power=STANDBY * np.sqrt(rated.power)), "assumed", "3 sqrt(sum of effort times speed [W])")
     heat = Known(
@@ -97,7 +125,7 @@ def electrical(robot: Robot) -> tuple[Known, Known]:
 
 def friction(robot: Robot) -> tuple[Known, ...]:
     """Friction in the joints: published, of the arm's series, or the prior."""
-    found = [known for known in _published(robot, robot.name)[0] if known.effect.stage == "torque"]
+    found = [known for known in _fitting(robot, robot.name) if known.effect.stage == "torque"]
     if found:
         return tuple(found)
     like = SERIES.get(robot.name, "")
@@ -159,7 +187,8 @@ def source_method_1(robot: Robot | str = "panda") -> PowerModel:
     For arms other than the Panda, the overhead is the standby of `known.electrical`.
     """
     arm = _robot_of(robot)
-    standby = Standby(power=MEAN_OVERHEAD) if arm.name == "panda" else electrical(arm)[0].effect
+    own = arm.name == "panda" and _fitting(arm, "panda")
+    standby = Standby(power=MEAN_OVERHEAD) if own else electrical(arm)[0].effect
     return PowerModel(arm.name, (standby,))
 
 

@@ -38,25 +38,33 @@ def carriers(description: Description, still: Collection[str] = ()) -> dict[str,
 
 
 def unused_values(description: Description, joints: Sequence[str], limits: Limits) -> list[str]:
-    """Remarks on values of the URDF that no plan uses: friction, motors, and soft limits within the limits.
+    """Remarks on values of the URDF that no plan uses: friction, motors, and ranges within the limits.
 
     Args:
         joints: those that move, in the order of the limits.
     """
-    rubbing, narrower, motors = [], [], []
-    for joint, lower, upper in zip(joints, limits.lower, limits.upper, strict=True):
-        stated = description.joints[joint].unused
+    rubbing, motors, narrower = [], [], dict[str, list[str]]()
+    for j, joint in enumerate(joints):
+        part = description.joints[joint]
+        stated = part.unused | (part.bounds if part.kind == "continuous" else {})
+        lower, upper, most = limits.lower[j], limits.upper[j], limits.velocity[j]
         if stated.get("damping") or stated.get("friction"):
             rubbing.append(joint)
         if MOTOR.keys() & stated.keys():
             motors.append(joint)
-        low, high = stated.get("soft_lower_limit", -np.inf), stated.get("soft_upper_limit", np.inf)
-        if low < high and (low > lower + SLACK or high < upper - SLACK):
-            narrower.append(f"{joint} [{low:g}, {high:g}]")
+        for what, least, largest, lowest, highest in (
+            ("soft limits of <safety_controller>", "soft_lower_limit", "soft_upper_limit", lower, upper),
+            ("positions of <ros2_control>", "position_min", "position_max", lower, upper),
+            ("velocities of <ros2_control>", "velocity_min", "velocity_max", -most, most),
+            ("lower and upper in <limit> of a continuous joint", "lower", "upper", lower, upper),
+        ):
+            low, high = stated.get(least, -np.inf), stated.get(largest, np.inf)
+            if low < high and (low > lowest + SLACK or high < highest - SLACK):
+                narrower.setdefault(what, []).append(f"{joint} [{low:g}, {high:g}]")
     remarks = {
         "damping and friction of <dynamics> are not used; give --model with friction": rubbing,
         "reduction and rotor inertia of <transmission> are not used; give --model with armature": motors,
-        "soft limits of <safety_controller> are narrower than the limits and are not held; give --limits": narrower,
+        **{f"{what} are narrower than the limits and are not held; give --limits": narrower[what] for what in narrower},
     }
     return [f"{few(found)}: {text}" for text, found in remarks.items() if found]
 

@@ -89,8 +89,8 @@ class JointPart:
         axis: not yet of unit length.
         bounds: the stated ones of lower, upper, velocity, effort, acceleration, deceleration and jerk.
         mimic: joint that leads, multiplier and offset.
-        unused: what is stated of damping, friction, soft_lower_limit, soft_upper_limit, and of the motor in a
-            <transmission> (see `MOTOR`), which no plan uses.
+        unused: what is stated of damping, friction, soft_lower_limit, soft_upper_limit, of the motor in a
+            <transmission> (see `MOTOR`), and of position_min and the like in <ros2_control>, which no plan uses.
     """
 
     name: str
@@ -130,9 +130,9 @@ def read_description(path: Path) -> Description:
     refuse_unread(f"{path}", root, ("link", "joint"), None, STRUCTURE - {"mimic"}, within=False)
     links = {name: _link(f"{path}: link {name!r}", name, e) for name, e in _named(path, root, "link")}
     joints = {name: _joint(f"{path}: joint {name!r}", name, e, links) for name, e in _named(path, root, "joint")}
-    for name, motor in _motors(root):
+    for name, values in (*_motors(root), *_commanded(root)):
         if name in joints:
-            joints[name].unused.update(motor)
+            joints[name].unused.update(values)
     for name, joint in joints.items():
         if joint.mimic is not None:
             others = [other for other, its in joints.items() if its.kind != "fixed" and other != name]
@@ -271,6 +271,16 @@ def _motors(root: Element) -> Iterator[tuple[str, dict[str, float]]]:
         for joint in transmission.findall("joint"):
             if found:
                 yield joint.get("name", ""), found
+
+
+def _commanded(root: Element) -> Iterator[tuple[str, dict[str, float]]]:
+    """Joint, and position_min, position_max, velocity_min or velocity_max, of each such value in <ros2_control>."""
+    for joint in root.iterfind("ros2_control/joint"):
+        for interface in joint.iterfind("command_interface"):
+            for param in interface.iterfind("param"):
+                with suppress(ValueError):  # no number
+                    value = float(param.text or "")
+                    yield joint.get("name", ""), {f"{interface.get('name')}_{param.get('name')}": value}
 
 
 def _bounds(where: str, kind: str, limit: Element | None) -> dict[str, float]:

@@ -51,6 +51,27 @@ def test_an_arm_without_bodies_is_usable_with_a_warning(tmp_path: Path, capsys: 
     assert "0 collision bodies" in remarks[0] and any("no collision geometry" in line for line in remarks)
 
 
+def test_ranges_that_no_plan_holds_are_named(tmp_path: Path) -> None:
+    path = Path(two_joints(tmp_path))
+    command = (
+        '<command_interface name="{}"><param name="min">{}</param><param name="max">{}</param></command_interface>'
+    )
+    control = '<ros2_control name="a" type="system"><joint name="{}">{}</joint></ros2_control></robot>'
+    ranges = command.format("position", -0.5, 2) + command.format("velocity", -1, 1)
+    text = path.read_text().replace('"second" type="revolute"', '"second" type="continuous"')
+    path.write_text(text.replace("</robot>", control.format("first", ranges)))
+    said = [line.removesuffix(" are narrower than the limits and are not held; give --limits")
+            for line in load_robot(path).warnings if line.endswith("are not held; give --limits")]  # fmt: skip
+    assert said == [
+        "first [-0.5, 2]: positions of <ros2_control>",
+        "first [-1, 1]: velocities of <ros2_control>",
+        "second [-1, 1]: lower and upper in <limit> of a continuous joint",
+    ]
+    wide = command.format("position", -2, 3) + command.format("effort", -1, 1) + command.format("velocity", -2, "fast")
+    path.write_text(path.read_text().replace(ranges, wide).replace("continuous", "revolute"))
+    assert not any("are not held" in line for line in load_robot(path).warnings)
+
+
 def test_links_that_are_only_seen_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A Doosan arm touched a floor with its flange, and the clearance was proven without a word."""
     seen = '<visual><geometry><sphere radius="0.05"/></geometry></visual>'

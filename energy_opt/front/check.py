@@ -127,7 +127,7 @@ def _faults(file: Path, request: CheckRequest, notes: list[str]) -> list[str]:
     if file.suffix == ".srdf":
         read_srdf(file)
         return []
-    if file.suffix in (".urdf", ".xml", ".xacro"):
+    if file.suffix in (".urdf", ".xml", ".xacro", ".sdf"):
         robot = load_robot(str(file), limits=request.limits, lock=request.locked, prefix=request.joint_prefix)
         notes += inspected(robot, cell_of(request))
         return []

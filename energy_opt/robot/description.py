@@ -127,6 +127,9 @@ def read_description(path: Path) -> Description:
     """
     path = Path(path)
     root = read_robot_xml(path)
+    tag = next((tag for tag in ("group", "disable_collisions") if root.find(tag) is not None), None)
+    if tag is not None and root.find("link") is None:
+        raise BadInput(f"{path}: an SRDF (it has <{tag}>); expected a URDF; an SRDF is given with --srdf")
     refuse_unread(f"{path}", root, ("link", "joint"), None, STRUCTURE - {"mimic"}, within=False)
     links = {name: _link(f"{path}: link {name!r}", name, e) for name, e in _named(path, root, "link")}
     joints = {name: _joint(f"{path}: joint {name!r}", name, e, links) for name, e in _named(path, root, "joint")}

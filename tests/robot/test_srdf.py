@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import energy_opt as eo
 from energy_opt.errors import BadInput
 from energy_opt.front.given import positions
 from energy_opt.robot import Robot, known_robots, load_robot
@@ -101,3 +102,17 @@ def test_package_paths_are_found_above_the_file_and_in_given_folders(tmp_path: P
         mesh.unlink()
         with pytest.raises(BadInput, match=r"not found \(looked in .* and up to 4 folders below\), first"):
             mesh_files(said, [tmp_path])
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "says"),
+    [
+        ("a.urdf", '<robot name="r"><group name="arm"/></robot>', "an SRDF (it has <group>); expected a URDF"),
+        ("a.urdf", '<robot name="r"><disable_collisions/></robot>', "an SRDF (it has <disable_collisions>); expected"),
+        ("a.sdf", '<sdf version="1.6"><model name="r"/></sdf>', "begins with <sdf>; expected <robot>"),
+    ],
+)
+def test_another_description_in_place_of_a_urdf_is_named(tmp_path: Path, name: str, content: str, says: str) -> None:
+    (tmp_path / name).write_text(content)
+    (said,) = eo.check(tmp_path / name).faults[str(tmp_path / name)]
+    assert says in said

@@ -139,7 +139,13 @@ def _chosen(result: JobResult) -> dict[str, Any]:
     steps = result.job.steps
     return {
         "poses": [
-            {"step": k + 1, "name": steps[k].name, "goal": q, "looked_at": choice.branches[k], **missed[names[k]]}
+            {
+                "step": k + 1,
+                "name": steps[k].name,
+                "goal": q.tolist(),
+                "looked_at": choice.branches[k],
+                **missed[names[k]],
+            }
             for k, q in choice.ends.items()
         ],
         "choice": {"energy_total": choice.energy, "greedy_nearest": choice.greedy, "solves": choice.solves},

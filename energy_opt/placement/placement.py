@@ -204,7 +204,7 @@ class Placement:
             "energy_total": here,
             "given": {self.what: list(self.given), "energy_total": there},
             "saving": saving,
-            "goals": [] if choice is None else [{"step": k + 1, "goal": q} for k, q in choice.ends.items()],
+            "goals": [] if choice is None else [{"step": k + 1, "goal": q.tolist()} for k, q in choice.ends.items()],
             "path": [at.document(self.what) for at in self.path],
             "looked_at": [at.document(self.what) for at in self.looked_at],
             "solves": len(self.path),

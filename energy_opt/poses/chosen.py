@@ -53,7 +53,7 @@ class Candidate:
         """Its record in result.json; the energy of a sketch counts as an estimate."""
         rough = self.status == "screened"
         estimate, energy = (self.energy, None) if rough else (self.estimate, self.energy)
-        return {"goal": self.goal, "estimate": estimate, "energy": energy, "status": self.status}
+        return {"goal": self.goal.tolist(), "estimate": estimate, "energy": energy, "status": self.status}
 
 
 Sketched = tuple[Candidate, Trajectory]
@@ -93,7 +93,7 @@ class Chosen:
         return {
             "candidates": [candidate.document() for candidate in self.candidates],
             "nearest": {
-                "goal": self.nearest.goal,
+                "goal": self.nearest.goal.tolist(),
                 "status": self.nearest.status,
                 "energy": cost,
                 "loss": None if near is None else near.energy.loss,

@@ -89,6 +89,7 @@ def test_a_result_in_python(tmp_path: Path) -> None:
     asked: dict[str, Any] = {"start": [0, 1, -1, 0, 0, 0], "mode": "retime", "self_collision": False}
     found = eo.optimize("z1", "source-method-2", goal=goals, duration=2.0, **asked)
     document = json.loads(found.to_json())
+    assert json.loads(json.dumps(found.document())) == document, "candidates of the document held arrays"
     assert {name: found[name] for name in document} == document and found["candidates"]
     assert found.saving is not None and found.saving.loss_percent == found["saving"]["loss_percent"]
     with pytest.raises(eo.BadInput, match="baselines are toppra, scaled, input; did you mean 'scaled'"):

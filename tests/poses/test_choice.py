@@ -285,7 +285,8 @@ def test_a_job_reaches_poses_within_their_tolerance(tmp_path: Path) -> None:
     text = 'format = "energy-opt/job/1"\nrobot = "ur5e"\ncycle_time = 6.0\nhome = [0, -1.57, 1.57, -1.57, -1.57, 0]\n'
     text += f'[[step]]\npose = {place}\npose_tolerance = "1mm,1deg"\n[[step]]\nto = "home"\n'
     (tmp_path / "job.toml").write_text(text)
-    found = eo.job(tmp_path / "job.toml", model="source-method-2", self_collision=False, starts=2).document()
+    asked = {"model": "source-method-2", "self_collision": False, "starts": 2}
+    found = json.loads(json.dumps(eo.job(tmp_path / "job.toml", **asked).document()))  # it held arrays
     (end,) = found["poses"]
     assert end["valid"] and 1e-5 < end["distance"] < 1e-3
 

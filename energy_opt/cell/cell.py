@@ -18,7 +18,7 @@ import numpy as np
 from energy_opt.cell.bodies import Bodies, Body, Scenery, arm_bodies
 from energy_opt.cell.curve import MotionCurve
 from energy_opt.cell.pairs import POSES, Kept, OwnPairs, kept_apart, kept_of, neighbours, own_pairs
-from energy_opt.cell.proof import Proof, Touch, one_inside_the_other, prove
+from energy_opt.cell.proof import Proof, Touch, one_inside_the_other, overlap, prove
 from energy_opt.cell.request import CLEARANCE, CellRequest
 from energy_opt.cell.scene import FLOOR, TOOL, Scene, out_of_scale, unknown_names
 from energy_opt.cell.solids import GJK_ERROR, Solid, mesh, primitive
@@ -45,7 +45,7 @@ class Clearance:
         verdict: "proven", "colliding" or "undecided".
         lower_bound: [m] every pair keeps more than this at every instant; None unless proven.
         min_distance: [m] the smallest measured distance (negative: overlap), of `pair` at `time` [s].
-        depth: [m] how deep they overlap; None unless colliding.
+        depth: [m] how deep they overlap, infinite if one is inside the other's surface; None unless colliding.
         pairs: number of pairs that were kept apart.
         disabled_pairs: pairs of links that may touch; source: where these come from.
         touches: where the clearance is broken, the deepest first; coarse.
@@ -75,6 +75,8 @@ class Clearance:
         out = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "touches"}
         if self.depth is None:
             del out["depth"]
+        elif np.isinf(self.depth):
+            out["depth"] = None
         pairs = [list(pair) for pair in self.disabled_pairs]
         return {**out, "pair": None if self.pair is None else list(self.pair), "disabled_pairs": pairs}
 
@@ -84,8 +86,9 @@ class Contact:
     """Two bodies that are too near at one pose.
 
     Attributes:
-        pair: their names. distance: [m], 0 or less if they touch. depth: [m] how deep they overlap. own: whether both
-            are the arm's. listed: whether a scene file can say that they may touch.
+        pair: their names. distance: [m], 0 or less if they touch. depth: [m] how deep they overlap, infinite if one is
+            inside the other's surface. own: whether both are the arm's. listed: whether a scene file can say that they
+            may touch.
     """
 
     pair: tuple[str, str]
@@ -274,7 +277,7 @@ class Cell:
         """The contact of a pair at q (n,), with the depth of the overlap; see `touching`."""
         scene = Scenery(self.bodies, q[None])
         a, b = self.bodies.pairs[pair].tolist()
-        depth = self.bodies.ruler(pair).depth(scene.placed(0, a), scene.placed(0, b))
+        depth = overlap(self.bodies.ruler(pair), scene.placed(0, a), scene.placed(0, b))
         return Contact(self.bodies.names(pair), distance, depth, max(a, b) < self.links, max(a, b) >= self.obstacles)
 
     def wanted(self, ends: np.ndarray, clearance: float | None = None) -> np.ndarray:

@@ -97,6 +97,14 @@ def one_inside_the_other(ruler: Ruler, at: Any, bt: Any) -> bool:
     return any(enclosed(_moved(_probes(inner), its, other), walls) for inner, its, _, other, walls in around)
 
 
+def overlap(ruler: Ruler, at: Any, bt: Any) -> float:
+    """How deep [m] two bodies overlap; infinite if one is inside the other's surface. `at`, `bt`: as above."""
+    near = ruler.near(at, bt)
+    if near >= 0 or ruler.convex:
+        return max(-near, 0.0)
+    return ruler.depth(at, bt) or (np.inf if one_inside_the_other(ruler, at, bt) else 0.0)
+
+
 def _probes(solid: Solid) -> np.ndarray:
     """A point of every connected part of a body."""
     if solid.convex:

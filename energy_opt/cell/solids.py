@@ -324,9 +324,7 @@ class Ruler:
         )
 
     def depth(self, at: Any, bt: Any) -> float:
-        """Depth [m] of the overlap of two bodies; for meshes, of their deepest triangles."""
-        if self.convex:
-            return max(0.0, -self.near(at, bt))
+        """Depth [m] of the deepest triangles of two bodies, of which one is a mesh; 0 if their surfaces do not meet."""
         request, result = coal.CollisionRequest(), coal.CollisionResult()
         request.num_max_contacts = 100
         a, b = self._exact

@@ -12,7 +12,7 @@ import numpy as np
 
 from energy_opt.cell.bodies import Body
 from energy_opt.cell.cell import Cell, Contact
-from energy_opt.cell.proof import one_inside_the_other
+from energy_opt.cell.proof import overlap
 from energy_opt.cell.scene import FLOOR, Scene, facing
 from energy_opt.cell.solids import Ruler, placement
 from energy_opt.cell.words import length
@@ -101,7 +101,4 @@ def touching_anyhow(
 def _depth(ruler: Ruler, a: np.ndarray, b: np.ndarray) -> float:
     """How deep [m] two bodies overlap at poses (4, 4); infinite if one is inside the other's surface."""
     at, bt = (placement(pose[:3, :3], pose[:3, 3]) for pose in (a, b))
-    near = ruler.near(at, bt)
-    if near >= 0 or ruler.convex:
-        return max(-near, 0.0)
-    return ruler.depth(at, bt) or (np.inf if one_inside_the_other(ruler, at, bt) else 0.0)
+    return overlap(ruler, at, bt)

@@ -20,8 +20,8 @@ def clearance_words(found: Mapping[str, Any], unit: str = "s") -> str:
         bound = found.get("lower_bound")
         return f"clearance proven{'' if bound is None else f' ≥ {floored(1e3 * bound)} mm'} ({near})"
     if found["verdict"] == "colliding":
-        depth = found.get("depth")
-        deep = "" if depth is None else f", {length(depth)} deep"
+        depth = found.get("depth", 0.0)  # no depth: unknown; null: one is inside the other
+        deep = ", one inside the other" if depth is None else f", {length(depth)} deep" if depth else ""
         return f"collision: {pair} at {found['time']:.4g} {unit}{deep}"
     near = "" if measured is None else f": {pair} as near as {length(measured)} at {found['time']:.4g} {unit}"
     return f"clearance not proven{near}"

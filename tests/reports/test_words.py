@@ -40,6 +40,7 @@ def test_one_clearance_is_stated_everywhere():
     assert "the evenly slowed first path, " in headline(document)
     touching = {"verdict": "colliding", "depth": 0.003, "pair": ["A", "B"], "time": 1.0, "min_distance": -0.003}
     assert clearance_words(touching) == "collision: A–B at 1 s, 3 mm deep"
+    assert clearance_words({**touching, "depth": None}).endswith("1 s, one inside the other")  # it was 0 mm deep
     assert clearance_words({**touching, "depth": 1.374}).endswith("1.37 m deep")  # it was 1.37e+03 mm
 
 

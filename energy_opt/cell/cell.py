@@ -17,6 +17,7 @@ import numpy as np
 
 from energy_opt.cell.bodies import Bodies, Body, Scenery, arm_bodies
 from energy_opt.cell.curve import MotionCurve
+from energy_opt.cell.nearest import nearest
 from energy_opt.cell.pairs import POSES, Kept, OwnPairs, kept_apart, kept_of, neighbours, own_pairs
 from energy_opt.cell.proof import Proof, Touch, one_inside_the_other, overlap, prove
 from energy_opt.cell.request import CLEARANCE, CellRequest
@@ -322,6 +323,15 @@ class Cell:
                 self._proofs.clear()
             self._proofs[key] = self._clearance(prove(self.bodies, curve, wanted), curve, float(time[0]))
         return self._proofs[key]
+
+    def measured(self, found: Clearance, curve: MotionCurve) -> Clearance:
+        """The clearance of a motion with its least distance, over all pairs and the whole motion, if it is proven."""
+        known = np.inf if found.min_distance is None else found.min_distance
+        least = nearest(self.bodies, curve, known) if found.proven and self.checks else None
+        if least is None:
+            return found
+        pair, time = self.bodies.names(least.pair), least.time - float(curve.time[0])
+        return replace(found, min_distance=least.distance, pair=pair, time=time)
 
     def _clearance(self, proof: Proof, curve: MotionCurve, begin: float) -> Clearance:
         """The result of a proof in the terms of a user; times count from `begin` [s]."""

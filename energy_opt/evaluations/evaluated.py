@@ -86,7 +86,8 @@ def evaluate(
     first = scorers[rivals[0].name]
     ends = [0.0, *(i.end for i in intervals)]
     judge = CycleJudging.of(
-        (end - start, first(i), cells(i.scene)) for i, start, end in zip(intervals, ends, ends[1:], strict=False)
+        ((end - start, first(i), cells(i.scene)) for i, start, end in zip(intervals, ends, ends[1:], strict=False)),
+        measured=True,
     )
     steps = motion.steps
     certificate = judge.of_motions(motion.trajectory) if steps is None else judge.at_steps(motion.trajectory, steps)

@@ -12,7 +12,7 @@ from energy_opt.cell.cell import Cell
 from energy_opt.formats.controller_program import Part
 from energy_opt.formats.resample import KINDS, worst_steps
 from energy_opt.motion.judge.certificate import Certificate, certify
-from energy_opt.motion.judge.clearance import clearance_of
+from energy_opt.motion.judge.clearance import clearance_of, measured
 from energy_opt.motion.judge.energy import Scorer
 from energy_opt.motion.limits.base import Limit, Violation
 from energy_opt.motion.limits.registry import joint_limits
@@ -29,6 +29,7 @@ class Judging:
         scorer: gives torque and power under the model. limits: those to keep. cell: bodies to keep clear of; None:
             none. samples: number of places of the certificate; None: the usual density. holder: scorer whose torque and
             power are compared with the limits; None: `scorer`. stops: (K, n) ends of motions within what is judged.
+        measured: whether the least distance of a proven motion is measured all along it, and not only by the proof.
     """
 
     scorer: Scorer
@@ -37,6 +38,7 @@ class Judging:
     samples: int | None = None
     holder: Scorer | None = None
     stops: np.ndarray | None = None
+    measured: bool = False
 
     def __call__(self, trajectory: Trajectory) -> Certificate:
         """The certificate of a trajectory whose samples are joined by quintics."""
@@ -63,7 +65,8 @@ class Judging:
         """The certificate with the clearance of the trajectory."""
         if self.cell is None:
             return certificate
-        return replace(certificate, clearance=clearance_of(self.cell, trajectory, self.stops))
+        certificate = replace(certificate, clearance=clearance_of(self.cell, trajectory, self.stops))
+        return measured(self.cell, trajectory, certificate) if self.measured else certificate
 
 
 @dataclass(frozen=True)
@@ -87,11 +90,11 @@ class CycleJudging(Judging):
     windows: tuple[Window, ...] = ()
 
     @classmethod
-    def of(cls, stretches: Iterable[tuple[float, Scorer, Cell | None]]) -> CycleJudging:
+    def of(cls, stretches: Iterable[tuple[float, Scorer, Cell | None]], measured: bool = False) -> CycleJudging:
         """Judge of a cycle within the robot's limits; equal neighbours are merged.
 
         Args:
-            stretches: duration [s], scorer and cell of each, in order.
+            stretches: duration [s], scorer and cell of each, in order. measured: as that of `Judging`.
         """
         windows: list[Window] = []
         at = 0.0
@@ -100,7 +103,8 @@ class CycleJudging(Judging):
                 last = windows[-1]
                 windows[-1] = replace(last, end=at + seconds, stops=(*last.stops, at))
             else:
-                windows.append(Window(at, at + seconds, Judging(scorer, joint_limits(scorer.robot.limits), cell)))
+                judge = Judging(scorer, joint_limits(scorer.robot.limits), cell, measured=measured)
+                windows.append(Window(at, at + seconds, judge))
             at += seconds
         first = windows[0].judge
         return cls(first.scorer, first.limits, windows=tuple(windows))

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from energy_opt.cell.cell import Cell, Clearance
+from energy_opt.cell.curve import MotionCurve
+from energy_opt.motion.judge.certificate import Certificate
 from energy_opt.motion.path import JointPath
 from energy_opt.motion.trajectory import Trajectory
 
@@ -18,6 +22,15 @@ def clearance_of(cell: Cell, trajectory: Trajectory, stops: np.ndarray | None = 
     t = trajectory
     wanted = None if stops is None else cell.wanted(np.vstack([t.position[[0, -1]], stops]))
     return cell.prove(t.time, t.position, t.velocity, t.acceleration, wanted)
+
+
+def measured(cell: Cell | None, trajectory: Trajectory, certificate: Certificate) -> Certificate:
+    """The certificate of a trajectory, to be stated: with the least distance of a proven motion."""
+    if cell is None or certificate.clearance is None:
+        return certificate
+    t = trajectory
+    curve = MotionCurve(t.time, t.position, t.velocity, t.acceleration)
+    return replace(certificate, clearance=cell.measured(certificate.clearance, curve))
 
 
 def clearance_along(cell: Cell, path: JointPath) -> Clearance:

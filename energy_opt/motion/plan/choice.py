@@ -116,7 +116,7 @@ def choose(
         trajectory=best.filled,
         energy=best.energy,
         baselines=tuple(_baseline(name, judged) for name, judged in baselines),
-        certificate=best.certificate,
+        certificate=best.stated,
         optimality=_optimality(move, best, work.solution),
         solver=report,
         message="interrupted; the best so far" if interrupted else message,
@@ -141,7 +141,7 @@ def with_trajectory(
         result,
         trajectory=judged.filled,
         energy=judged.energy,
-        certificate=judged.certificate,
+        certificate=judged.stated,
         baselines=tuple(_baseline(name, found) for name, found in baselines),
         optimality=Optimality("local"),
     )

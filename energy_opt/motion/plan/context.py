@@ -16,7 +16,7 @@ import numpy as np
 from energy_opt.cell.cell import Cell, Clearance
 from energy_opt.motion.dense import LONG, Dense
 from energy_opt.motion.judge.certificate import Certificate, certificate_of, certify, certify_and_score
-from energy_opt.motion.judge.clearance import clearance_of
+from energy_opt.motion.judge.clearance import clearance_of, measured
 from energy_opt.motion.judge.energy import DENSER, Energy, Scorer
 from energy_opt.motion.limits.base import Limit
 from energy_opt.motion.limits.via import distinct
@@ -88,6 +88,11 @@ class Judged:
     def certificate(self) -> Certificate:
         """Its certificate under the limits, with the proof of clearance."""
         return replace(self.within, clearance=self.clearance)
+
+    @cached_property
+    def stated(self) -> Certificate:
+        """The certificate with the least distance all along the trajectory, which no search needs."""
+        return measured(self.cell, self.trajectory, self.certificate)
 
 
 class Judge:

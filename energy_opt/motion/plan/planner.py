@@ -153,7 +153,7 @@ class Planner:
     def certify(self, trajectory: Trajectory, move: Move | None = None) -> Certificate:
         """Limits and clearance of any trajectory, recomputed; the limits of its move are included."""
         judge = Judge(self.scorer, self.limits(move), self.settings.verify_samples, self._cell_of(move))
-        return judge(trajectory).certificate
+        return judge(trajectory).stated
 
     def _cell_of(self, move: Move | None) -> Cell | None:
         """The cell that a move keeps clear of; a given path may come nearer than the default (`Cell.beside`)."""

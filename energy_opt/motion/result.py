@@ -215,9 +215,11 @@ class Result:
         saving = self.saving
         if saving is None:
             fastest, own = self.baseline("toppra"), f"{self.duration:.4g} s"
-            if fastest is None or fastest.duration <= self.duration:
-                return "no saving is stated: the evenly slowed move breaks a limit or touches something"
             path = first_path_words(None if self.first_path is None else self.first_path.source)
+            if fastest is None:
+                return f"no saving is stated: no timing of the {path} keeps the limits, so there is none to slow evenly"
+            if fastest.duration <= self.duration:
+                return "no saving is stated: the evenly slowed move breaks a limit or touches something"
             return (
                 f"no saving is stated: this move takes {own}, the {path} at least {fastest.duration:.4g} s, so it "
                 f"cannot be compared at {own}"
@@ -279,6 +281,7 @@ class Result:
             "energy": self.energy.document(),
             "baselines": [b.document() for b in self.baselines],
             "saving": self.saving,
+            **({"remark": self.saved} if self.saving is None else {}),
             "certificate": self.certificate.document(),
             "first_path": None if self.first_path is None else self.first_path.document(),
             "peak_power": self.certificate.peak_power,

@@ -88,6 +88,8 @@ def headline(document: Mapping[str, Any]) -> str:
         share = "" if saving["loss_percent"] is None else f", {saving['loss_percent']:.3g} % of that one's loss"
         path = first_path_words((document.get("first_path") or {}).get("source"))
         text += f": {saving['joules']:.3g} J less than the evenly slowed {path}{share}"
+    elif document.get("remark"):
+        text += f"; {document['remark']}"
     beside = input_words(document)
     text += f". {beside[0].upper()}{beside[1:]}" if beside else ""
     clearance = document["certificate"].get("clearance")

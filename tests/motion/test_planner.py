@@ -143,7 +143,7 @@ def test_a_first_path_without_timing():
     result = planner.solve(Move(start, goal, duration=3.0, path=through(np.stack([start, via, goal]))))
     assert result.certificate.valid and result.chosen == "reshape"
     assert result.baseline("scaled") is None and result.saving is None
-    assert result.document()["saving"] is None and result.document()["baselines"] == []
+    assert result.document()["baselines"] == [] and "no timing of the first path" in result.document()["remark"]
 
 
 def test_a_baseline_that_breaks_a_limit_states_no_saving(planner):

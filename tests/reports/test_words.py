@@ -38,6 +38,8 @@ def test_one_clearance_is_stated_everywhere():
     assert headline(document).startswith(said)  # the share was said to be of the result's loss
     document["first_path"] = {"source": "ompl"}
     assert "the evenly slowed first path, " in headline(document)
+    document |= {"saving": None, "remark": "no saving is stated: it touches something"}
+    assert headline(document).startswith("10 J in 2 s; no saving is stated: it touches something. Cl")
     touching = {"verdict": "colliding", "depth": 0.003, "pair": ["A", "B"], "time": 1.0, "min_distance": -0.003}
     assert clearance_words(touching) == "collision: A–B at 1 s, 3 mm deep"
     assert clearance_words({**touching, "depth": None}).endswith("1 s, one inside the other")  # it was 0 mm deep

@@ -63,7 +63,10 @@ class Written:
         w = self.worst
         if w["limit"] == "clearance":
             return str(w["joint"])
-        return f"{w['limit']} of {w['joint']} is {w['value']:.6g} at {w['time']:.4g} s, its bound is {w['bound']:.6g}"
+        value, bound = (f"{w[name]:.6g}" for name in ("value", "bound"))
+        if value == bound and w["bound"]:
+            bound += f", exceeded by {abs(w['value'] / w['bound'] - 1):.2g} of it"  # type: ignore[operator]
+        return f"{w['limit']} of {w['joint']} is {value} at {w['time']:.4g} s, its bound is {bound}"
 
     def __str__(self) -> str:
         if not self.valid:

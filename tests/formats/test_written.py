@@ -17,7 +17,7 @@ import energy_opt as eo
 from energy_opt.cell.cell import Clearance
 from energy_opt.cli.main import main
 from energy_opt.formats import FORMATS, read_trajectory, write
-from energy_opt.formats.controller_files import wanted
+from energy_opt.formats.controller_files import Written, wanted
 from energy_opt.formats.controller_program import Part
 from energy_opt.formats.cycle_file import certificates, without_jumps, write_cycle
 from energy_opt.formats.judging import CycleJudging, Window, apart
@@ -295,6 +295,11 @@ def test_files_are_made_and_judged_in_the_call(ur5: Robot, tmp_path: Path, monke
         saved = json.loads((found.save(tmp_path / name) / f"{name}.json").read_text())
         assert saved["written"][-1] == found["written"][-1] and saved["warnings"] == found["warnings"]
         assert saved["written"][-1]["valid"] is False and (tmp_path / name / "trajectory.coarse.csv").is_file()
+
+
+def test_a_value_that_looks_like_its_bound_says_by_how_much_it_exceeds_it() -> None:
+    worst = {"limit": "acceleration", "joint": "elbow", "time": 29.95, "value": 15.7079814, "bound": 15.7079633}
+    assert Written("a.csv", "csv", None, False, worst).broken.endswith("its bound is 15.708, exceeded by 1.2e-06 of it")
 
 
 @pytest.mark.parametrize(

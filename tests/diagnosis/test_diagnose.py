@@ -101,6 +101,7 @@ def test_a_clean_set_has_nothing_missing(tmp_path):
     assert result.model == made.declared or result.model.effects == made.declared.effects
 
 
+@pytest.mark.slow
 def test_payload_is_found_with_its_centre(tmp_path):
     load = Payload(mass=1.8, com=[0.02, -0.03, 0.09])
     made = make_set(tmp_path / "set", "ur5", [load], seed=2, instruments=CALM)
@@ -148,7 +149,8 @@ def test_supply_and_gain_are_one_at_the_meter(tmp_path):
     assert sorted(map(tuple, result.document()["alternatives"])) == [("meter_gain",), ("supply_efficiency",)]
 
 
-@pytest.mark.parametrize("weak", [pytest.param("static_only", marks=pytest.mark.slow), "still_joint"])
+@pytest.mark.slow
+@pytest.mark.parametrize("weak", ["static_only", "still_joint"])
 def test_too_little_excitation(weak, tmp_path):
     made = make_set(tmp_path / "set", "panda", ["armature"], seed=7, weak=weak)
     out = tmp_path / "out"

@@ -190,12 +190,12 @@ def test_two_effects_that_imitate_one_law_give_way_to_it(tmp_path):
     [
         # by chance 1.3 W of noise at a pose held out, where the likeliest of equally plausible noises has no memory
         ("panda", 2000033, "psu_loss"),
-        ("z1", 2000092, "supply_efficiency"),
+        pytest.param("z1", 2000092, "supply_efficiency", marks=pytest.mark.slow),
         # a loss in proportion to power of -0.8 % would lower the squares by 7 of some 200
-        ("panda", 2000089, "psu_loss"),
+        pytest.param("panda", 2000089, "psu_loss", marks=pytest.mark.slow),
         # links that are off by 8.5 % explain the readings nearly as well
-        ("z1", 2000004, "supply_efficiency"),
-        ("panda", 2000025, "psu_loss"),
+        pytest.param("z1", 2000004, "supply_efficiency", marks=pytest.mark.slow),
+        pytest.param("panda", 2000025, "psu_loss", marks=pytest.mark.slow),
     ],
 )
 def test_losses_of_the_supply_are_found_beside_links_that_are_off_and_noise_with_memory(arm, number, cause, tmp_path):

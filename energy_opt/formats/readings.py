@@ -9,10 +9,8 @@ import numpy as np
 
 from energy_opt.formats.waypoints import FEWEST, KINDS, Samples
 from energy_opt.numerics.signals import SHORTEST
+from energy_opt.numerics.turns import without, wraps
 
-TURN = 2 * np.pi  # [rad] the jump of an angle that wraps
-# [rad] most that is left of a wrap without its turn, and times its neighbours' steps: other jumps are no wraps
-LEFT, UNLIKE = 0.1, 3.0
 EVENLY = 0.9  # least share of the readings that repeat equally often, if a slower source was recorded
 LEAP, UNUSUAL = 15.0, 10.0  # [rad/s, m/s] least speed into a spike and out of it, and times the median step
 SPIKE, FEW = 0.1, 0.03  # [s] longest spike; largest share of the samples in spikes
@@ -34,19 +32,12 @@ def _unwrapped(samples: Samples) -> tuple[Samples, tuple[str, ...]]:
     q = samples.position
     if samples.time is None or len(q) < FEWEST:
         return samples, ()
-    step = np.diff(q, axis=0)
-    turns = np.rint(step / TURN)
-    rest = np.abs(step - TURN * turns)
-    near = np.pad(np.where(turns == 0, np.abs(step), 0.0), ((1, 1), (0, 0)))
-    turns[rest > np.maximum(LEFT, UNLIKE * np.maximum(near[:-2], near[2:]))] = 0.0
-    turns[np.diff(samples.time) > SHORTEST] = 0.0  # time enough for a real turn
+    turns = wraps(samples.time, q)
     if not turns.any():
         return samples, ()
-    turned = q.copy()
-    turned[1:] -= TURN * np.cumsum(turns, axis=0)
     names = ", ".join(samples.joints[k] for k in np.flatnonzero(np.abs(turns).sum(axis=0)))
     note = f"{samples.where}: the angle of {names} jumps by a turn within a sample: it is taken to pass on"
-    return replace(samples, position=turned), (note,)
+    return replace(samples, position=without(turns, q)), (note,)
 
 
 def _once(samples: Samples) -> tuple[Samples, tuple[str, ...]]:

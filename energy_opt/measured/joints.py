@@ -10,7 +10,7 @@ import numpy as np
 from energy_opt.errors import BadInput
 from energy_opt.measured.columns import Rule, factor_of
 from energy_opt.measured.names import is_commanded
-from energy_opt.measured.plausible import degrees_fault, held_samples, leaps, spikes, step_fault
+from energy_opt.measured.plausible import continued, degrees_fault, held_samples, into_limits, leaps, spikes, step_fault
 from energy_opt.measured.run import JOINT_SIGNALS
 from energy_opt.measured.table import Table
 from energy_opt.numerics.stamps import Stamped, clean, stamp_factor
@@ -125,18 +125,40 @@ def read_joints(table: Table, rules: Mapping[str, Rule], robot: Robot, kind: str
     for name in [name for name, values in kept.items() if not np.isfinite(values).all()]:
         share = 100 * float(np.mean(~np.isfinite(kept.pop(name))))
         remarks.append(f"logged {name} is left out: {share:.0f} % of its cells are empty")
+    kept["position"], said = _in_turn(samples, kept["position"], robot)
+    remarks += said
     jumps = leaps(samples.time, kept["position"], robot)
     if jumps.size and kind == "motion":
         first = table.row_number(int(index[jumps[0] + 1]))
-        said = f"cut at {len(jumps)} row(s) where a position jumps and stays (first: row {first})"
-        remarks.append(f"{said}; is an angle wrapped?")
+        remarks.append(
+            f"cut at {len(jumps)} row(s) where a position jumps and stays (first: row {first}); is an angle wrapped?"
+        )
         samples = replace(samples, gaps=tuple(sorted({*samples.gaps, *jumps.tolist()})))
     samples = replace(samples, remarks=tuple(remarks))
-    fault = step_fault(samples.time, kept["position"], kind, robot) or degrees_fault(kept["position"], robot)
+    converted = [j for j in robot.joints if factor_of(f"{j}.position", rules[f"{j}.position"], table) != 1]
+    fault = step_fault(samples.time, kept["position"], kind, robot)
+    fault = fault or degrees_fault(kept["position"], robot, converted)
     if fault is not None:
         table.fault(fault[2], rules[f"{fault[1]}.position"].columns[0] if fault[1] else stamps, int(index[fault[0]]))
         return None
     return Joints(samples.time, kept, samples, index, dropped, table.is_date(stamps))
+
+
+def _in_turn(samples: Stamped, position: np.ndarray, robot: Robot) -> tuple[np.ndarray, list[str]]:
+    """Positions (N, n) whose angles pass on where they wrap, and are inside their limits if a turn brings them there.
+
+    Also remarks that say so.
+    """
+    position, wrapped = continued(samples.time, position, robot)
+    position, moved = into_limits(position, robot, samples.gaps)
+    remarks = []
+    for which, said in (
+        (wrapped.any(axis=0), "jumps by a turn from one row to the next: it is taken to pass on"),
+        (moved, "is one turn outside its limits: it is moved by this turn"),
+    ):
+        if which.any():
+            remarks.append(f"the angle of {', '.join(robot.joints[k] for k in np.flatnonzero(which))} {said}")
+    return position, remarks
 
 
 def _completed(time: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
+from itertools import pairwise
+
 import numpy as np
 
+from energy_opt.numerics.turns import LEFT, TURN, without, wraps
 from energy_opt.robot import Robot
 from energy_opt.robot.limits import TURNS, look_like_degrees
 
+OUTSIDE = 0.05  # [rad, m] by which positions may be outside the limits
 FAR = 1.5  # [rad] outside a limit from which positions are assumed to be degrees
 TOO_FAST = 20.0  # multiple of a velocity limit above which the stamps' unit must be wrong
 COARSEST = 1.0  # [s] largest step of a motion; with a larger one, the stamps' unit must be wrong
@@ -20,7 +25,6 @@ LOST, RARE = 0.5, 0.01  # share of the usual power above which both neighbours o
 # above the usual one; least readings of the highest power, and over those just below it, of a meter that saturates
 NEAR, STEPS, COARSE, MANY, TOP = 0.05, 2.5, 20, 20, 3.0
 LEAP = 0.5  # [rad, m] the same for a position that stays at the new value
-TURN = 2 * np.pi  # [rad] the jump of an angle that wraps
 WRAP = 2.0  # multiple of a velocity limit above which a change by about one turn is a wrapped angle
 
 
@@ -28,11 +32,44 @@ def spikes(time: np.ndarray, position: np.ndarray, robot: Robot) -> np.ndarray:
     """Mask (N,) of single samples whose position is far from both neighbours, which are near each other."""
     out = np.zeros(len(time), dtype=bool)
     step = np.maximum(np.diff(time), np.ptp(time) / (len(time) - 1))[:, None]  # stamps may repeat
-    change, most = np.diff(position, axis=0), np.maximum(JUMP, FASTER * robot.limits.velocity * step)
+    change, most = (
+        _within_a_turn(np.diff(position, axis=0), robot),
+        np.maximum(JUMP, FASTER * robot.limits.velocity * step),
+    )
     wide = np.abs(change) > most
-    back = np.abs(position[2:] - position[:-2]) < JUMP
+    back = np.abs(_within_a_turn(position[2:] - position[:-2], robot)) < JUMP
     out[1:-1] = (wide[:-1] & wide[1:] & back).any(axis=1)
     return out
+
+
+def _within_a_turn(change: np.ndarray, robot: Robot) -> np.ndarray:
+    """Changes (N, n) of positions without whole turns, as an angle may wrap at any sample."""
+    return np.where(robot.slides, change, change - TURN * np.rint(change / TURN))
+
+
+def continued(time: np.ndarray, position: np.ndarray, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (N, n) whose angles pass on where they wrap, and which of the changes (N - 1, n) were wraps.
+
+    An angle that wraps stays within one turn.
+    """
+    may_wrap = (np.ptp(position, axis=0) < TURN + LEFT) & ~np.array(robot.slides)
+    turns = np.where(may_wrap, wraps(time, position), 0.0)
+    return without(turns, position), turns != 0
+
+
+def into_limits(position: np.ndarray, robot: Robot, gaps: Sequence[int] = ()) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (N, n) with angles moved by a turn if all joints are then inside their limits, and which were (n,).
+
+    Each piece between gaps, which follow the samples `gaps`, is moved as a whole.
+    """
+    low, high = robot.limits.lower - OUTSIDE, robot.limits.upper + OUTSIDE
+    out, turning = position.copy(), ~np.array(robot.slides)
+    for first, last in pairwise([0, *(k + 1 for k in gaps), len(position)]):
+        least, most = (end(position[first:last], axis=0) for end in (np.min, np.max))
+        here, above, below = ((least + by > low) & (most + by < high) for by in (0.0, TURN, -TURN))
+        if (here | above | below)[turning].all():
+            out[first:last] += TURN * np.where(here | ~turning, 0.0, np.where(above, 1.0, -1.0))
+    return out, (out != position).any(axis=0)
 
 
 def held_samples(position: np.ndarray) -> np.ndarray:
@@ -121,20 +158,26 @@ def are_degrees(position: np.ndarray, robot: Robot) -> bool:
     return look_like_degrees(robot.limits, position, FAR, robot.slides, TURNS) is not None
 
 
-def degrees_fault(position: np.ndarray, robot: Robot) -> tuple[int, str, str] | None:
-    """Row, joint and message if positions (N, n) are so far outside the limits that they must be degrees; else None."""
+def degrees_fault(position: np.ndarray, robot: Robot, converted: Collection[str] = ()) -> tuple[int, str, str] | None:
+    """Row, joint and message if positions (N, n) are so far outside the limits that they must be degrees; else None.
+
+    Args:
+        converted: the joints whose unit was stated, another than rad: these are no degrees.
+    """
     found = look_like_degrees(robot.limits, position, FAR, robot.slides)
     if found is None:
         return None
     row, j = found
     lower, upper = robot.limits.lower, robot.limits.upper
     joint = robot.joints[j]
+    outside = f"{position[row, j]:.4g} rad is far outside {joint}'s limits [{lower[j]:.4g}, {upper[j]:.4g}]"
+    if joint in converted:
+        return row, joint, f"{outside}; is the column another joint's, its zero elsewhere, or the robot another?"
     remedy = (
         'these look like degrees (or the robot is another); give the unit in log.toml ({ column = "...", unit = "deg" '
         f"}}), or by `energy-opt import --joint {joint}=COLUMN:deg`"
     )
-    outside = f"is far outside {joint}'s limits [{lower[j]:.4g}, {upper[j]:.4g}]"
-    return row, joint, f"{position[row, j]:.4g} rad {outside}: {remedy}"
+    return row, joint, f"{outside}: {remedy}"
 
 
 def saturated(power: np.ndarray) -> bool:

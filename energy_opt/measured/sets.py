@@ -16,7 +16,7 @@ from energy_opt.measured.differentiate import choose_smoothing, coarse, kinemati
 from energy_opt.measured.joint_units import contradicting
 from energy_opt.measured.log import LogFile, read_log
 from energy_opt.measured.meter_clocks import Found, clocks_of
-from energy_opt.measured.plausible import saturated
+from energy_opt.measured.plausible import OUTSIDE, saturated
 from energy_opt.measured.recording import Recording, read_recording
 from energy_opt.measured.run import MeasuredSet, Run
 from energy_opt.measured.table import Table
@@ -218,7 +218,6 @@ def _recordings(
 
 
 MOVES = 0.01  # [rad, m] by which a joint may move in a static run
-MARGIN = 0.05  # [rad, m] by which positions may be outside the limits
 MISMATCH = 0.2  # largest rms difference of logged velocity from the slope of the positions, over the latter's spread
 
 
@@ -272,7 +271,7 @@ def _plausible(run: Run, robot: Robot, where: str) -> list[str]:
     for joint, unit, q, low, high in zip(
         robot.joints, robot.units, run.position.T, robot.limits.lower, robot.limits.upper, strict=True
     ):
-        out = np.flatnonzero((q < low - MARGIN) | (q > high + MARGIN))
+        out = np.flatnonzero((q < low - OUTSIDE) | (q > high + OUTSIDE))
         if out.size:
             faults.append(
                 f"{where}: row {int(run.lines[out[0]])}, column {joint}.position: {q[out[0]]:.4g} {unit} is outside "

@@ -1,0 +1,57 @@
+"""Angles that are one turn outside their limits, as of a recorder that counts from -180 to 180 degrees."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from logs import PANDA, SEVEN, lines, log, motion, put
+
+from energy_opt.errors import BadInput
+from energy_opt.measured import inspect_set, read_set
+from energy_opt.measured.importing import import_files
+from energy_opt.robot import load_robot
+
+KINOVA = load_robot("kinova")  # joints 2, 3 and 5 have limits about pi, the others none
+T, X = motion(5, 8.0)
+Q = np.array([1.0, 3.9, 2.2, 0.3, 4.8, -0.5]) + np.outer(X, [1, 0.5, 1.5, 1, 0.3, 1])
+WRAPPED = np.mod(Q + np.pi, 2 * np.pi) - np.pi
+P = 40 + 5 * np.abs(np.gradient(Q, T, axis=0)).sum(axis=1)
+TURNED = KINOVA.joints[4]
+
+
+def close_to(folder: Path, expected: np.ndarray) -> None:
+    """Every sample of the set is one of the expected positions; a joint without limits may be turns away."""
+    for run in read_set(folder).runs:
+        at = np.searchsorted(T, run.start + run.time - 1e-6)
+        off = run.position - expected[at]
+        free = ~np.isfinite(KINOVA.limits.lower)
+        off[:, free] -= 2 * np.pi * np.rint(off[0, free] / (2 * np.pi))
+        np.testing.assert_allclose(off, 0, atol=1e-5)
+
+
+def test_a_set_with_an_angle_one_turn_outside_is_read(tmp_path: Path) -> None:
+    names = [f"{joint}.position" for joint in KINOVA.joints]
+    shifted = Q - 2 * np.pi * (np.arange(6) == 4)
+    put(tmp_path / "a.csv", lines(",".join(["time", *names, "power"]), [T, shifted, P]))
+    log(tmp_path, "kinova", '[[run]]\nfile = "a.csv"\n')
+    faults, remarks = inspect_set(tmp_path)
+    assert faults == [] and f"a.csv: the angle of {TURNED} is one turn outside its limits" in remarks[0]
+    close_to(tmp_path, Q)
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("[deg]", 180 / np.pi), ("[rad]", 1.0)])
+def test_wrapped_angles_with_a_unit_are_imported(tmp_path: Path, unit: str, factor: float) -> None:
+    names = [f"{joint} {unit}" for joint in KINOVA.joints]
+    path = put(tmp_path / "a.csv", lines(",".join(["t", *names, "power"]), [T, WRAPPED * factor, P]))
+    import_files([path], tmp_path / "set", KINOVA)
+    close_to(tmp_path / "set", Q)
+
+
+def test_a_stated_unit_is_not_asked_for(tmp_path: Path) -> None:
+    degrees = np.degrees(np.array([0, 0, 0, 2.0, 0, 1.5, 0]) + np.outer(X, 0.2 * np.ones(7)))
+    path = put(tmp_path / "a.csv", lines(",".join(["t", *(f"q{k} [deg]" for k in SEVEN), "power"]), [T, degrees, P]))
+    with pytest.raises(BadInput, match=r"column q3 \[deg\]: .* is the column another joint's") as caught:
+        import_files([path], tmp_path / "set", PANDA)
+    assert "degrees" not in str(caught.value)

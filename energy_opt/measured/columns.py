@@ -278,6 +278,7 @@ def _column(tables: Sequence[Table], option: str, kind: str, word: str) -> str:
         if having and (name == word or known is not None):
             for table in having:
                 table.units |= {} if named is None else {name: named}
+                table.by_hand |= set() if named is None else {name}
             return name
     headers = list(dict.fromkeys(name for table in tables for name in table.header))
     if column in headers:

@@ -5,7 +5,7 @@ Every joint has a unit of its own: an arm may turn in degrees and slide in milli
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -13,11 +13,12 @@ from energy_opt.errors import BadInput
 from energy_opt.measured.columns import named_unit
 from energy_opt.measured.header import BY_SIGNAL, LENGTHS, POSITIONS, UNITS, known_unit
 from energy_opt.measured.joints import FEWEST
-from energy_opt.measured.plausible import TURN, are_degrees, degrees_fault, leaps, spikes
+from energy_opt.measured.plausible import are_degrees, continued, degrees_fault, into_limits, leaps, spikes
 from energy_opt.measured.run import Run
 from energy_opt.measured.stated_units import stated_unit
 from energy_opt.measured.table import Table
 from energy_opt.numerics.stamps import clean
+from energy_opt.numerics.turns import TURN
 from energy_opt.robot import Robot
 
 ALIKE = 0.25  # relative deviation up to which a measured ratio identifies a unit
@@ -67,7 +68,8 @@ def joint_units(
         BadInput: an angle's unit is named for a joint that slides, or a length's for one that turns.
     """
     named = {signal: _named(table, robot, signal, by) for signal, by in columns.items()}
-    angles, shown = _angle_units(values, time, robot, named, words)
+    by_hand = {joint for joint, column in columns["position"].items() if column in table.by_hand}
+    angles, shown = _angle_units(values, time, robot, named, words, by_hand)
     sure |= {columns["position"][joint]: clear for joint, clear in shown.items()}
     out = {"position": _with_lengths(values["position"], robot, angles, words)}
     position = values["position"] * _factors(out["position"], robot)
@@ -136,12 +138,14 @@ def _with_lengths(values: np.ndarray, robot: Robot, named: Units, words: list[st
 
 
 def _angle_units(
-    columns: Mapping[str, np.ndarray], time: np.ndarray, robot: Robot, named: Mapping[str, Units], words: list[str]
-) -> tuple[Units, dict[str, bool]]:
+    columns: Mapping[str, np.ndarray], time: np.ndarray, robot: Robot, named: Mapping[str, Units], words: list[str],
+    by_hand: Collection[str],
+) -> tuple[Units, dict[str, bool]]:  # fmt: skip
     """Units of the angles, and what `joint_units` says of `sure`, by joint.
 
     Degrees are shown by positions, or speeds between samples, that are far outside the limits as radians, unless the
-    file states another unit. An angle without a unit has that of the others, unless the logged velocities show another.
+    file states another unit, or the user states any (for the joints `by_hand`). An angle without a unit has that of
+    the others, unless the logged velocities show another.
     """
     turning = [k for k, slides in enumerate(robot.slides) if not slides]
     out, values, time = dict(named["position"]), columns["position"], time[: len(columns["position"])]
@@ -149,17 +153,19 @@ def _angle_units(
     values, at = values[good] * _factors(out, robot), time[good]
     if len(at) > 2:  # a few damaged samples say nothing about the unit of all
         real = ~spikes(at, values, robot)
-        values, at = values[real], at[real]
+        values, at = continued(at[real], values[real], robot)[0], at[real]
         piece = np.searchsorted(leaps(at, values, robot), np.arange(len(at)))
         real = np.bincount(piece)[piece] >= min(FEWEST, len(at))
-        values, at = values[real], at[real]
+        values, at = into_limits(values[real], robot)[0], at[real]
     usual = {out[robot.joints[k]] for k in turning} <= {None, "rad", "deg"}
-    doubtful = [k for k in turning if usual and out[robot.joints[k]] in (None, "rad")]
+    doubtful = [
+        k for k in turning if usual and robot.joints[k] not in by_hand and out[robot.joints[k]] in (None, "rad")
+    ]
     shown = [robot.joints[k] for k in doubtful if _far(values, k, robot, out)]
     why = " (as radians they are far outside the limits)" if shown else ""
     if any(out[joint] for joint in shown):  # the file says rad of all alike
         why = f"{why[:-1]}, though the file says rad)"
-        out = {joint: None if unit == "rad" else unit for joint, unit in out.items()}
+        out = {joint: None if unit == "rad" and joint not in by_hand else unit for joint, unit in out.items()}
     if not shown:
         fast = _too_fast(values, at, robot)
         shown = [robot.joints[k] for k in doubtful if fast[k] and out[robot.joints[k]] is None]

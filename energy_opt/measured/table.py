@@ -31,6 +31,7 @@ class Table:
         self.layout: Layout = layout_of(path, given)
         self.header = list(self.layout.names)
         self.units = dict(zip(self.header, self.layout.units, strict=False))
+        self.by_hand: set[str] = set()  # columns whose unit the user gave
         self.faults: list[str] = []
         self.remarks: list[str] = []
         if self.layout.comments:

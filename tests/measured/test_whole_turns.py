@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from logs import PANDA, SEVEN, lines, log, motion, put
+from logs import PANDA, SEVEN, SIX, lines, log, motion, put
 
 from energy_opt.errors import BadInput
 from energy_opt.measured import inspect_set, read_set
+from energy_opt.measured.columns import ByHand
 from energy_opt.measured.importing import import_files
 from energy_opt.robot import load_robot
 
@@ -47,6 +48,25 @@ def test_wrapped_angles_with_a_unit_are_imported(tmp_path: Path, unit: str, fact
     path = put(tmp_path / "a.csv", lines(",".join(["t", *names, "power"]), [T, WRAPPED * factor, P]))
     import_files([path], tmp_path / "set", KINOVA)
     close_to(tmp_path / "set", Q)
+
+
+@pytest.mark.parametrize("by_hand", [False, True])
+def test_wrapped_angles_without_a_unit_are_no_degrees(tmp_path: Path, by_hand: bool) -> None:
+    """Joints with limits were taken for degrees, and the command that the message named made a wrong set."""
+    path = put(tmp_path / "a.csv", lines(",".join(["t", *(f"q{k}" for k in SIX), "power"]), [T, WRAPPED, P]))
+    stated = {joint: f"q{k}:rad" for k, joint in enumerate(KINOVA.joints)} if by_hand else {}
+    made = import_files([path], tmp_path / "set", KINOVA, hand=ByHand(joints=stated))
+    assert not any("deg" in word for word in made.words)
+    close_to(tmp_path / "set", Q)
+
+
+def test_a_unit_given_by_hand_is_final(tmp_path: Path) -> None:
+    """Positions far outside as radians became degrees, though the user said rad."""
+    q = np.array([0, 0, 0, 2.0, 0, 1.5, 0]) + np.outer(X, 0.2 * np.ones(7))  # joint 4 has only negative positions
+    path = put(tmp_path / "a.csv", lines(",".join(["t", *(f"q{k}" for k in SEVEN), "power"]), [T, q, P]))
+    hand = ByHand(joints={joint: f"q{k}:rad" for k, joint in enumerate(PANDA.joints)})
+    with pytest.raises(BadInput, match=r"row \d+, column q3: .* rad is far outside"):
+        import_files([path], tmp_path / "set", PANDA, hand=hand)
 
 
 def test_a_stated_unit_is_not_asked_for(tmp_path: Path) -> None:

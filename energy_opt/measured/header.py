@@ -206,6 +206,8 @@ def signal_of(words: Iterable[str], unit: str) -> str | None:
         return None
     if {"q", "dot"} <= have or {"theta", "dot"} <= have:
         return "velocity"
+    if len(have) == 1 and have <= {"m", "t"} and known_unit("effort", unit):
+        return "effort"  # of M1 [Nm], no letter says more than the unit
     named = next((signal for signal, known in SIGNALS.items() if have & known), None)
     if named is not None or not have & JOINT or have & QUANTITIES:
         return named

@@ -42,6 +42,7 @@ class Table:
         self._parts: dict[str, list[str]] = {}
         self._count: int | None = None
         self._numbers: np.ndarray | None = None
+        self._given: np.ndarray | None = None  # (N, columns) cells that are not empty
         self._skipped: list[int] = []
         if not self.layout.sample:
             self.faults.append(f"{path}: row {self.layout.first_row}: no data rows below the header")
@@ -57,8 +58,8 @@ class Table:
     def load(self, names: Iterable[str], sparse: bool = False) -> None:
         """Read columns that are not read yet, in one pass; cells that are no numbers are added to `faults`.
 
-        Empty cells are no fault if their share is `SPARSE` or more (a slower source in a common table), or if `sparse`
-        is True.
+        Empty cells are no fault if their share is `SPARSE` or more (a slower source in a common table), if their row is
+        one of another source, or if `sparse` is True.
         """
         wanted = [name for name in dict.fromkeys(names) if name in self.header and name not in self._columns]
         if not wanted:
@@ -96,11 +97,21 @@ class Table:
             empty = np.asarray(cells.is_null().to_numpy(), dtype=bool)
             bad = np.flatnonzero(~empty & ~np.isfinite(values))
             if not bad.size and not sparse and empty.any() and empty.mean() < SPARSE:
-                bad = np.flatnonzero(empty)
+                bad = np.flatnonzero(empty & ~self._of_other_sources(empty))
             if bad.size:
                 self._add_cell_faults(name, bad)
             elif len(empty) and empty.all():
                 self.fault("every cell is empty", name)
+
+    def _of_other_sources(self, empty: np.ndarray) -> np.ndarray:
+        """Which lines (N,) have a reading of another source than a column: one mostly given where `empty`."""
+        import pyarrow as pa
+
+        if self._given is None:
+            table = self._parse({f"c{k}": pa.string() for k in range(len(self.header))})
+            self._given = np.column_stack([np.asarray(cells.is_valid()) for cells in table.columns])
+        apart = self._given[empty].sum(axis=0) > self._given[~empty].sum(axis=0)
+        return np.asarray(self._given[:, apart].any(axis=1))
 
     def column(self, name: str) -> np.ndarray:
         """One column (N,) as numbers, nan for empty cells and other text; date-times as seconds."""

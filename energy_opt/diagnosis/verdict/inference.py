@@ -27,6 +27,7 @@ from energy_opt.diagnosis.fit.posterior import Fit, Nuisance, Stopped, World
 from energy_opt.diagnosis.hypothesis.links import links_of
 from energy_opt.diagnosis.hypothesis.terms import Measured, Scale
 from energy_opt.diagnosis.search.effect_sets import Search, moved, root
+from energy_opt.diagnosis.search.kinks import usual_friction
 from energy_opt.diagnosis.verdict.claims import (
     CLAIM,
     RIVAL,
@@ -196,6 +197,11 @@ def _judged(found: Search, best: Fit, noise: Noise, nothing: Fit, judge: Judge, 
     declared = judge.of_model(world.declared, nothing)
     # claims that held-out motions do not support are taken back
     accepted, claims = _borne_out(found, judge, sure, claims)
+    if accepted is not sure:  # smoothing blurs laws near rest: a finer one may be likelier than those that foresee best
+        for usual in usual_friction(found, best):
+            part, kept = _borne_out(found, judge, *claimed(found, usual, pair(usual)))
+            if kept and part.names == usual.names and judge.of(part).ratio < NOISE:
+                sure, accepted, claims = usual, part, kept
     log.info("alternatives", extra={"share": 0.8})
     rivals: tuple[Fit, ...] = (accepted,)
     # signs of a law that is not in the library: it makes all forms inexact, so fine differences decide nothing
@@ -307,7 +313,7 @@ def _borne_out(
 
     If the error is larger than the noise, several effects may imitate an unknown law. Then each claim must explain a
     good part, and all together most of the excess over the largest plausible noise. This must also hold if any single
-    motion is left out.
+    motion is left out. Dry and viscous friction explain their part together: beside the other, neither has much alone.
 
     Args:
         shaped: True if the effects must have the form of the library's laws. If an unknown law is present, no rival's
@@ -325,14 +331,16 @@ def _borne_out(
         if noisy and not mostly_explained(judge.loud.of(start), judge.loud.of(plain), bool(accepted.free)):
             return only(found, accepted), ()
         whole = BESIDE * float(np.sum(judge.gains(plain, only(found, plain)))) if noisy else 0.0
-        fewer = [plain_fit(found, c.without) for c in claims]
+        fewer, both = [plain_fit(found, c.without) for c in claims], pair(plain) if noisy else ()
+        rest = only(found, plain, {*plain.names} - {*both})
+        parts = [rest if c.name in both else less for c, less in zip(claims, fewer, strict=True)]
         gains = [judge.gains(plain, less) for less in fewer]
         expected = [judge.expected(plain, c, less) for c, less in zip(claims, fewer, strict=True)]
-        least = [max(whole, 0.0) + by_chance_least(x) for x in expected]
         spare = [
-            -np.inf if contradicted([*g, *judge.trained(accepted, c.without)]) else float(np.sum(g)) - x
-            for g, x, c in zip(gains, least, claims, strict=True)
-        ]
+            -np.inf if contradicted([*g, *judge.trained(accepted, c.without)])
+            else min(float(np.sum(g)), float(np.sum(judge.gains(plain, part))) - max(whole, 0.0)) - by_chance_least(x)
+            for g, x, c, part in zip(gains, expected, claims, parts, strict=True)
+        ]  # fmt: skip
         worst = int(np.argmin(spare))
         if spare[worst] > 0:
             return accepted, claims

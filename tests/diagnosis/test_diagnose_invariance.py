@@ -182,3 +182,11 @@ def test_a_power_in_doubt_and_a_stopped_search_leave_no_usable_model(tmp_path, f
     assert document["verdict"] == (None if stop else "unexplained")
     assert not document["usable"] and said in document["foreseen"]["reason"]
     assert ("the power's unit in log.toml" in document["next_step"]) != stop
+
+
+def test_results_are_computed_after_a_stop_without_being_stopped_again(tmp_path):
+    """A fit for the result, after a stop in the second search, ended with "this is a fault of the program"."""
+    made = record(tmp_path / "set", Hidden("z1"), runs=4, legs=1)
+    declared = PowerModel("z1", (Standby(power=STANDBY), CopperLoss(r_over_kt2=COPPER)))
+    found = diagnose(read_set(made), declared, stopped=lambda: True).inference
+    assert found.verdict == "" and found.search.fitted([], [], [], found.root.nuisance, found.root.amounts).names == ()

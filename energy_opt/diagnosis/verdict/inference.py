@@ -158,8 +158,8 @@ def infer(
     if unit and (unit[0] == "kW" or declared.get("standby")):  # a missing standby may look like milliwatts
         return plain(Search(world), "unexplained")
     tried: list[Search] = []
-
-    world = replace(world, stopped=stopped)
+    searching = True  # a stop ends the search; what is computed for the result after it is not stopped again
+    world = replace(world, stopped=lambda: searching and stopped())
 
     def judged(likeliest: Likeliest) -> Inference:
         found, best, noise, settling = likeliest
@@ -176,6 +176,7 @@ def infer(
         first = likeliest_of(world, nothing, tried)
         out = judged(first)
     except Stopped:
+        searching = False
         best = tried[-1].so_far(nothing)
         return plain(tried[-1], "", nothing if best.free else best)
     # effects may imitate settling, which is then not seen: suppose it, and judge the likelier result
@@ -183,6 +184,7 @@ def infer(
         with suppress(Stopped):
             other = likeliest_with_settling(world, nothing, tried, first)
             out = out if other is None else judged(other)
+    searching = False
     return replace(out, unit=unit)
 
 

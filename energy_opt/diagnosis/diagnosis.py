@@ -213,7 +213,7 @@ def diagnose(
     document["remarks"] += push_words(found_pushes, enough) + side_remarks(side, records)
     document["remarks"] += speeds_seen(found, joints)
     document["remarks"] += [WARMS] if warmed(model) is not None else []
-    document["headline"] = headline(document)
+    document["headline"] = headline(document, [joints[j] for j in found.idle] if len(found.idle) < len(joints) else [])
     document["next_step"] = next_step(document, found.follows)
     if found.unit:
         document["headline"] = f"The power seems to be in {found.unit[0]}, not in W; {document['headline']}"

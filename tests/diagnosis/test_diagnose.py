@@ -158,6 +158,9 @@ def test_too_little_excitation(weak, tmp_path):
     assert main(words) == 0
     document = json.loads((out / "diagnosis.json").read_text())
     assert document["verdict"] in ("insufficient", "ambiguous")
+    poses_alone = "The poses agree with the model; no motion was recorded, so losses in motion are not tested"
+    assert document["headline"].startswith(poses_alone) == (weak == "static_only")
+    assert not any("slow motions" in said for said in document["remarks"])
     for row in document["effects"]:  # what the data leave open is taken to be like the other joints'
         values = np.atleast_1d(row["parameters"].get("inertia", [0.0]))
         assert values.max() <= 10 * max(np.median(values), 1e-9)
@@ -177,6 +180,8 @@ def test_a_model_of_a_joint_that_never_moved_is_not_good_enough_to_plan_with(tmp
     document = found.document()
     assert document["verdict"] == "insufficient" and document["foreseen"]["difference_percent"] < 20
     assert not document["usable"] and "hardly moves" in document["foreseen"]["reason"]
+    idle = document["foreseen"]["reason"].removesuffix(" hardly moves in the set")
+    assert f"These joints never moved, so their losses are not tested: {idle}." in document["headline"]
     assert f"not shown to be good enough to plan with, as {document['foreseen']['reason']}" in str(found)
 
 

@@ -38,7 +38,9 @@ def remarks(found: Inference, measured: MeasuredSet, declared: PowerModel, links
         unit, ratio = found.unit
         said = f"The power is {ratio:.2g} times that of the declared model: is it in {unit}?"
         out.append(f"{said} Give its unit in log.toml.")
-    if len(found.idle) == len(joints):
+    if not any(run.kind == "motion" for run in measured.runs):
+        out.append("No motion was recorded: the set shows no losses in motion.")
+    elif len(found.idle) == len(joints):
         out.append(
             f"No joint reaches {100 * SLOW:.0f} % of its velocity limit: so slow motions show neither friction nor "
             "rotor inertia, regeneration or the meter's lag."

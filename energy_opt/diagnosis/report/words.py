@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from energy_opt.diagnosis.verdict.inference import NOISE
+
 SHARE = 0.01  # least explained share that the headline states
 MUCH = 0.1  # least share of deviating links beside effects that calls for a check of links and payload
 UNRECORDED = "no signal that was recorded"  # the rest depends on it where it depends on none of the log
@@ -32,8 +34,8 @@ def listed(names: Sequence[str]) -> str:
     return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]
 
 
-def headline(document: dict[str, Any]) -> str:
-    """One or two sentences that summarise the diagnosis."""
+def headline(document: dict[str, Any], idle: Sequence[str] = ()) -> str:
+    """One or two sentences that summarise the diagnosis; `idle`: joints that never moved, while others did."""
     names = [row["name"] for row in document["effects"]]
     error = document["error"]
     part = "holdout" if error["after"]["holdout"] else "train"
@@ -67,8 +69,11 @@ def headline(document: dict[str, Any]) -> str:
         said = f"Nothing is missing: the error of the declared model is no larger than the noise; {held}."
     elif imitated:
         said = f"No cause can be named; {of} {before['power_rmse']:.1f} W, energy {before['energy_percent']:.1f} %."
+    elif document["foreseen"]["motions"] == 0 and document["error"]["beside_noise"]["rest"]["ratio"] < NOISE:
+        said = f"The poses agree with the model; no motion was recorded, so losses in motion are not tested; {held}."
     else:
         said = f"No cause can be named; {held}."
+    said += f" These joints never moved, so their losses are not tested: {', '.join(idle)}." if idle else ""
     said += _left(document, before if imitated else after)
     if imitated:
         said += (

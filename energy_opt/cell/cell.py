@@ -326,8 +326,7 @@ class Cell:
 
     def measured(self, found: Clearance, curve: MotionCurve) -> Clearance:
         """The clearance of a motion with its least distance, over all pairs and the whole motion, if it is proven."""
-        known = np.inf if found.min_distance is None else found.min_distance
-        least = nearest(self.bodies, curve, known) if found.proven and self.checks else None
+        least = nearest(self.bodies, curve, found.time) if found.proven and self.checks else None
         if least is None:
             return found
         pair, time = self.bodies.names(least.pair), least.time - float(curve.time[0])

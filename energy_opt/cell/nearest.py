@@ -14,14 +14,18 @@ from energy_opt.cell.proof import Touch
 INSTANTS = 33  # of the whole motion, and again around the nearest of these
 
 
-def nearest(bodies: Bodies, curve: MotionCurve, below: float) -> Touch | None:
+def nearest(bodies: Bodies, curve: MotionCurve, close: float | None = None) -> Touch | None:
     """The pair that is nearest in all of `curve`, to the density of the instants; no body may be inside another one.
 
     Args:
-        below: [m] a distance that was measured already, or infinity. None is returned if no pair is nearer than this.
+        close: s from the begin of the curve, an instant at which a proof came near its bound; it is measured, too.
+
+    Returns:
+        The pair, its instant and distance; None if there are no pairs.
     """
     begin, end = float(curve.time[0]), float(curve.time[-1])
-    found = _nearer(bodies, curve, np.linspace(begin, end, INSTANTS), below)
+    known = [] if close is None else [float(np.clip(begin + close, begin, end))]
+    found = _nearer(bodies, curve, np.union1d(np.linspace(begin, end, INSTANTS), known), np.inf)
     if found is None:
         return None
     around = found.time + np.linspace(-1, 1, INSTANTS) * (end - begin) / (INSTANTS - 1)

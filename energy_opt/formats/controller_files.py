@@ -17,7 +17,7 @@ from energy_opt.errors import BadInput, Infeasible, suggest
 from energy_opt.formats import FORMATS, Format, franka, urscript
 from energy_opt.formats.controller_program import Load, Part
 from energy_opt.formats.judging import CycleJudging, Judging
-from energy_opt.formats.resample import Sampled, fitted, lowest, on_steps, resampled, slowed_until
+from energy_opt.formats.resample import Sampled, compared, fitted, lowest, on_steps, resampled, slowed_until
 from energy_opt.formats.urscript import read_program
 from energy_opt.motion.judge.certificate import ALLOWED, Certificate
 from energy_opt.motion.trajectory import Trajectory
@@ -63,9 +63,7 @@ class Written:
         w = self.worst
         if w["limit"] == "clearance":
             return str(w["joint"])
-        value, bound = (f"{w[name]:.6g}" for name in ("value", "bound"))
-        if value == bound and w["bound"]:
-            bound += f", exceeded by {abs(w['value'] / w['bound'] - 1):.2g} of it"  # type: ignore[operator]
+        value, bound = compared(w)
         return f"{w['limit']} of {w['joint']} is {value} at {w['time']:.4g} s, its bound is {bound}"
 
     def __str__(self) -> str:

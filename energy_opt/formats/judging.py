@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from energy_opt.cell.cell import Cell
+from energy_opt.cell.cell import Cell, Clearance
 from energy_opt.formats.controller_program import Part
 from energy_opt.formats.resample import KINDS, worst_steps
 from energy_opt.motion.judge.certificate import Certificate, certify
@@ -165,10 +165,24 @@ def _worst(looks: Sequence[tuple[Certificate, float]]) -> Certificate:
     worst = tuple(max(places, key=lambda v: float("inf") if v.excess is None else v.excess)
                   for places in found.values())  # fmt: skip
     certificates = [certificate for certificate, _ in looks]
-    clearances = [c.clearance for c in certificates if c.clearance is not None]
-    clearance = min(clearances, key=lambda c: (c.proven, c.lower_bound is None, c.lower_bound), default=None)
+    clearance = _least([_later(c.clearance, at) for c, at in looks if c.clearance is not None])
     samples, power = sum(c.samples for c in certificates), max(c.peak_power for c in certificates)
     return Certificate(samples, worst, power, clearance, all(c.proven for c in certificates))
+
+
+def _later(found: Clearance, by: float) -> Clearance:
+    """The clearance of a motion that begins at `by` [s]."""
+    return found if found.time is None else replace(found, time=found.time + by)
+
+
+def _least(clearances: Sequence[Clearance]) -> Clearance | None:
+    """The worst of all: if each is proven, its least bound, and the least distance that was measured in any."""
+    worst = min(clearances, key=lambda c: (c.proven, c.lower_bound is None, c.lower_bound), default=None)
+    measured = [c for c in clearances if c.min_distance is not None]
+    if worst is None or not worst.proven or not measured:
+        return worst
+    near = min(measured, key=lambda c: c.min_distance or 0.0)
+    return replace(worst, min_distance=near.min_distance, pair=near.pair, time=near.time)
 
 
 def apart(trajectory: Trajectory) -> list[Trajectory]:

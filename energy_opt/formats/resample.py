@@ -8,8 +8,9 @@ three. So a resampled trajectory consists of the written samples with quintics b
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -120,10 +121,21 @@ def broken(certificate: Certificate, rate: float) -> str:
     worst = certificate.worst
     if certificate.within_limits:
         return f"at {rate:g} Hz: {certificate.clearance}"
+    value, bound = compared(worst)
     return (
         f"with quintics between samples at {rate:g} Hz the {worst['limit']} of {worst['joint']} would come to "
-        f"{worst['value']:.6g} at {worst['time']:.4g} s, beyond its bound {worst['bound']:.6g}"
+        f"{value} at {worst['time']:.4g} s, beyond its bound {bound}"
     )
+
+
+def compared(worst: Mapping[str, Any]) -> tuple[str, str]:
+    """The `value` of a limit and its `bound` as text; with the excess where six digits do not show it."""
+    value, bound = worst["value"], worst["bound"]
+    words = f"{value:.6g}", f"{bound:.6g}"
+    excess = abs(value / bound) - 1 if bound else 0.0
+    if words[0].lstrip("-") == words[1].lstrip("-") and 0 < excess < np.inf:
+        return words[0], f"{words[1]}, exceeded by {excess:.2g} of it"
+    return words
 
 
 def lowest(trajectory: Trajectory, judge: Judge, above: float = 0.0) -> float | None:

@@ -106,8 +106,11 @@ def name_hints(robot: Robot) -> list[str]:
     file, names = robot.urdf.name, sorted(path.stem for path in FILES.glob("*.toml"))
     if robot.name in names and not _fitting(robot, robot.name):
         return [f"{file}: its joints or effort limits are not those of {robot.name}; published values are not used"]
-    like = [name for name in names if robot.name not in CATALOG and _fitting(robot, name)]
-    words = "{0}: its joints and effort limits are those of {1}; called {1}.urdf, it gets the published values of {1}"
+    shipped = any(robot.urdf.match(entry.file) for entry in CATALOG.values())
+    like = [name for name in names if not shipped and robot.name not in CATALOG and _fitting(robot, name)]
+    words = (
+        "{0}: its joints and effort limits are like those of {1}; if it is a {1}, call it {1}.urdf for published values"
+    )
     return [words.format(file, name) for name in like]
 
 

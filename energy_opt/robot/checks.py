@@ -13,7 +13,7 @@ import numpy as np
 from energy_opt.errors import BadInput
 from energy_opt.robot.description import MOTOR, MOVING, Description, Pose
 from energy_opt.robot.kinematics import Link, pose_of
-from energy_opt.robot.limits import Limits, unit_of
+from energy_opt.robot.limits import TURNS, Limits, unit_of
 
 
 def placed(pose: Pose) -> np.ndarray:
@@ -58,7 +58,8 @@ def unused_values(description: Description, joints: Sequence[str], limits: Limit
             ("velocities of <ros2_control>", "velocity_min", "velocity_max", -most, most),
             ("lower and upper in <limit> of a continuous joint", "lower", "upper", lower, upper),
         ):
-            low, high = stated.get(least, -np.inf), stated.get(largest, np.inf)
+            low, high = stated.get(least, -TURNS), stated.get(largest, TURNS)  # beyond, none is meant
+            low, high = (low if low > -TURNS else -np.inf), (high if high < TURNS else np.inf)
             if low < high and (low > lowest + SLACK or high < highest - SLACK):
                 narrower.setdefault(what, []).append(f"{joint} [{low:g}, {high:g}]")
     remarks = {

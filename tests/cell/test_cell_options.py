@@ -41,6 +41,17 @@ def test_the_least_distance_of_a_motion_is_that_of_all_its_pairs(panda: Robot) -
     assert cell.bodies.names(nearest[0]) == found.pair and nearest[1] == pytest.approx(found.min_distance, abs=1e-6)
 
 
+def test_a_distance_that_a_proof_bounds_from_below_is_measured() -> None:
+    """The bound was stated as the distance: 6.2 mm for two links that are 8.6 mm apart during the whole motion."""
+    ends = np.array([[0.0, -1.57, 1.57, -1.57, -1.57, 0.0], [0.9, -0.85, 1.5, -1.9, -1.57, 0.0]])
+    cell, time, still = Cell(load_robot("ur5e"), CellRequest()), np.array([0.0, 2.5]), np.zeros_like(ends)
+    found = cell.measured(cell.prove(time, ends, still, still), curve := MotionCurve(time, ends, still, still))
+    assert found.time is not None and found.min_distance is not None
+    assert found.min_distance == pytest.approx(
+        min(d for _, d in cell.distances(curve.sample(found.time), 0.1)), abs=1e-6
+    )
+
+
 def test_gravity_is_the_scene_s_down(ur5: Robot, model: PowerModel) -> None:
     """Upside down, the torque of holding still turns round; turned about the vertical it stays."""
     q = np.array([[0.2, -1.0, 1.2, -0.4, 0.3, 0.0]])

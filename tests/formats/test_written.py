@@ -297,9 +297,13 @@ def test_files_are_made_and_judged_in_the_call(ur5: Robot, tmp_path: Path, monke
         assert saved["written"][-1]["valid"] is False and (tmp_path / name / "trajectory.coarse.csv").is_file()
 
 
-def test_a_value_that_looks_like_its_bound_says_by_how_much_it_exceeds_it() -> None:
-    worst = {"limit": "acceleration", "joint": "elbow", "time": 29.95, "value": 15.7079814, "bound": 15.7079633}
-    assert Written("a.csv", "csv", None, False, worst).broken.endswith("its bound is 15.708, exceeded by 1.2e-06 of it")
+@pytest.mark.parametrize(
+    ("value", "says"),
+    [(15.7079814, ", exceeded by 1.2e-06 of it"), (-15.7079814, ", exceeded by 1.2e-06 of it"), (15.7079632, "")],
+)
+def test_a_value_that_looks_like_its_bound_says_by_how_much_it_exceeds_it(value: float, says: str) -> None:
+    worst = {"limit": "acceleration", "joint": "elbow", "time": 29.95, "value": value, "bound": 15.7079633}
+    assert Written("a.csv", "csv", None, False, worst).broken.endswith(f"its bound is 15.708{says}")
 
 
 @pytest.mark.parametrize(
@@ -308,12 +312,19 @@ def test_a_value_that_looks_like_its_bound_says_by_how_much_it_exceeds_it() -> N
 def test_the_clearance_of_a_cycle_is_the_least_of_its_parts(bounds: list[object], least: object) -> None:
     """It was that of the first part."""
 
-    def judged(bound: object) -> Certificate:
+    def judged(bound: object, near: float) -> Certificate:
         verdict, bound = ("undecided", None) if bound == "undecided" else ("proven", bound)
-        found = Clearance(verdict, pairs=1, disabled_pairs=(), source="", lower_bound=bound)
+        found = Clearance(
+            verdict, pairs=1, disabled_pairs=(), source="", lower_bound=bound, min_distance=near, time=0.5
+        )
         return Certificate(1, (), 0.0, found, True)
 
-    windows = [Window(k, k + 1.0, lambda part, bound=bound: judged(bound)) for k, bound in enumerate(bounds)]
+    windows = [
+        Window(k, k + 1.0, lambda part, bound=bound, near=0.09 + 0.01 * k: judged(bound, near))
+        for k, bound in enumerate(bounds)
+    ]
     t, q = np.linspace(0.0, len(bounds), 50), np.zeros((50, 1))
     found = CycleJudging(None, (), windows=tuple(windows))(Trajectory(("a",), t, q, q, q)).clearance
     assert (found.lower_bound if found.proven else found.verdict) == least
+    where = bounds.index(least) if not found.proven else 0  # the first is nearest, though another has the least bound
+    assert found.time == where + 0.5 and found.min_distance == pytest.approx(0.09 + 0.01 * where)

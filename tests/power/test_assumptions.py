@@ -81,7 +81,7 @@ def test_electrical_values_and_friction_go_with_the_size_of_the_arm(tmp_path: Pa
     ("of", "name", "published", "hint"),
     [
         ("ur5e", "ur5e", True, None),
-        ("ur5e", "mine", False, "mine.urdf: its joints and effort limits are those of ur5e; called ur5e.urdf, it gets"),
+        ("ur5e", "mine", False, "mine.urdf: its joints and effort limits are like those of ur5e; if it is a ur5e"),
         ("ur3e", "ur5e", False, "ur5e.urdf: its joints or effort limits are not those of ur5e; published values are"),
         ("ur3e", "mine", False, None),
     ],
@@ -100,6 +100,7 @@ def test_a_file_gets_published_values_by_its_name_and_says_so(
     said = name_hints(robot)
     assert len(said) == (hint is not None) and all(line.startswith(str(hint)) for line in said)
     assert "called" not in electrical(load_robot("ur5e"))[1].note and not name_hints(load_robot("ur5e"))
+    assert not name_hints(load_robot(load_robot("ur5").urdf))  # its own file, called ur5_robot.urdf
 
 
 def test_a_published_value_says_which_parameter_it_is() -> None:

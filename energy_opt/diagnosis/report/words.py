@@ -69,7 +69,7 @@ def headline(document: dict[str, Any], idle: Sequence[str] = ()) -> str:
         said = f"Nothing is missing: the error of the declared model is no larger than the noise; {held}."
     elif imitated:
         said = f"No cause can be named; {of} {before['power_rmse']:.1f} W, energy {before['energy_percent']:.1f} %."
-    elif document["foreseen"]["motions"] == 0 and document["error"]["beside_noise"]["rest"]["ratio"] < NOISE:
+    elif verdict == "insufficient" and _poses_agree(document):
         said = f"The poses agree with the model; no motion was recorded, so losses in motion are not tested; {held}."
     else:
         said = f"No cause can be named; {held}."
@@ -81,6 +81,12 @@ def headline(document: dict[str, Any], idle: Sequence[str] = ()) -> str:
             "effects that imitate the cause and are not stated as causes."
         )
     return said
+
+
+def _poses_agree(document: dict[str, Any]) -> bool:
+    """True if no motion was recorded, and the error at rest is no larger than the noise."""
+    ratio = document["error"]["beside_noise"]["rest"]["ratio"]  # None if no reading is at rest
+    return document["foreseen"]["motions"] == 0 and ratio is not None and ratio < NOISE
 
 
 def _left(document: dict[str, Any], errors: dict[str, Any]) -> str:

@@ -327,4 +327,6 @@ def test_the_clearance_of_a_cycle_is_the_least_of_its_parts(bounds: list[object]
     found = CycleJudging(None, (), windows=tuple(windows))(Trajectory(("a",), t, q, q, q)).clearance
     assert (found.lower_bound if found.proven else found.verdict) == least
     where = bounds.index(least) if not found.proven else 0  # the first is nearest, though another has the least bound
-    assert found.time == where + 0.5 and found.min_distance == pytest.approx(0.09 + 0.01 * where)
+    assert found.time == pytest.approx(where + 0.5, abs=0.05) and found.min_distance == pytest.approx(
+        0.09 + 0.01 * where
+    )

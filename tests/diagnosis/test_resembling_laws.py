@@ -81,3 +81,10 @@ def test_an_elastic_belt_is_not_friction(tmp_path):
     """Stribeck friction takes 0.01 W off the error held out, and adds to the squares over the noise."""
     truth = write_world(World("z1", 11400006, (0.0, 0.05), "ar1", unlisted="belt"), tmp_path / "set")
     assert not diagnose(read_set(truth.folder, truth.robot), truth.declared).effects
+
+
+@pytest.mark.nightly
+def test_a_search_that_leaves_effects_out_ends(tmp_path):
+    """Load friction and coulomb friction replaced each other for ever."""
+    truth = write_world(World("panda", 12800081, (0.0, 0.05), unlisted="bearing_load"), tmp_path / "set")
+    assert not diagnose(read_set(truth.folder, truth.robot), truth.declared).effects

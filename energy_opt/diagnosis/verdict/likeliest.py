@@ -101,9 +101,11 @@ def likeliest_of(
         )
 
     best = likelier(best)
+    seen: set[frozenset[str]] = set()  # what is left out may be likelier again beside the rest: it is not put back
     while (k := shaped_otherwise(found, best)) is not None:
+        seen.add(frozenset(best.names))
         other = likelier(best)  # linearised evidence is not exact
-        best = without(found, best, k) if other is best else other
+        best = without(found, best, k) if other is best or frozenset(other.names) in seen else other
     best = settled(found, max([best, *elsewhere(found, best)], key=found.score))
     return Likeliest(found, best, noise, settling)
 

@@ -73,11 +73,9 @@ class Clearance:
 
     def document(self) -> dict[str, object]:
         """As it is in result.json."""
-        out = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "touches"}
-        if self.depth is None:
-            del out["depth"]
-        elif np.isinf(self.depth):
-            out["depth"] = None
+        out = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("touches", "depth")}
+        if self.depth is not None:
+            out["depth"] = self.depth if np.isfinite(self.depth) else None
         pairs = [list(pair) for pair in self.disabled_pairs]
         return {**out, "pair": None if self.pair is None else list(self.pair), "disabled_pairs": pairs}
 

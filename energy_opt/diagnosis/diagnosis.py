@@ -99,7 +99,8 @@ def diagnose(
         declared: the owner's model of the same robot; a payload that the recorder states is added where it has none.
         seed: of the split into training and holdout. tolerance: [%] energy error for `usable`.
         given: declared effects whose values are fitted but not reported as findings.
-        stopped: called during the search; True ends it: the result is "interrupted" and has no verdict.
+        stopped: called during the search; True ends it: the result is "interrupted", and has a verdict only
+            if nothing but a second search, which supposes that the power settles after stops, was left.
 
     Raises:
         BadInput: the model does not fit the robot, or the set has too few readings for a diagnosis.

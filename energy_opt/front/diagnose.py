@@ -168,9 +168,7 @@ def _next_motion(result: Diagnosis, seed: int, surroundings: CellRequest) -> Tra
     text = f"To tell the alternatives apart, record {NEXT}: on this motion they" if usable else text
     text += f" predict powers that differ by {motion.difference:.3g} W (rms)."
     if result.verdict == "insufficient":
-        noise, again = result.document()["noise_floor"], "each further recording lowers the noise."
-        faint = f" That is less than the noise of a reading, {noise:.2g} W: record it several times, as {again}"
-        text += faint if motion.difference < noise else f" Record it at least once; {again}"
+        text += " Record it at least once; each further recording lowers the noise."
     elif count is None:
         text += f" Even {MOST} recordings may not decide between them, because they are too similar."
         if not usable:

@@ -66,8 +66,7 @@ def judged(cell: Cell, t: Trajectory):
 
 @pytest.fixture(scope="module")
 def ball(tmp_path_factory: pytest.TempPathFactory) -> Robot:
-    path = tmp_path_factory.mktemp("urdf") / "ball.urdf"
-    path.write_text(BALL)
+    (path := tmp_path_factory.mktemp("urdf") / "ball.urdf").write_text(BALL)
     return load_robot(str(path))
 
 

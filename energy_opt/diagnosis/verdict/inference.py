@@ -60,6 +60,7 @@ log = logging.getLogger(__name__)
 NO_CLAIM = (is_a_step, is_a_line, is_beyond_bounds, is_far)  # an effect is not claimed if one of these is true
 BESIDE = 0.3  # share of the explained log odds that a claimed effect must have if more than noise is left
 NOISE = 1.2  # factor on the noise below which a model's held-out error counts as noise
+LITTLE = 1.5  # the same, below which an unknown law is too weak for dry and viscous friction together to imitate it
 
 
 @dataclass(frozen=True)
@@ -197,8 +198,7 @@ def _judged(found: Search, best: Fit, noise: Noise, nothing: Fit, judge: Judge, 
     # an uncertain warm-up is as likely the meter's drift
     judge.drifts = drifting = sure if all(map(warms, unsure)) else best
     declared = judge.of_model(world.declared, nothing)
-    # claims that held-out motions do not support are taken back
-    accepted, claims = _borne_out(found, judge, sure, claims)
+    accepted, claims = _borne_out(found, judge, sure, claims)  # takes back what held-out motions do not support
     if accepted is not sure:  # smoothing blurs laws near rest: a finer one may be likelier than those that foresee best
         for usual in usual_friction(found, best):
             part, kept = _borne_out(found, judge, *claimed(found, usual, pair(usual)))
@@ -314,8 +314,8 @@ def _borne_out(
     """Keep the claims that held-out motions support: each lowers the error there.
 
     If the error is larger than the noise, several effects may imitate an unknown law. Then each claim must explain a
-    good part, and all together most of the excess over the largest plausible noise. This must also hold if any single
-    motion is left out. Dry and viscous friction explain their part together: beside the other, neither has much alone.
+    good part, and all together most of the excess over the largest plausible noise, also if any single motion is left
+    out. If little is left, dry and viscous friction explain a part together: beside the other, neither has much alone.
 
     Args:
         shaped: True if the effects must have the form of the library's laws. If an unknown law is present, no rival's
@@ -329,19 +329,19 @@ def _borne_out(
             accepted, claims = claimed(found, other.without)
             continue
         plain, start = plain_fit(found, accepted), root(found.world, accepted.nuisance)
-        noisy = (judge.loud if judge.unseen else judge).of(plain).ratio >= NOISE
+        noisy = (ratio := (judge.loud if judge.unseen else judge).of(plain).ratio) >= NOISE
         if noisy and not mostly_explained(judge.loud.of(start), judge.loud.of(plain), bool(accepted.free)):
             return only(found, accepted), ()
         whole = BESIDE * float(np.sum(judge.gains(plain, only(found, plain)))) if noisy else 0.0
-        fewer, both = [plain_fit(found, c.without) for c in claims], pair(plain) if noisy else ()
+        fewer, both = [plain_fit(found, c.without) for c in claims], pair(plain) if NOISE <= ratio < LITTLE else ()
         rest = only(found, plain, {*plain.names} - {*both})
-        parts = [rest if c.name in both else less for c, less in zip(claims, fewer, strict=True)]
         gains = [judge.gains(plain, less) for less in fewer]
         expected = [judge.expected(plain, c, less) for c, less in zip(claims, fewer, strict=True)]
         spare = [
             -np.inf if contradicted([*g, *judge.trained(accepted, c.without)])
             else min(float(np.sum(g)), float(np.sum(judge.gains(plain, part))) - max(whole, 0.0)) - by_chance_least(x)
-            for g, x, c, part in zip(gains, expected, claims, parts, strict=True)
+            for g, x, c, less in zip(gains, expected, claims, fewer, strict=True)
+            for part in [rest if c.name in both else less]
         ]  # fmt: skip
         worst = int(np.argmin(spare))
         if spare[worst] > 0:

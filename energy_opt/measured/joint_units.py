@@ -17,6 +17,7 @@ from energy_opt.measured.plausible import are_degrees, continued, degrees_fault,
 from energy_opt.measured.run import Run
 from energy_opt.measured.stated_units import stated_unit
 from energy_opt.measured.table import Table
+from energy_opt.numerics.signals import SHORTEST
 from energy_opt.numerics.stamps import clean
 from energy_opt.numerics.turns import TURN
 from energy_opt.robot import Robot
@@ -153,10 +154,12 @@ def _angle_units(
     values, at = values[good] * _factors(out, robot), time[good]
     if len(at) > 2:  # a few damaged samples say nothing about the unit of all
         real = ~spikes(at, values, robot)
-        values, at = continued(at[real], values[real], robot)[0], at[real]
+        recorded = values[real]
+        values, at = continued(at[real], recorded, robot)[0], at[real]
         piece = np.searchsorted(leaps(at, values, robot), np.arange(len(at)))
         real = np.bincount(piece)[piece] >= min(FEWEST, len(at))
-        values, at = into_limits(values[real], robot)[0], at[real]
+        at, gaps = at[real], np.flatnonzero(np.diff(at[real]) > SHORTEST)
+        values = into_limits(values[real], robot, gaps.tolist(), recorded[real])[0]
     usual = {out[robot.joints[k]] for k in turning} <= {None, "rad", "deg"}
     doubtful = [
         k for k in turning if usual and robot.joints[k] not in by_hand and out[robot.joints[k]] in (None, "rad")

@@ -149,12 +149,15 @@ def _in_turn(samples: Stamped, position: np.ndarray, robot: Robot) -> tuple[np.n
 
     Also remarks that say so.
     """
-    position, wrapped = continued(samples.time, position, robot)
-    position, moved = into_limits(position, robot, samples.gaps)
+    passing, wrapped = continued(samples.time, position, robot)
+    position, moved = into_limits(passing, robot, samples.gaps, position)
     remarks = []
     for which, said in (
         (wrapped.any(axis=0), "jumps by a turn from one row to the next: it is taken to pass on"),
-        (moved, "is one turn outside its limits: it is moved by this turn"),
+        (
+            moved,
+            "is one turn outside its limits: it is moved by this turn (else check its zero, its sign, the robot)",
+        ),
     ):
         if which.any():
             remarks.append(f"the angle of {', '.join(robot.joints[k] for k in np.flatnonzero(which))} {said}")

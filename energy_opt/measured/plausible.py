@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from energy_opt.numerics.signals import SHORTEST
 from energy_opt.numerics.turns import LEFT, TURN, without, wraps
 from energy_opt.robot import Robot
 from energy_opt.robot.limits import TURNS, look_like_degrees
@@ -32,42 +33,46 @@ def spikes(time: np.ndarray, position: np.ndarray, robot: Robot) -> np.ndarray:
     """Mask (N,) of single samples whose position is far from both neighbours, which are near each other."""
     out = np.zeros(len(time), dtype=bool)
     step = np.maximum(np.diff(time), np.ptp(time) / (len(time) - 1))[:, None]  # stamps may repeat
-    change, most = (
-        _within_a_turn(np.diff(position, axis=0), robot),
-        np.maximum(JUMP, FASTER * robot.limits.velocity * step),
-    )
+    position = continued(time, position, robot)[0]
+    change, most = np.diff(position, axis=0), np.maximum(JUMP, FASTER * robot.limits.velocity * step)
     wide = np.abs(change) > most
-    back = np.abs(_within_a_turn(position[2:] - position[:-2], robot)) < JUMP
+    back = np.abs(position[2:] - position[:-2]) < JUMP
     out[1:-1] = (wide[:-1] & wide[1:] & back).any(axis=1)
     return out
-
-
-def _within_a_turn(change: np.ndarray, robot: Robot) -> np.ndarray:
-    """Changes (N, n) of positions without whole turns, as an angle may wrap at any sample."""
-    return np.where(robot.slides, change, change - TURN * np.rint(change / TURN))
 
 
 def continued(time: np.ndarray, position: np.ndarray, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     """Positions (N, n) whose angles pass on where they wrap, and which of the changes (N - 1, n) were wraps.
 
-    An angle that wraps stays within one turn.
+    An angle that wraps stays within one turn. In a longer step, it may wrap unseen: the joint was too slow for the
+    change, or the angle goes on from where it was recorded.
     """
     may_wrap = (np.ptp(position, axis=0) < TURN + LEFT) & ~np.array(robot.slides)
     turns = np.where(may_wrap, wraps(time, position), 0.0)
-    return without(turns, position), turns != 0
+    wrapped, seconds = turns != 0, np.diff(time)
+    for k in np.flatnonzero(seconds > SHORTEST):
+        step = position[k + 1] - position[k]
+        moves = (np.abs(step) > np.pi) & (np.abs(step) <= robot.limits.velocity * seconds[k])
+        turns[k] = np.where(may_wrap, np.where(moves, -turns[:k].sum(axis=0), np.rint(step / TURN)), 0.0)
+    return without(turns, position), wrapped
 
 
-def into_limits(position: np.ndarray, robot: Robot, gaps: Sequence[int] = ()) -> tuple[np.ndarray, np.ndarray]:
+def into_limits(
+    position: np.ndarray, robot: Robot, gaps: Sequence[int], recorded: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Positions (N, n) with angles moved by a turn if all joints are then inside their limits, and which were (n,).
 
-    Each piece between gaps, which follow the samples `gaps`, is moved as a whole.
+    Each piece between gaps, which follow the samples `gaps`, is moved as a whole. Angles that are moved were `recorded`
+    (N, n) from -pi to pi or from 0 to 2 pi, by a recorder that counts within a turn: others may be small degrees.
     """
     low, high = robot.limits.lower - OUTSIDE, robot.limits.upper + OUTSIDE
     out, turning = position.copy(), ~np.array(robot.slides)
     for first, last in pairwise([0, *(k + 1 for k in gaps), len(position)]):
         least, most = (end(position[first:last], axis=0) for end in (np.min, np.max))
         here, above, below = ((least + by > low) & (most + by < high) for by in (0.0, TURN, -TURN))
-        if (here | above | below)[turning].all():
+        angles = recorded[first:last, turning & ~here]
+        one_turn = any(((angles > begin - LEFT) & (angles < begin + TURN + LEFT)).all() for begin in (-np.pi, 0.0))
+        if one_turn and (here | above | below)[turning].all():
             out[first:last] += TURN * np.where(here | ~turning, 0.0, np.where(above, 1.0, -1.0))
     return out, (out != position).any(axis=0)
 

@@ -12,6 +12,7 @@ from energy_opt.errors import BadInput
 from energy_opt.measured import inspect_set, read_set
 from energy_opt.measured.columns import ByHand
 from energy_opt.measured.importing import import_files
+from energy_opt.measured.plausible import continued, spikes
 from energy_opt.robot import load_robot
 
 KINOVA = load_robot("kinova")  # joints 2, 3 and 5 have limits about pi, the others none
@@ -75,3 +76,30 @@ def test_a_stated_unit_is_not_asked_for(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match=r"column q3 \[deg\]: .* is the column another joint's") as caught:
         import_files([path], tmp_path / "set", PANDA)
     assert "degrees" not in str(caught.value)
+
+
+def test_small_angles_in_degrees_are_no_turned_radians(tmp_path: Path) -> None:
+    """Angles of 7 degrees became 0.72 rad, as 7 rad less a turn."""
+    ur5e = load_robot("ur5e")
+    degrees = 7 + np.outer(X, [1, -1, 1, -1, 1, -1])
+    path = put(tmp_path / "a.csv", lines(",".join(["t", *(f"q{k}" for k in SIX), "power"]), [T, degrees, P]))
+    assert any("are degrees" in word for word in import_files([path], tmp_path / "set", ur5e).words)
+    for run in read_set(tmp_path / "set").runs:
+        assert np.abs(np.degrees(run.position) - 7).max() < 3
+
+
+def test_turns_do_not_add_up_where_a_gap_hides_a_wrap() -> None:
+    """Every second wrap was lost in a gap of 0.5 s, and the angle was taken to turn on and on."""
+    time = np.arange(0, 40, 0.01)
+    angle = np.pi + 0.5 * np.sin(2 * np.pi * time / 8)  # crosses pi every 4 s, upwards at 0, 8 ...
+    kept = np.abs((time + 4) % 8 - 4) > 0.25
+    time, angle = time[kept], np.column_stack([angle[kept]] * 6)
+    found, wrapped = continued(time, np.mod(angle + np.pi, 2 * np.pi) - np.pi, load_robot("ur5e"))
+    assert wrapped.any() and np.ptp(found - angle) < 1e-9
+
+
+def test_a_reading_off_by_nearly_a_turn_is_a_spike() -> None:
+    time = np.arange(0, 5, 0.05)
+    position = np.column_stack([0.5 * np.sin(time)] * 6)
+    position[40, 5] += 5.7
+    assert np.flatnonzero(spikes(time, position, load_robot("ur3e"))).tolist() == [40]

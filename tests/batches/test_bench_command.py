@@ -56,6 +56,7 @@ def ran(tmp_path_factory):
     return outs
 
 
+@pytest.mark.slow
 def test_records_have_the_documented_columns(ran):
     rows = read_parquet(ran["1"] / "results.parquet")
     assert set(PROMISED) <= set(COLUMNS)

@@ -115,6 +115,7 @@ def alive(pid):
         return False
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_finished_moves(suite_file, tmp_path):
     out = tmp_path / "out"
     process = started(suite_file, out)

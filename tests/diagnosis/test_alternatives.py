@@ -65,6 +65,7 @@ def test_dry_and_viscous_friction_count_as_one_effect_among_alternatives():
     assert left_open(found, judge, (one, both), RIVAL) == (one,)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arm", "cause", "seed", "others"),
     [("ur5", "gear_efficiency", 80009, ["load_friction"]), ("panda", "motion_power", 80012, [])],

@@ -118,6 +118,7 @@ def test_two_effects_at_once(tmp_path):
     assert set(names(result)) == {"coulomb_friction", "regeneration"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "special", [*(pytest.param(s, marks=pytest.mark.slow) for s in ("cogging", "fan")), "standby_step"]
 )
@@ -142,6 +143,7 @@ def test_a_switched_load_is_no_drift_of_the_meter():
     np.testing.assert_array_equal(without_steps(time + pause, wander), wander)
 
 
+@pytest.mark.slow
 def test_supply_and_gain_are_one_at_the_meter(tmp_path):
     made = make_set(tmp_path / "set", "z1", ["supply_efficiency"], seed=6)
     result = diagnose(read_set(made.folder), made.declared)
@@ -174,6 +176,7 @@ def test_too_little_excitation(weak, tmp_path):
         assert np.abs(motion[f"{joint}.velocity"]).max() > 0.01
 
 
+@pytest.mark.slow
 def test_a_model_of_a_joint_that_never_moved_is_not_good_enough_to_plan_with(tmp_path):
     made = make_set(tmp_path / "set", "panda", [], seed=7, weak="still_joint")
     found = diagnose(read_set(made.folder, made.robot), made.declared)
@@ -193,6 +196,7 @@ def test_wrong_declared_values_are_fitted_anew(tmp_path):
     assert abs(result.document()["effects"][0]["parameters"]["power"] - 92.6) < 0.1
 
 
+@pytest.mark.slow
 def test_one_joint_whose_friction_has_changed_is_found_at_its_new_value(tmp_path):
     """Declared is last year's friction; that of the third joint has risen by 90 %."""
     now = FRICTION.values["tau_c"] * np.array([1, 1, 1.9, 1, 1, 1, 1])
@@ -243,6 +247,7 @@ def test_the_files_of_the_contract(coulomb, tmp_path, capsys):
     assert "What the diagnosis is worth" in page
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["clean_panda", "coulomb_panda", "payload_ur5", "cogging_panda"])
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the shared sets are not here")
 def test_shared_sets(name):
@@ -253,6 +258,7 @@ def test_shared_sets(name):
     assert result.document()["verdict"] == expected and names(result) == truth["names"]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the shared recording is not here")
 @pytest.mark.parametrize("meter", ["25 Hz", "1 Hz"])
 def test_a_real_ur3e(tmp_path, meter):
@@ -287,6 +293,7 @@ def test_a_real_ur3e(tmp_path, meter):
     assert not any("pushed" in remark for remark in document["remarks"])
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the shared recording is not here")
 @pytest.mark.parametrize("less", [60, 100, 140])
 def test_noise_that_no_standstill_shows_hides_no_cause(tmp_path, less):

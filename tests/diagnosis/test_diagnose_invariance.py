@@ -48,6 +48,7 @@ def copied(folder: Path, other: Path) -> Path:
     return other
 
 
+@pytest.mark.slow
 def test_order_of_runs_and_units_change_nothing(coulomb, found, tmp_path):
     other = tmp_path / "other"
     other.mkdir()
@@ -109,6 +110,7 @@ def test_power_that_an_unlisted_cause_rules_still_follows_the_motion(tmp_path):
     assert follows(samples, predict(made.declared, samples))
 
 
+@pytest.mark.slow
 def test_the_best_of_many_candidates_is_no_evidence_on_noise(tmp_path):
     """White noise and noise with memory around the declared model: nothing is claimed; friction is, beside either."""
     made = make_set(tmp_path / "set", "z1", seed=5)

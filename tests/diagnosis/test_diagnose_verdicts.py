@@ -35,6 +35,8 @@ pytest.importorskip("mujoco")
 from misfit_world import ARMS, World, write_world
 from unlisted_judge import contradictions
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def repeated(tmp_path_factory):
@@ -194,7 +196,6 @@ def test_a_model_less_an_effect_is_less_those_that_need_it():
     assert [e.name for e in model.without("copper_loss").effects] == ["standby"]
 
 
-@pytest.mark.slow
 def test_a_level_that_effects_add_is_taken_back_in_standby(tmp_path):
     truth = write_world(World("xarm7", 73, (0.0, 0.0), cause="psu_loss", motions=6, poses=3), tmp_path / "set")
     d = diagnosed(truth, tmp_path / "out")
@@ -260,7 +261,6 @@ def test_stamps_that_come_in_bunches_are_spread(repeated, tmp_path):
     assert np.abs((time - time[0]) - (true - true[0])).max() < 0.02
 
 
-@pytest.mark.slow
 def test_the_residual_of_a_partial_diagnosis_counts_in_differences_of_energy(tmp_path):
     """A differential wrist rubs by two motors' speeds: with dry friction of each joint differences are off by 77 %."""
     truth = write_world(World("xarm7", 11400104, (0.0, 0.05), "ar1", unlisted="coupled_friction"), tmp_path / "set")
@@ -285,7 +285,6 @@ def test_a_law_that_is_not_in_the_library_is_neither_named_nor_taken_for_noise(a
     assert d["verdict"] == "unexplained" and not d["effects"] and not d["usable"]
 
 
-@pytest.mark.slow
 def test_beside_an_unknown_law_only_what_all_sets_share_is_claimed(tmp_path):
     """Two motors that turn two joints together rub: as viscous, asymmetric or warming friction, and as iron loss."""
     world = World("xarm7", 11310022, (0.0, 0.05), "ar1", "armature", unlisted="coupled_friction")
@@ -318,7 +317,6 @@ def test_a_clean_arm_leaves_noise_and_files_that_agree(arm, seed, noise, verdict
     assert result.verdict == verdict and {x.name for x in result.effects} <= {"link_inertia"}
 
 
-@pytest.mark.slow
 def test_an_effect_that_improves_some_motions_and_harms_others_is_not_claimed(tmp_path):
     """Grease that thins when it is worked, beside a loss of motion: springs took up what viscous friction left."""
     world = World("panda", 8210008, (0.0, 0.05), "white", "motion_power", unlisted="thixotropy")

@@ -62,6 +62,7 @@ def test_windings_are_as_warm_as_the_whole_set_made_them(tmp_path):
     assert np.ptp(whole.power - predict(truth.declared, samples).power) > 0.01
 
 
+@pytest.mark.slow
 def test_heat_that_grows_faster_than_the_square_of_torque_is_no_copper_loss(tmp_path):
     """A saturated motor's: a larger resistance explains nine tenths of it."""
     truth = write_world(World("xarm7", 300007, (0.0, 0.05), "ar1", unlisted="saturation"), tmp_path)

@@ -251,6 +251,7 @@ def recorded(effect, robot_name, seed, noise, motions):
     return robot, found
 
 
+@pytest.mark.slow
 def test_recorded_on_the_arm_it_settles_which_law_holds(tmp_path):
     """A short noisy run leaves open which law of friction holds; the proposed motion tells.
 
@@ -270,6 +271,7 @@ def test_recorded_on_the_arm_it_settles_which_law_holds(tmp_path):
     assert after["verdict"] == "explained" and [x["name"] for x in after["effects"]] == ["coulomb_friction"]
 
 
+@pytest.mark.slow
 def test_laws_that_are_too_alike_are_not_said_to_be_settled_by_a_recording(tmp_path):
     """Whether friction goes with the load or gears lose a share: both laws are the same to first order.
 

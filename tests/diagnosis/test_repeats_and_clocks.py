@@ -61,6 +61,7 @@ def settling(table) -> np.ndarray:
     return np.where(moves, 0.0, np.exp(-(table["time"] - last) / 0.15))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("repeats", [0, 12, 20])
 def test_repeats_of_one_motion_do_not_hide_a_cause(rubbed, tmp_path, repeats):
     """Their mean shows errors of the model that single recordings do not; these are no further evidence."""
@@ -100,6 +101,7 @@ def test_totals_of_two_motions_are_too_few_for_a_verdict(rubbed):
     assert d["verdict"] == "insufficient" and not d["split"]["holdout"] and not d["usable"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("samples", "word"), [(-1, "early"), (1, "late")])
 def test_clocks_that_are_a_sample_apart_hide_no_cause(rubbed, tmp_path, samples, word):
     truth, tables = rubbed

@@ -185,6 +185,7 @@ def test_two_effects_that_imitate_one_law_give_way_to_it(tmp_path):
     assert [x.name for x in d.effects] == ["coulomb_friction"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arm", "number", "cause"),
     [
@@ -268,6 +269,7 @@ def test_the_density_of_errors_counts_what_numbers_leave_open():
     assert density(error, jacobian, np.linalg.inv(covariance)) + constant == pytest.approx(law.logpdf(error))
 
 
+@pytest.mark.slow
 def test_motions_held_out_do_not_speak_against_a_law_for_what_its_numbers_leave_open(tmp_path):
     """A supply of 87 %, links off by 3 to 5 %: a standby that is 6 W off beside small links foresees nearly as well."""
     world = World("xarm7", 10120007, (0.03, 0.05), "ar1", "supply_efficiency")

@@ -138,6 +138,7 @@ def test_planned_with_from_the_command_line_and_in_spawned_workers(tmp_path, own
     assert row["status"] == "solved" and row["energy_total"] == pytest.approx(one["energy"]["total"], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_fan_that_follows_temperature_is_found_in_a_log(tmp_path, own):
     pytest.importorskip("mujoco")
     from virtual_sets import make_set

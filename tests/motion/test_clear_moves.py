@@ -258,6 +258,7 @@ def test_via_points_leave_no_further_lines_to_start_from(panda: Robot, model: Po
     assert found.status == "solved" and found.certificate.clearance.proven
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not PROBLEMS.is_dir(), reason="the scenes are not in the repository")
 def test_a_search_in_a_scene_goes_on_while_it_saves() -> None:
     """Under dry friction it ended after 30 iterations: searching again from its answer took 20 % less loss."""
@@ -269,6 +270,7 @@ def test_a_search_in_a_scene_goes_on_while_it_saves() -> None:
     assert first.energy.loss < 1.05 * again.energy.loss
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not PROBLEMS.is_dir(), reason="the scenes are not in the repository")
 @pytest.mark.parametrize("duration", [1.2, 2.0])
 def test_a_plan_under_several_models_saves_where_no_mean_of_motions_keeps_clear(duration: float) -> None:

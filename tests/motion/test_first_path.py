@@ -109,6 +109,7 @@ def test_an_end_that_touches_is_named_with_pair_and_depth(panda: Robot, model: P
         planner(Cell(panda, CellRequest()), model).solve(Move(folded, OVER))
 
 
+@pytest.mark.slow
 def test_without_a_way_it_says_what_would_help(
     panda: Robot, model: PowerModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:

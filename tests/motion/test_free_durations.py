@@ -70,6 +70,7 @@ def test_a_saving_is_stated_beside_a_timing_that_is_slower_by_rounding(tmp_path:
     assert scaled is not None and scaled.valid and scaled.trajectory.duration == pytest.approx(timing.duration, 1e-9)
 
 
+@pytest.mark.slow
 def test_a_drive_too_weak_for_its_friction_is_named(tmp_path: Path) -> None:
     """Reshaping said that it found no motion that is better than the first path, or that it kept the best one."""
     (tmp_path / "wheel.urdf").write_text(WHEEL)

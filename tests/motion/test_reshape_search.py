@@ -70,6 +70,7 @@ def test_searches_under_dry_friction_find_what_wide_kinks_lead_to():
     assert result.status == "solved" and result.energy.loss < 17.3
 
 
+@pytest.mark.slow
 def test_friction_of_a_slow_move_is_not_rounded_away():
     """A move in 60 times its shortest duration: kinks rounded as for a fast one lead to 98 J."""
     start, goal = [-2.801, -0.005, 0.383, -3.554, -2.655, 3.229], [-3.239, -2.791, 1.69, 0.919, -0.988, 0.086]

@@ -246,6 +246,7 @@ def test_a_search_goes_on_while_it_saves_energy_along_a_limit_of_the_tool() -> N
     assert result.status == "solved" and result.certificate.valid
 
 
+@pytest.mark.slow
 def test_steps_along_a_limit_of_the_tool_s_acceleration_are_smooth() -> None:
     """With steps that zigzag the search found no feasible curve, and the answer took 154 J.
 
@@ -258,6 +259,7 @@ def test_steps_along_a_limit_of_the_tool_s_acceleration_are_smooth() -> None:
     assert result.energy.total < 96
 
 
+@pytest.mark.slow
 def test_starts_that_exceed_a_limit_a_little_are_compared_by_cost() -> None:
     """None of the starts ended within the limit; the one nearest to it was chosen, which costs half as much again."""
     start = [2.806287715, -1.182174353, 1.56447972, 0.6347808836, 0.02536370273, 0.5405990642, -2.237420904]
@@ -267,6 +269,7 @@ def test_starts_that_exceed_a_limit_a_little_are_compared_by_cost() -> None:
     assert result.energy.total < 170
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "most"),
     [pytest.param(0, 430, marks=pytest.mark.skipif(compiler() is None, reason="no C compiler")), (1, 500)],

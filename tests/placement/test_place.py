@@ -228,6 +228,7 @@ def test_a_job_of_poses_costs_no_more_than_with_the_nearest_and_placed_no_more_t
         assert np.linalg.norm(at - wanted) <= (1e-3 if row["step"] == 2 else 1e-6)
 
 
+@pytest.mark.slow
 def test_a_placement_at_which_the_likely_positions_fail_is_solved_with_the_nearest(
     tmp_path: Path, ur: ToolKinematics, monkeypatch: pytest.MonkeyPatch
 ) -> None:

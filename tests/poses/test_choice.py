@@ -291,6 +291,7 @@ def test_a_job_reaches_poses_within_their_tolerance(tmp_path: Path) -> None:
     assert end["valid"] and 1e-5 < end["distance"] < 1e-3
 
 
+@pytest.mark.slow
 def test_of_several_poses_the_cheapest_is_taken(tmp_path: Path) -> None:
     """Only the last one was looked at."""
     near, far = "0.4,0.3,0.3,3.14159265,0,0", "-0.4,-0.3,0.8,1.5,0,0"

@@ -159,6 +159,7 @@ ONE = """<robot name="one"><link name="base"/><link name="arm">
     <limit velocity="2" effort="50"/></joint></robot>"""
 
 
+@pytest.mark.slow
 def test_a_pose_behind_a_body_is_reached_the_other_way_round(tmp_path: Path) -> None:
     """The long way was estimated to cost more than the short one with a detour, so it was never tried."""
     (tmp_path / "one.urdf").write_text(ONE)

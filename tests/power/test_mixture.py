@@ -313,6 +313,7 @@ def test_draws_keep_given_values() -> None:
         assert np.array_equal(drawn.effects[-1].values["speed"], [0.0, 0.1, 0.9])
 
 
+@pytest.mark.slow
 def test_a_point_of_a_front_that_exceeds_a_torque_limit_under_another_model_is_solved_again(panda: Robot) -> None:
     """Friction takes the first joint beyond its limit in 0.85 s; in the fastest move's time no other fits."""
     rivals = [Rival("plain", source_method_2()), Rival("rough", source_method_2() + CoulombFriction(tau_c=3.0))]

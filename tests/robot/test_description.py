@@ -201,6 +201,7 @@ def stl(path: Path, points: np.ndarray, triangles: np.ndarray) -> Path:
 MESH = '<collision><geometry><mesh filename="{}"/></geometry></collision>'
 
 
+@pytest.mark.slow
 def test_a_heavy_mesh_takes_about_the_time_of_its_hull(tmp_path: Path, torus: tuple[np.ndarray, np.ndarray]) -> None:
     """Two links with 320,000 triangles each, compared with one convex hull by SciPy."""
     import time

@@ -49,11 +49,13 @@ def continued(time: np.ndarray, position: np.ndarray, robot: Robot) -> tuple[np.
     """
     may_wrap = (np.ptp(position, axis=0) < TURN + LEFT) & ~np.array(robot.slides)
     turns = np.where(may_wrap, wraps(time, position), 0.0)
-    wrapped, seconds = turns != 0, np.diff(time)
-    for k in np.flatnonzero(seconds > SHORTEST):
-        step = position[k + 1] - position[k]
-        moves = (np.abs(step) > np.pi) & (np.abs(step) <= robot.limits.velocity * seconds[k])
-        turns[k] = np.where(may_wrap, np.where(moves, -turns[:k].sum(axis=0), np.rint(step / TURN)), 0.0)
+    wrapped, step, seconds = turns != 0, np.diff(position, axis=0), np.diff(time)[:, None]
+    unseen = may_wrap & (seconds > SHORTEST) & (np.abs(step) > np.pi)
+    moves = np.abs(step) <= robot.limits.velocity * seconds
+    total, begin = np.zeros(len(may_wrap)), 0  # turns until the change `begin`
+    for k in np.flatnonzero(unseen.any(axis=1)).tolist():
+        total += turns[begin:k].sum(axis=0)
+        turns[k], begin = np.where(unseen[k], np.where(moves[k], -total, np.rint(step[k] / TURN)), 0.0), k
     return without(turns, position), wrapped
 
 

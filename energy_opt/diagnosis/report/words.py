@@ -35,7 +35,7 @@ def listed(names: Sequence[str]) -> str:
 
 
 def headline(document: dict[str, Any], idle: Sequence[str] = ()) -> str:
-    """One or two sentences that summarise the diagnosis; `idle`: joints that never moved, while others did."""
+    """One or two sentences that summarise the diagnosis; `idle`: joints that hardly moved, while others did."""
     names = [row["name"] for row in document["effects"]]
     error = document["error"]
     part = "holdout" if error["after"]["holdout"] else "train"
@@ -73,7 +73,7 @@ def headline(document: dict[str, Any], idle: Sequence[str] = ()) -> str:
         said = f"The poses agree with the model; no motion was recorded, so losses in motion are not tested; {held}."
     else:
         said = f"No cause can be named; {held}."
-    said += f" These joints never moved, so their losses are not tested: {', '.join(idle)}." if idle else ""
+    said += f" These joints hardly moved, so their losses are not tested: {', '.join(idle)}." if idle else ""
     said += _left(document, before if imitated else after)
     if imitated:
         said += (
